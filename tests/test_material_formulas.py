@@ -15,12 +15,13 @@ from fitting.material.experiments.bulge import SphericalCap
 from fitting.material.experiments.free_zero import FreeZero, smoothed
 from fitting.material.experiments.history import (
     HistoryTest,
+    _corners,
     _pulled,
     _pushed,
     _states,
+    thinned_history,
     with_history,
 )
-from fitting.material.experiments.history_thinning import _corners, thinned_history
 from fitting.material.experiments.measurements import Origin
 from fitting.material.experiments.prediction import mode_factors, padded, shear_factors
 from fitting.material.experiments.timing import held_stretch, ramp_of, times_by_rate

@@ -15,8 +15,12 @@ from typer.testing import CliRunner
 
 from fitting.cli.app import app
 from fitting.material.experiments.datasets import load_dataset
-from fitting.material.experiments.history import History, histories, with_history
-from fitting.material.experiments.history_thinning import thinned_history
+from fitting.material.experiments.history import (
+    History,
+    histories,
+    thinned_history,
+    with_history,
+)
 from fitting.material.fit.comparison import choose_prony_terms
 from fitting.material.fit.fit import _THIN_HISTORY, fit_material
 from suas_jax.config import ConfigError, scene_from_dict

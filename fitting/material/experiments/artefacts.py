@@ -1,13 +1,14 @@
-"""Artefacts of a test that its curve alone shows: break, cycles, zeros, mistaken percent."""
+"""Artefacts of a test that its curve alone shows: break, cycles, slip, drift, zero, percent."""
+
+import dataclasses
+from typing import Any
 
 import numpy as np
 
 from fitting.material.experiments.free_zero import can_be_freed
 from fitting.material.experiments.measurements import Dataset
-from fitting.material.experiments.selection import broken, loadings, series_of
-from fitting.material.experiments.slip_and_drift import drift, slips
+from fitting.material.experiments.selection import broken, half_cycles, loadings, series_of
 from fitting.material.experiments.stress_tests import StressTest
-from fitting.material.experiments.suspect import Suspect, travel_of
 from fitting.material.experiments.toe import CERTAIN, idle, toe_end
 
 # No rubber stretches to this many times its length; the softest silicones reach 17.
@@ -20,6 +21,53 @@ _NOTICEABLE = 0.015
 _NEAR_REST = 0.35
 # Of a stated preload: how closely the force at rest agrees with it.
 _AS_STATED = 0.5
+# A slip: so many times what half of the other steps, or a tenth, scatter, and this share of
+# the span.
+_SLIPPED, _SLIPPED_RARELY, _SLIP_SHARE = 15.0, 3.0, 0.01
+_SLIPS = 3  # more steps alike are how the test was made
+_FEWEST_STEPS, _NEIGHBOURS = 12, 3
+_FOLLOWED = 0.3  # of a jump, by the stress: the material was stretched
+# Drift: a change of the stress at rest by this share of the largest, within this share of the
+# largest strain.
+_AT_REST, _DRIFTED = 0.01, 0.02
+
+
+@dataclasses.dataclass(frozen=True)
+class Suspect:
+    """An artefact that a file seems to have."""
+
+    # "break", "preconditioning", "percent", "slack", "toe", "force offset", "slip", "drift" or
+    # "machine stiffness"
+    kind: str
+    file: str
+    evidence: str  # what shows it
+    option: str  # what corrects it, for the command line
+    size: float | None = None  # how large it is, in `unit`; None where it has no size
+    unit: str = ""
+
+    @property
+    def text(self) -> str:
+        """One sentence for people."""
+        return f"{self.file}: suspect {self.kind}: {self.evidence}; mend it with {self.option}"
+
+    @property
+    def report(self) -> dict[str, Any]:
+        """The attributes and the sentence, for JSON."""
+        return {**dataclasses.asdict(self), "message": self.text}
+
+
+def travel_of(data: Dataset, strain: float) -> tuple[float, str]:
+    """A strain as travel of the machine where the specimen's length is known, and its unit."""
+    if np.isfinite(data.origin.length):
+        return 1e3 * strain * data.origin.length, "mm"
+    return strain, "of the length"
+
+
+def force_of(data: Dataset, stress: float) -> tuple[float, str]:
+    """A stress [Pa] as force where the specimen's cross-section is known, and its unit."""
+    if np.isfinite(data.origin.area):
+        return stress * data.origin.area, "N"
+    return stress / 1e6, "MPa"
 
 
 def curve_suspects(data: Dataset) -> list[Suspect]:
@@ -28,31 +76,21 @@ def curve_suspects(data: Dataset) -> list[Suspect]:
         return []
     if data.follows_history:
         return _too_long(data)
-    found = []
+    found = _break(data) + _cycles(data) + _too_long(data) + _slips(data) + _drift(data)
+    return found or _missed_zero(data)
+
+
+def _break(data: StressTest) -> list[Suspect]:
     after = broken(data)
-    if after.any():
-        found.append(_break(data, after))
-    found += _cycles(data)
-    found += _too_long(data)
-    found += slips(data)
-    found += drift(data)
-    if not found:
-        found += _missed_zero(data)
-    return found
-
-
-def _break(data: StressTest, after: np.ndarray) -> Suspect:
-    lines = data.line[after]
-    first = float(np.min(data.deformation[after]))
-    return Suspect(
-        "break",
-        data.file,
-        f"the stress falls at a stretch of {np.exp(first):.3g} and does not come back: "
-        f"{int(after.sum())} readings from line {lines.min()} on are of a broken specimen",
-        "--cut-break",
-        float(np.exp(first)),
-        "stretch",
+    if not after.any():
+        return []
+    first = float(np.exp(np.min(data.deformation[after])))
+    text = (
+        f"the stress falls at a stretch of {first:.3g} and does not come back: "
+        f"{int(after.sum())} readings from line {data.line[after].min()} on are of a broken "
+        f"specimen"
     )
+    return [Suspect("break", data.file, text, "--cut-break", first, "stretch")]
 
 
 def _cycles(data: StressTest) -> list[Suspect]:
@@ -61,29 +99,22 @@ def _cycles(data: StressTest) -> list[Suspect]:
         if len(cycles) < 2:
             continue
         first, last = cycles[0], cycles[-1]
-        h = data.deformation
-        common = min(h[first].max(), h[last].max())
-        inside = h[last] <= common
-        if inside.sum() < 3:
+        h, size = data.deformation, np.abs(data.value)
+        inside = last[h[last] <= min(h[first].max(), h[last].max())]
+        if inside.size < 3:
             continue
-        order = np.argsort(h[first], kind="stable")
-        size = np.abs(data.value)
-        before = np.interp(h[last][inside], h[first][order], size[first][order])
-        lower = before - size[last][inside]
+        order = first[np.argsort(h[first], kind="stable")]
+        before = np.interp(h[inside], h[order], size[order])
+        lower = before - size[inside]
         share = float(np.mean(lower) / np.max(before))
         if abs(share) > _SOFTENED:
-            return [
-                Suspect(
-                    "preconditioning",
-                    data.file,
-                    f"{len(cycles)} loadings of one specimen, of which the last is "
-                    f"{100.0 * float(np.sum(lower) / np.sum(before)):.0f} % softer than the "
-                    f"first: they are not one curve",
-                    "--cycle last",
-                    share,
-                    "of the largest stress",
-                )
-            ]
+            softer = 100.0 * float(np.sum(lower) / np.sum(before))
+            text = (
+                f"{len(cycles)} loadings of one specimen, of which the last is {softer:.0f} % "
+                f"softer than the first: they are not one curve"
+            )
+            of_what = "of the largest stress"
+            return [Suspect("preconditioning", data.file, text, "--cycle last", share, of_what)]
     return []
 
 
@@ -97,41 +128,94 @@ def _too_long(data: StressTest) -> list[Suspect]:
 
 def percent_suspect(data: StressTest, evidence: str) -> Suspect:
     """A column of strains whose unit is another than its name says."""
-    origin = data.origin
-    quantity = "strain"
-    if origin.unit == "%":
-        name = origin.column.partition("%")[0].strip("_ [(")
-        return Suspect(
-            "percent",
-            data.file,
-            f'column "{origin.column}" is not in percent: {evidence}',
-            f'--columns "{quantity}={origin.column} 1" (or name it "{name}")',
-        )
-    return Suspect(
-        "percent",
-        data.file,
-        f'column "{origin.column}" is in percent, not a fraction: {evidence}',
-        f'--columns "{quantity}={origin.column} %"',
+    column = data.origin.column
+    what, option = "in percent, not a fraction", f'--columns "strain={column} %"'
+    if data.origin.unit == "%":
+        name = column.partition("%")[0].strip("_ [(")
+        what = "not in percent"
+        option = f'--columns "strain={column} 1" (or name it "{name}")'
+    return Suspect("percent", data.file, f'column "{column}" is {what}: {evidence}', option)
+
+
+def _slips(data: StressTest) -> list[Suspect]:
+    """Jumps of the strain that the stress does not share."""
+    found = []
+    halves = (
+        rows[half.rows]
+        for rows in series_of(data)
+        for half in half_cycles(data.deformation[rows])
     )
+    for own in halves:
+        if len(own) < _FEWEST_STEPS:
+            continue
+        stretch, value = data.stretch_1[own], data.value[own]
+        step, rise = np.diff(stretch), np.diff(value)
+        jump, off = step - _usual(step), rise - _usual(rise)
+        # Most steps are alike, but for the jump; readings at chosen places are not.
+        least = max(
+            _SLIPPED * float(np.median(np.abs(jump))),
+            _SLIPPED_RARELY * float(np.quantile(np.abs(jump), 0.9)),
+            _SLIP_SHARE * float(np.ptp(stretch)),
+        )
+        with np.errstate(divide="ignore", invalid="ignore"):
+            stiffness = np.abs(_usual(rise) / _usual(step))
+        followed = np.sign(jump) * off > _FOLLOWED * stiffness * np.abs(jump)
+        places = np.flatnonzero((np.abs(jump) > least) & ~followed)
+        if 0 < len(places) <= _SLIPS:
+            line = int(data.line[own[places[0] + 1]])
+            size, unit = travel_of(data, float(jump[places[0]]))
+            text = (
+                f"at line {line} the strain jumps by {size:.3g} {unit} and the stress does "
+                f"not: the extensometer or the grips slipped"
+            )
+            option = (
+                f"a column use that is 0 from line {line} on, or the machine's travel "
+                f'(--columns "displacement=NAME mm")'
+            )
+            found.append(Suspect("slip", data.file, text, option, size, unit))
+    return found
+
+
+def _usual(steps: np.ndarray) -> np.ndarray:
+    """Median of each step and of its neighbours."""
+    around = np.pad(steps, _NEIGHBOURS, mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(around, 2 * _NEIGHBOURS + 1)
+    return np.asarray(np.median(windows, axis=1))
+
+
+def _drift(data: StressTest) -> list[Suspect]:
+    """A stress that is another when the specimen is back at rest."""
+    for rows in series_of(data):
+        x, y = np.log(data.stretch_1[rows]), data.value[rows]
+        rest = np.flatnonzero(np.abs(x) <= _AT_REST * float(np.max(np.abs(x))))
+        halves = half_cycles(data.deformation[rows])
+        turn = halves[0].rows[-1]
+        before, after = rest[rest < turn], rest[rest > turn]
+        if len(halves) < 2 or not before.size or not after.size:
+            continue
+        change = float(y[after[-1]] - y[before[0]])
+        if abs(change) <= _DRIFTED * float(np.max(np.abs(y))):
+            continue
+        size, unit = force_of(data, change)
+        text = (
+            f"back at rest the load cell reads {size:.3g} {unit} more than before: it drifts, "
+            f"or the specimen kept a set"
+        )
+        return [Suspect("drift", data.file, text, "--branch loading", size, unit)]
+    return []
 
 
 def _missed_zero(data: StressTest) -> list[Suspect]:
     """The stress at rest that the readings near it point to, where it is not zero."""
     if not can_be_freed(data):
         return []
-    found = []
-    for rows in series_of(data):
-        x = np.log(data.stretch_1[rows])
-        y = data.value[rows]
-        side = 1.0 if np.sum(x) >= 0.0 else -1.0
-        x, y = side * x, side * y
-        found += _zero_of_series(data, rows, x, y)
-    return found
+    return [suspect for rows in series_of(data) for suspect in _zero_of_series(data, rows)]
 
 
-def _zero_of_series(
-    data: StressTest, rows: np.ndarray, x: np.ndarray, y: np.ndarray
-) -> list[Suspect]:
+def _zero_of_series(data: StressTest, rows: np.ndarray) -> list[Suspect]:
+    x, y = np.log(data.stretch_1[rows]), data.value[rows]
+    side = 1.0 if np.sum(x) >= 0.0 else -1.0
+    x, y = side * x, side * y
     largest, span = float(np.max(np.abs(y))), float(np.max(x))
     near = x <= _NEAR_REST * span
     if near.sum() < 8 or np.min(x) > 0.1 * span or largest <= 0.0:
@@ -140,32 +224,20 @@ def _zero_of_series(
     where = f"specimen {label}: " if label and len(set(data.specimen)) > 1 else ""
     taut = idle(x, y, largest)
     if taut is not None:
-        stretch = float(np.exp(taut) - 1.0)
-        size, unit = travel_of(data, stretch)
-        return [
-            Suspect(
-                "slack",
-                data.file,
-                f"{where}nothing is carried up to a stretch of {np.exp(taut):.4g}, then the "
-                f"stress rises: the specimen was slack by about {size:.3g} {unit}",
-                "--zero slack",
-                size,
-                unit,
-            )
-        ]
+        size, unit = travel_of(data, float(np.exp(taut) - 1.0))
+        text = (
+            f"{where}nothing is carried up to a stretch of {np.exp(taut):.4g}, then the stress "
+            f"rises: the specimen was slack by about {size:.3g} {unit}"
+        )
+        return [Suspect("slack", data.file, text, "--zero slack", size, unit)]
     toe = toe_end(x, y)
     if toe is not None:
-        return [
-            Suspect(
-                "toe",
-                data.file,
-                f"{where}the curve grows steeper up to a stretch of {np.exp(toe):.4g}, which "
-                f"rubber does not: the specimen or its grips were taking up slack",
-                "--zero slack",
-                float(np.exp(toe)),
-                "stretch",
-            )
-        ]
+        end = float(np.exp(toe))
+        text = (
+            f"{where}the curve grows steeper up to a stretch of {end:.4g}, which rubber does "
+            f"not: the specimen or its grips were taking up slack"
+        )
+        return [Suspect("toe", data.file, text, "--zero slack", end, "stretch")]
     return _off_at_rest(data, rows[near], where, float(np.min(y)), largest)
 
 
@@ -212,39 +284,24 @@ def _zeros_off(data: StressTest, where: str, at_rest: float, slope: float) -> li
     `at_rest`: stress at a stretch of one [Pa]. `slope`: of the stress there, by the strain
     [Pa].
     """
-    size, unit = at_rest / 1e6, "MPa"
-    if np.isfinite(data.origin.area):
-        size, unit = at_rest * data.origin.area, "N"
+    size, unit = force_of(data, at_rest)
     lag, travel = travel_of(data, -at_rest / slope)
     preload = data.origin.preload
     stated = unit == "N" and abs(size - preload) < _AS_STATED * preload
     is_off = f"the load cell is off by about {size:.3g} {unit}"
     if lag > 0.0:
+        strain = f"a strain of {-at_rest / slope:.3g}, not at rest"
         is_slack = f"the specimen was slack by about {lag:.3g} {travel}"
-        at_zero = (
-            f"the curve meets zero stress at a strain of {-at_rest / slope:.3g}, not at rest"
-        )
+        at_zero = f"{where}the curve meets zero stress at {strain}"
     else:
         is_slack = (
             f"the travel counts from where the specimen was stretched by {-lag:.3g} {travel}"
         )
-        at_zero = f"at rest the curve points to a stress of {at_rest / 1e6:.3g} MPa"
+        at_zero = f"{where}at rest the curve points to a stress of {at_rest / 1e6:.3g} MPa"
         if stated:
             is_slack += f", by the preload of {preload:.3g} N that the file states"
-    force = Suspect(
-        "force offset",
-        data.file,
-        f"{where}{at_zero}: {is_off}, unless {is_slack} (--zero slack)",
-        "--zero force",
-        size,
-        unit,
-    )
-    slack = Suspect(
-        "slack",
-        data.file,
-        f"{where}{at_zero}: {is_slack}, unless {is_off} (--zero force)",
-        "--zero slack",
-        lag,
-        travel,
-    )
+    text = f"{at_zero}: {is_off}, unless {is_slack} (--zero slack)"
+    force = Suspect("force offset", data.file, text, "--zero force", size, unit)
+    text = f"{at_zero}: {is_slack}, unless {is_off} (--zero force)"
+    slack = Suspect("slack", data.file, text, "--zero slack", lag, travel)
     return [slack, force] if stated else [force, slack]

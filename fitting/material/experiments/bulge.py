@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Self
+from typing import ClassVar, Self
 
 import jax
 import jax.numpy as jnp
@@ -43,6 +43,7 @@ class SphericalCap(AbstractExperiment):
     such a pressure at every height, also where it has no membrane of that height.
     """
 
+    sized_by: ClassVar = "strain"
     # log λ at the points of each reading's cap, shape [n, points]
     strain: Float[Array, "n points"]
     share: Float[Array, "n points"]  # of each point's stress in the pressure
@@ -59,11 +60,6 @@ class SphericalCap(AbstractExperiment):
         stiffer = 1.0 + _STIFFER * np.exp(-(eta**2) / _FADES)
         share = 4.0 * thickness[:, None] / apex * growth * weights / stiffer
         return cls(jnp.asarray(np.log(apex / there)), jnp.asarray(share))
-
-    @property
-    def size(self) -> int:
-        """Number of readings."""
-        return len(self.strain)
 
     def predict(self, law: AbstractLaw) -> Float[Array, " n"]:
         """Pressures [Pa]."""
@@ -83,13 +79,9 @@ class Bulge(AbstractExperiment):
     exact, with exact derivatives in the constants, where h(e) = h_i.
     """
 
+    sized_by: ClassVar = "height"
     height: Float[Array, " n"]  # apex height over the diaphragm's radius
     thickness: Float[Array, " n"]  # undeformed thickness over radius
-
-    @property
-    def size(self) -> int:
-        """Number of readings."""
-        return len(self.height)
 
     def predict(self, law: AbstractLaw) -> Float[Array, " n"]:
         """Pressures [Pa]; not a number where the law has no bulge of that height."""
@@ -167,11 +159,6 @@ class BulgeTest(StressTest):
         return self.abscissa
 
     @property
-    def abscissa_label(self) -> str:
-        """Relative height."""
-        return "apex height / radius"
-
-    @property
     def deformation(self) -> np.ndarray:
         """The height."""
         return self.height
@@ -196,10 +183,7 @@ def caps(tests: Sequence[BulgeTest]) -> SphericalCap:
 
 
 def bulge(reader: Reader) -> BulgeTest:
-    """Readings of a clamped circular diaphragm: pressure over the apex's relative height.
-
-    Raises DataError: what is missing, or impossible.
-    """
+    """Readings of a clamped circular diaphragm: pressure over the apex's relative height."""
     values, height = reader.column("pressure"), reader.column("height")
     if values is None:
         raise reader.need("the pressure", "pressure_kPa")

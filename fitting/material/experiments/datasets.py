@@ -2,8 +2,8 @@
 
 Files state stresses, forces or pressures over stretches, strains, angles or radii. Each reader
 finds what its kind of test needs among the columns, with the specimen's sizes where a force or
-a radius asks for them, and says what is missing otherwise; the measure of the stress goes into
-the factors c₁, c₂ of each reading.
+a radius asks for them, and raises a DataError that says what is missing, or impossible; the
+measure of the stress goes into the factors c₁, c₂ of each reading.
 """
 
 import os
@@ -51,10 +51,7 @@ def _stress_test(
 
 
 def one_parameter(reader: Reader) -> StressTest:
-    """Readings of uniaxial, equibiaxial tension or pure shear: stress over one stretch.
-
-    Raises DataError: what is missing, or impossible.
-    """
+    """Readings of uniaxial, equibiaxial tension or pure shear: stress over one stretch."""
     found = reader.stress()
     if found is None:
         raise reader.need("the stress", "nominal_stress_MPa", "cauchy_stress_kPa", "force_N")
@@ -65,10 +62,7 @@ def one_parameter(reader: Reader) -> StressTest:
 
 
 def biaxial(reader: Reader) -> StressTest:
-    """Readings of general biaxial tension: one stress or both over two stretches.
-
-    Raises DataError: what is missing, or impossible.
-    """
+    """Readings of general biaxial tension: one stress or both over two stretches."""
     first, second = reader.stretch(1), _second_stretch(reader)
     parts = []
     for direction, own in ((1, first), (2, second)):
@@ -105,10 +99,7 @@ def _second_stretch(reader: Reader) -> np.ndarray:
 
 
 def difference(reader: Reader) -> StressTest:
-    """Readings of the difference of the Cauchy stresses over two stretches.
-
-    Raises DataError: what is missing, or impossible.
-    """
+    """Readings of the difference of the Cauchy stresses over two stretches."""
     first, second = reader.stretch(1), _second_stretch(reader)
     values = reader.column("cauchy_difference")
     if values is None:
@@ -127,10 +118,7 @@ def difference(reader: Reader) -> StressTest:
 
 
 def simple_shear(reader: Reader) -> StressTest:
-    """Readings of simple shear: shear stress over the amount of shear.
-
-    Raises DataError: what is missing, or impossible.
-    """
+    """Readings of simple shear: shear stress over the amount of shear."""
     shear, angle = reader.column("shear"), reader.column("shear_angle")
     if shear is None and angle is not None:
         shear = np.tan(angle)
@@ -151,10 +139,7 @@ def simple_shear(reader: Reader) -> StressTest:
 
 
 def balloon(reader: Reader) -> StressTest:
-    """Readings of a spherical balloon: p = 2 (H/R) σ / λ³ of Cauchy stress σ.
-
-    Raises DataError: what is missing, or impossible.
-    """
+    """Readings of a spherical balloon: p = 2 (H/R) σ / λ³ of Cauchy stress σ."""
     values = reader.column("pressure")
     if values is None:
         raise reader.need("the pressure", "pressure_kPa")

@@ -11,7 +11,7 @@ specimen carries nothing: λ does not cross one.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple, Self
+from typing import ClassVar, NamedTuple, Self
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -41,6 +41,7 @@ class Zero(NamedTuple):
 class FreeZero(AbstractExperiment):
     """Points of tests of one stretch with free zeros."""
 
+    sized_by: ClassVar = "stretch"
     stretch: Float[Array, " n"]  # measured λ_m
     # measured nominal stress without its scatter [Pa], shape [n]; a machine gives way by the
     # force itself, not by what its noise adds
@@ -54,11 +55,6 @@ class FreeZero(AbstractExperiment):
     # position of slack, force and machine among the zeros; beyond them for none, shape [3, n]
     which: Int[Array, "3 n"]
     zeros: Float[Array, " k"]  # s, o and k of all tests
-
-    @property
-    def size(self) -> int:
-        """Number of readings, padding included."""
-        return len(self.stretch)
 
     def shifted(self, zeros: Float[Array, " k"]) -> Self:
         """The same tests with these zeros."""

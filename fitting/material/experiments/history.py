@@ -6,6 +6,7 @@ slow: its stress has relaxed at every reading, and only its order counts.
 
 import dataclasses
 from collections.abc import Sequence
+from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from fitting.material.data.errors import DataError
 from fitting.material.experiments.measurements import Dataset, Predictor
 from fitting.material.experiments.prediction import AbstractExperiment, padded, shear_factors
-from fitting.material.experiments.selection import half_cycles, series_of
+from fitting.material.experiments.selection import averaged, half_cycles, series_of
 from fitting.material.experiments.stress_tests import StressTest, homogeneous
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.constitutive.deformation import LogStretches
@@ -28,6 +29,11 @@ _FOREVER = 1e30
 HELD = 2e-3
 # A test begins at rest if its first reading is deformed by no more than this share.
 _NEAR_REST = 0.02
+# Thinning follows the history by straight lines within this share of its span.
+_CORNER = 0.01
+_MOST_CORNERS = 400
+# A decade of time in a hold counts as much as this share of the way through the test.
+_DECADE = 0.15
 # Between two rows the strain is followed in steps of this logarithm, but no more than so many.
 _STEP, _MOST_STEPS = 0.05, 64
 
@@ -36,10 +42,7 @@ _STEP, _MOST_STEPS = 0.05, 64
 class HistoryTest(StressTest):
     """A stress test whose readings depend on what came before."""
 
-    @property
-    def follows_history(self) -> bool:
-        """Whether a reading depends on those before."""
-        return True
+    follows_history: ClassVar[bool] = True
 
     @property
     def is_timed(self) -> bool:
@@ -112,6 +115,7 @@ def with_history(data: Dataset) -> HistoryTest:
 class History(AbstractExperiment):
     """Readings of tests that remember, Σ_k a_k S_k of pulled-back stresses with a history."""
 
+    sized_by: ClassVar = "state"
     e1: Float[Array, " m"]  # log λ₁ of every state passed through
     e2: Float[Array, " m"]  # log λ₂
     # parts of τ₁ and τ₂ in the pulled-back stresses, shape [m, 3, 2]
@@ -121,11 +125,6 @@ class History(AbstractExperiment):
     state: Int[Array, " n"]  # state of each reading
     # a, the parts of the pulled-back stresses in the reading, shape [n, 3]
     push: Float[Array, "n 3"]
-
-    @property
-    def size(self) -> int:
-        """Number of readings, padding included."""
-        return len(self.state)
 
     def predict(self, law: AbstractLaw) -> Float[Array, " n"]:
         """Readings [Pa]; zero for padding."""
@@ -274,3 +273,73 @@ def _pushed(test: StressTest) -> np.ndarray:
     e1, e2, c1, c2 = test.factors
     stretches = np.exp([2.0 * e1, 2.0 * e2, -2.0 * (e1 + e2)])
     return (np.stack([c1, c2, -(c1 + c2)]) * stretches).T
+
+
+def thinned_history(test: HistoryTest, most: int) -> HistoryTest:
+    """Fewer readings, each the mean of a run of them that follow each other, with its weight.
+
+    Runs are short where the strain changes and where a hold begins, and end at the corners of
+    the strain's history. Times, strains and readings are averaged alike.
+
+    `most`: tests with more readings are averaged to about half as many; zero keeps all.
+    """
+    if not 0 < most < test.size:
+        return test
+    label = np.zeros(test.size, dtype=int)
+    count = 0
+    ways = []
+    for rows in test.paths():
+        ways.append((rows, _way(test, rows)))
+    whole = sum(float(way[-1]) for _, (way, _) in ways)
+    for rows, (way, corners) in ways:
+        share = max(1, round(0.5 * most * float(way[-1]) / max(whole, 1e-300)))
+        bins = np.minimum((way / max(way[-1], 1e-300) * share).astype(int), share - 1)
+        # A corner is a run of its own, and no run reaches across it.
+        pieces = np.cumsum(corners) + np.cumsum(np.append(False, corners[:-1]))
+        _, own = np.unique(np.stack([pieces, bins]), axis=1, return_inverse=True)
+        label[rows] = count + own.ravel()
+        count += int(own.max()) + 1
+    return averaged(test, label)
+
+
+def _way(test: HistoryTest, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far each row is along its series, and which rows are corners of its history."""
+    x = coordinates(test)[:, rows]
+    span = max(float(np.max(np.ptp(x, axis=1))), 1e-300)
+    clock = test.time[rows] if test.is_timed else np.arange(len(rows), dtype=float)
+    corners = _corners(clock, x / span)
+    moved = np.max(np.abs(np.diff(x, axis=1, prepend=x[:, :1])), axis=0) / span
+    # Scatter of a strain that is held is no way.
+    since = clock - clock[np.maximum.accumulate(np.where(corners, np.arange(len(rows)), 0))]
+    smallest = np.diff(clock)[np.diff(clock) > 0.0]
+    least = float(np.median(smallest)) if smallest.size else 1.0
+    decades = np.log10(1.0 + since / least)
+    steps = np.maximum(np.diff(decades, prepend=decades[:1]), 0.0)
+    if test.is_relaxation:
+        moved = np.where(moved < 2.0 * _CORNER, 0.0, moved)
+    return np.cumsum(moved + _DECADE * steps), corners
+
+
+def _corners(clock: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Rows between which straight lines in time follow a history (Douglas and Peucker).
+
+    `clock`: times, shape [n]. `x`: the history over its span, shape [2, n].
+    """
+    found = np.zeros(len(clock), dtype=bool)
+    found[[0, -1]] = True
+    pieces = [(0, len(clock) - 1)]
+    while pieces and found.sum() < _MOST_CORNERS:
+        first, last = pieces.pop(0)
+        if last - first < 2:
+            continue
+        inside = slice(first + 1, last)
+        whole = max(float(clock[last] - clock[first]), 1e-300)
+        share = (clock[inside] - clock[first]) / whole
+        line = x[:, first, None] + share * (x[:, last] - x[:, first])[:, None]
+        off = np.max(np.abs(x[:, inside] - line), axis=0)
+        worst = int(np.argmax(off))
+        if off[worst] > _CORNER:
+            at = first + 1 + worst
+            found[at] = True
+            pieces += [(first, at), (at, last)]
+    return found

@@ -50,6 +50,7 @@ class BodyCurve(AbstractExperiment):
 
     costly: ClassVar[bool] = True
 
+    sized_by: ClassVar = "lane"
     meshes: Meshes  # of the solve
     inputs: dict[str, Array]  # the scene's numbers by TOML path, SI; its material is replaced
     travel: Float[Array, " level"]  # beyond first touch, each of them once [m]
@@ -57,11 +58,6 @@ class BodyCurve(AbstractExperiment):
     lane: Int[Array, " n"]  # which travel a reading belongs to
     channel: Int[Array, " n"]  # 0 for the force [N], 1 for oil pressure [Pa]
     scene: Structure = eqx.field(static=True)  # skin and body
-
-    @property
-    def size(self) -> int:
-        """Number of readings."""
-        return len(self.lane)
 
     @property
     def equilibria(self) -> int:

@@ -9,7 +9,7 @@ import abc
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Self, TypeVar
+from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 import numpy as np
 
@@ -35,6 +35,14 @@ _ALIASES = {
     "pure-shear": "pure_shear",
     "simple-shear": "simple_shear",
     "biaxial-difference": "biaxial_difference",
+}
+_ABSCISSAS = {
+    "simple_shear": "amount of shear",
+    "biaxial_difference": "second stretch",
+    "bulge": "apex height / radius",
+    "volumetric": "volume ratio",
+    "skin": "force [N]",
+    "indentation": "travel [mm]",
 }
 # The mode of suas_jax that a one-parameter test is.
 PATHS = {"uniaxial": "uniaxial", "equibiaxial": "equibiaxial", "pure_shear": "planar"}
@@ -74,6 +82,10 @@ class Origin(NamedTuple):
 class Dataset(abc.ABC):
     """Readings of one file, one entry per reading (two per row of a biaxial test)."""
 
+    follows_history: ClassVar[bool] = False  # whether a reading depends on those before it
+    # most starts of a fit, where readings are costly to predict; None for any
+    most_starts: ClassVar[int | None] = None
+
     mode: str  # kind of test
     file: str  # where the readings come from
     value: np.ndarray  # readings, SI units, shape [n]
@@ -96,9 +108,9 @@ class Dataset(abc.ABC):
         """What a figure draws the readings against, shape [n]."""
 
     @property
-    @abc.abstractmethod
     def abscissa_label(self) -> str:
         """Name of the abscissa, with its unit."""
+        return _ABSCISSAS.get(self.mode, "stretch")
 
     @abc.abstractmethod
     def channels(self) -> tuple[Channel, ...]:
@@ -129,16 +141,6 @@ class Dataset(abc.ABC):
     def is_curve(self) -> bool:
         """Whether each series is one curve: otherwise there is nothing to extrapolate to."""
         return True
-
-    @property
-    def follows_history(self) -> bool:
-        """Whether a reading depends on those before it."""
-        return False
-
-    @property
-    def most_starts(self) -> int | None:
-        """Most starts of a fit, where readings are costly to predict; None for any."""
-        return None
 
     @property
     def order(self) -> np.ndarray:

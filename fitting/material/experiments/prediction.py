@@ -30,10 +30,12 @@ class AbstractExperiment(eqx.Module):
     # whether compiling the prediction takes longer than a whole fit's use of it
     costly: ClassVar[bool] = False
 
+    sized_by: ClassVar[str]  # an array with one entry a reading
+
     @property
-    @abc.abstractmethod
     def size(self) -> int:
         """Number of readings, padding included."""
+        return len(getattr(self, self.sized_by))
 
     def settled(self, law: AbstractLaw) -> Self:
         """The same tests, at the states that fit a law."""
@@ -59,15 +61,11 @@ class AbstractExperiment(eqx.Module):
 class Homogeneous(AbstractExperiment):
     """Points of homogeneous tests, c₁ τ₁ + c₂ τ₂ at (e₁, e₂)."""
 
+    sized_by: ClassVar = "e1"
     e1: Float[Array, " n"]  # log λ₁
     e2: Float[Array, " n"]  # log λ₂
     c1: Float[Array, " n"]  # factor of τ₁
     c2: Float[Array, " n"]  # factor of τ₂
-
-    @property
-    def size(self) -> int:
-        """Number of readings, padding included."""
-        return len(self.e1)
 
     def predict(self, law: AbstractLaw) -> Float[Array, " n"]:
         """Readings [Pa]; zero for padding."""

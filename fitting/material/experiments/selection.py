@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 from collections.abc import Iterator
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -15,6 +16,9 @@ _SHORTEST = 3
 # A specimen has failed where its stress falls below this share of the largest before, and
 # the readings up to this share of it are still whole.
 _FAILED, _WHOLE = 0.6, 0.97
+
+
+AnyTest = TypeVar("AnyTest", bound=StressTest)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -165,8 +169,8 @@ def thinned(data: Dataset, most: int) -> Dataset:
     most = max(most // 2, 1)
     halves = []
     for rows in series_of(data):
-        cycles = half_cycles(data.deformation[rows])
-        halves += [rows[c.rows[np.argsort(data.deformation[rows][c.rows])]] for c in cycles]
+        h = data.deformation[rows]
+        halves += [rows[half.rows[np.argsort(h[half.rows])]] for half in half_cycles(h)]
     label = np.zeros(data.size, dtype=int)
     count = 0
     whole = sum(_length(data, rows) for rows in halves)
@@ -175,31 +179,30 @@ def thinned(data: Dataset, most: int) -> Dataset:
         bins = np.minimum((_along(data, rows) * share).astype(int), share - 1)
         label[rows] = count + bins
         count += share
-    _, label = np.unique(label, return_inverse=True)
-    size = np.bincount(label, data.weight)
+    # In the order of the file.
+    _, first, label = np.unique(label, return_index=True, return_inverse=True)
+    return averaged(data, np.argsort(np.argsort(first, kind="stable"))[label])
+
+
+def averaged(test: AnyTest, label: np.ndarray) -> AnyTest:
+    """Means of the readings of each label, with their weights; words are the first one's."""
+    first = np.unique(label, return_index=True)[1]
+    size = np.bincount(label, test.weight)
 
     def mean(values: np.ndarray) -> np.ndarray:
-        return np.bincount(label, data.weight * values) / np.where(size > 0.0, size, 1.0)
+        return np.bincount(label, test.weight * values) / size
 
-    first = np.zeros(len(size), dtype=int)
-    first[label[::-1]] = np.arange(data.size)[::-1]
-    order = np.argsort(first, kind="stable")
-    changes = {
-        "value": mean(data.value)[order],
-        "coordinate": mean(data.coordinate)[order],
-        "factors": np.stack([mean(row)[order] for row in data.factors]),
-        "companion": mean(data.companion)[order],
-        "sigma": np.sqrt(mean(data.sigma**2))[order],
-        "weight": size[order],
-        "direction": data.direction[first[order]],
-        "specimen": data.specimen[first[order]],
-        "line": data.line[first[order]],
-    }
-    for field in dataclasses.fields(data):
-        values = getattr(data, field.name)
-        if isinstance(values, np.ndarray) and field.name not in changes:
-            changes[field.name] = mean(values)[order]
-    return dataclasses.replace(data, **changes)
+    changes: dict[str, Any] = {}
+    for field in dataclasses.fields(test):
+        values = getattr(test, field.name)
+        if isinstance(values, np.ndarray):
+            changes[field.name] = (
+                np.apply_along_axis(mean, -1, values)
+                if values.dtype.kind == "f"
+                else values[first]
+            )
+    changes |= {"weight": size, "sigma": np.sqrt(mean(test.sigma**2))}
+    return dataclasses.replace(test, **changes)
 
 
 def _steps(data: StressTest, rows: np.ndarray) -> np.ndarray:

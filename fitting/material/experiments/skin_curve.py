@@ -41,17 +41,13 @@ class SkinCurve(AbstractExperiment):
 
     costly: ClassVar[bool] = True
 
+    sized_by: ClassVar = "lane"
     problem: Problem  # the skin, one lane a force; its law is replaced
     angle: Float[Array, " 1"]  # where the displacement is read [rad]
     direction: Float[Array, "2 1"]  # unit vector along which it is read
     lane: Int[Array, " n"]  # which force a reading belongs to
     channel: Int[Array, " n"]  # 0 for displacement [m], 1 for oil pressure [Pa]
     start: State  # states from which the solution is sought
-
-    @property
-    def size(self) -> int:
-        """Number of readings."""
-        return len(self.lane)
 
     @property
     def equilibria(self) -> int:

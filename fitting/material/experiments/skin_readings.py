@@ -12,9 +12,9 @@ from fitting.material.experiments.indentation_curve import BodySpecimen, body_sp
 from fitting.material.experiments.measurements import Channel, Dataset, Predictor, joined
 from fitting.material.experiments.prediction import AbstractExperiment
 from fitting.material.experiments.skin_curve import Specimen, specimen
-from fitting.material.experiments.table_reader import Reader
+from fitting.material.experiments.table_reader import Reader, noise_of
 from suas_jax.config import BodyLoadSpec, LineLoadSpec, SceneSpec
-from suas_jax.config.quantities import DimensionName, parse_quantity
+from suas_jax.config.quantities import DimensionName
 
 DISPLACEMENT, PRESSURE = 0, 1
 """Channels of a skin's readings; a body's force takes the place of the displacement."""
@@ -28,6 +28,8 @@ AnySkinTest = TypeVar("AnySkinTest", bound="SkinTest")
 class SkinTest(Dataset):
     """Displacements [m] and oil pressures [Pa] of a skin under known forces."""
 
+    # Every residual is an equilibrium, and the modulus is known from the start.
+    most_starts: ClassVar = 4
     READS: ClassVar = (
         (DISPLACEMENT, 1e-3, "displacement [mm]", "rms_m"),
         (PRESSURE, 1e3, "pressure [kPa]", "rms_Pa"),
@@ -44,11 +46,6 @@ class SkinTest(Dataset):
     def abscissa(self) -> np.ndarray:
         """The force [N]."""
         return self.drive
-
-    @property
-    def abscissa_label(self) -> str:
-        """Force with its unit."""
-        return "force [N]"
 
     def channels(self) -> tuple[Channel, ...]:
         """Displacement in millimetres, oil pressure in kilopascals."""
@@ -88,11 +85,6 @@ class SkinTest(Dataset):
         return specimen(self.scene, self.drive, self.channel, self.value)
 
     @property
-    def most_starts(self) -> int:
-        """Every residual is an equilibrium, and the modulus is known from the start."""
-        return 4
-
-    @property
     def model_error(self) -> float:
         """The corrected shell's own error."""
         return self.as_specimen.model_error
@@ -120,6 +112,7 @@ class SkinTest(Dataset):
 class IndentationTest(SkinTest):
     """Forces [N] of a body, and oil pressures [Pa], at known travels [m]; see `SkinTest`."""
 
+    most_starts: ClassVar = 2
     READS: ClassVar = (
         (DISPLACEMENT, 1.0, "force [N]", "rms_N"),
         (PRESSURE, 1e3, "pressure [kPa]", "rms_Pa"),
@@ -129,16 +122,6 @@ class IndentationTest(SkinTest):
     def abscissa(self) -> np.ndarray:
         """The travel [mm]."""
         return 1e3 * self.drive
-
-    @property
-    def abscissa_label(self) -> str:
-        """Travel with its unit."""
-        return "travel [mm]"
-
-    @property
-    def most_starts(self) -> int:
-        """Two, one after the other: see `SkinTest`."""
-        return 2
 
     @functools.cached_property
     def as_specimen(self) -> BodySpecimen:
@@ -240,16 +223,12 @@ def _sigma(
     if stated is not None:
         reader.require_positive(stated, "sigma")
         return stated
-    data = reader.table.metadata
-    text = reader.noise or data.get("sigma") or data.get("noise")
+    text = reader.stated_noise
     if text is None:
         return np.full(len(values), np.nan)
+    kinds: dict[str, DimensionName] = {"displacement": "length", "force": "force"}
     try:
-        if text.strip().endswith("%"):
-            return parse_quantity(text, "number") * np.abs(values)
-        kinds: dict[str, DimensionName] = {"displacement": "length", "force": "force"}
-        kind = kinds.get(name, "stress")
-        return np.full(len(values), parse_quantity(text, kind))
+        return noise_of(text, values, kinds.get(name, "stress"))
     except ValueError as error:
         raise DataError(
             f'{reader.table.file}: noise "{text}" of the {name}: {error}; give "1 %", or '

@@ -57,15 +57,6 @@ class StressTest(Dataset):
         return self.stretch_2 if self.mode == "biaxial_difference" else self.coordinate
 
     @property
-    def abscissa_label(self) -> str:
-        """Name of the abscissa."""
-        labels = {
-            "simple_shear": "amount of shear",
-            "biaxial_difference": "second stretch",
-        }
-        return labels.get(self.mode, "stretch")
-
-    @property
     def deformation(self) -> np.ndarray:
         """How far each reading is from rest, a number that grows with loading, shape [n]."""
         return np.abs(self.coordinate if self.mode == "simple_shear" else self.factors[0])

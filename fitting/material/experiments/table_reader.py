@@ -15,8 +15,19 @@ from fitting.material.data.tables import Table
 from fitting.material.experiments import timing
 from fitting.material.experiments.measurements import Kind, Origin
 from fitting.material.experiments.named_columns import NamedColumns, closeness_to_specimen
-from suas_jax.config.quantities import parse_quantity
+from suas_jax.config.quantities import DimensionName, parse_quantity
 
+# Measures of a stretch, how it follows from them, and why some are impossible.
+_MEASURES: tuple[tuple[str, Callable[[np.ndarray], np.ndarray], str], ...] = (
+    ("stretch", lambda x: x, "a stretch is greater than zero (undeformed: 1)"),
+    ("strain", lambda x: 1.0 + x, "a strain is greater than -1 (-100 %)"),
+    ("log_strain", np.exp, ""),
+    (
+        "green_strain",
+        lambda x: np.sqrt(np.maximum(1.0 + 2.0 * x, 0.0)),
+        "a Green strain is greater than -1/2",
+    ),
+)
 _PRELOAD = re.compile(r"vorkraft|vorlast|pre_?(?:load|force|tension)|precharge")
 
 
@@ -56,43 +67,31 @@ class Reader(NamedColumns):
 
     def stretch(self, direction: int = 0) -> np.ndarray:
         """Stretch in a direction, whatever measure states it."""
-        tag = f"_{direction}" if direction == 2 else "_1"
-        ways: tuple[tuple[str, Callable[[np.ndarray], np.ndarray], str], ...] = (
-            ("stretch", lambda x: x, "a stretch is greater than zero (undeformed: 1)"),
-            ("strain", lambda x: 1.0 + x, "a strain is greater than -1 (-100 %)"),
-            ("log_strain", np.exp, ""),
-            (
-                "green_strain",
-                lambda x: np.sqrt(np.maximum(1.0 + 2.0 * x, 0.0)),
-                "a Green strain is greater than -1/2",
-            ),
-        )
         # A machine's stiffness corrects its travel, not an extensometer's strain.
-        moved = None
-        if self.machine_stiffness is not None:
-            moved = self.column("displacement", direction)
-        for quantity, convert, why in ways:
+        machine = self.machine_stiffness
+        moved = None if machine is None else self.column("displacement", direction)
+        for quantity, convert, why in _MEASURES if moved is None else ():
             values = self.signed(quantity, direction)
-            if values is not None and moved is None:
-                if self.machine_stiffness is not None:
+            if values is not None:
+                if machine is not None:
                     values = values - self._given_way(direction) / self._needed_length()
-                stretches = convert(values)
-                self.require_positive(stretches, quantity, why=why)
-                return stretches
+                return self._possible(convert(values), quantity, why)
         moved = self.signed("displacement", direction)
         if moved is not None:
             length = self._needed_length(direction)
-            if self.machine_stiffness is not None:
+            if machine is not None:
                 moved = moved - self._given_way(direction)
-            stretches = 1.0 + moved / length
-            self.require_positive(
-                stretches, "displacement", why="the specimen would have no length left"
-            )
-            return stretches
+            why = "the specimen would have no length left"
+            return self._possible(1.0 + moved / length, "displacement", why)
         held = timing.held_stretch(self.table.metadata, self.given, self.table.file)
         if held is not None and direction != 2:
             return np.full(len(self.table.lines), held)
-        raise self.need("the stretch", f"stretch{tag}", f"strain{tag}", "displacement_mm")
+        tag = max(direction, 1)
+        raise self.need("the stretch", f"stretch_{tag}", f"strain_{tag}", "displacement_mm")
+
+    def _possible(self, stretch: np.ndarray, quantity: str, why: str) -> np.ndarray:
+        self.require_positive(stretch, quantity, why=why)
+        return stretch
 
     def times(self, strain: np.ndarray) -> np.ndarray:
         """Time of each row [s], NaN where neither a column nor a rate of strain states it.
@@ -253,15 +252,12 @@ class Reader(NamedColumns):
             return np.ones(len(self.table.lines), dtype=bool)
         index = self.columns["use", 0][0]
         words = {"1": True, "true": True, "yes": True, "0": False, "false": False, "no": False}
-        mask = []
-        for row, texts in enumerate(self.table.texts):
-            word = texts[index].casefold().removesuffix(".0")
+        cells = [texts[index].casefold().removesuffix(".0") for texts in self.table.texts]
+        for row, word in enumerate(cells):
             if word not in words:
-                raise DataError(
-                    f'{self.at(row, index)}: "{texts[index]}" is not allowed; use 1 or 0'
-                )
-            mask.append(words[word])
-        return np.array(mask)
+                text = self.table.texts[row][index]
+                raise DataError(f'{self.at(row, index)}: "{text}" is not allowed; use 1 or 0')
+        return np.array([words[word] for word in cells])
 
     def _specimens(self) -> np.ndarray:
         if ("specimen", 0) not in self.columns:
@@ -271,31 +267,35 @@ class Reader(NamedColumns):
         return np.array([texts[index] for texts in self.table.texts], dtype=object)
 
     def _sigma(self, values: np.ndarray) -> np.ndarray:
-        sigma = self.column("sigma")
-        relative = self.column("relative_sigma")
-        if sigma is None and relative is not None:
-            sigma = relative * np.abs(values)
-        if sigma is not None:
-            quantity = "sigma" if ("sigma", 0) in self.columns else "relative_sigma"
-            self.require_positive(sigma, quantity)
-            return sigma
-        text = self.noise or next(
-            (
-                self.table.metadata[key]
-                for key in ("sigma", "noise")
-                if key in self.table.metadata
-            ),
-            None,
-        )
+        """Standard deviation of stresses [Pa]; NaN where none is stated."""
+        for quantity, size in (("sigma", 1.0), ("relative_sigma", np.abs(values))):
+            sigma = self.column(quantity)
+            if sigma is not None:
+                sigma = sigma * size
+                self.require_positive(sigma, quantity)
+                return sigma
+        text = self.stated_noise
         if text is None:
             return np.full(len(values), np.nan)
         try:
-            if text.strip().endswith("%"):
-                size = parse_quantity(text, "number") * np.abs(values)
-            else:
-                size = np.full(len(values), parse_quantity(text, "stress"))
+            sigma = noise_of(text, values, "stress")
         except ValueError as error:
             raise DataError(f'{self.table.file}: noise "{text}": {error}') from None
-        if np.any(size < 0.0) or not np.any(size > 0.0):
+        if np.any(sigma < 0.0) or not np.any(sigma > 0.0):
             raise DataError(f'{self.table.file}: noise "{text}" must be greater than zero')
-        return np.where(size > 0.0, size, np.max(size))
+        return np.where(sigma > 0.0, sigma, np.max(sigma))
+
+    @property
+    def stated_noise(self) -> str | None:
+        """The noise of all readings, by the command line or the file's comments."""
+        return self.noise or self.table.metadata.get("sigma", self.table.metadata.get("noise"))
+
+
+def noise_of(text: str, values: np.ndarray, dimension: DimensionName) -> np.ndarray:
+    """Standard deviations of readings from text such as "2 %" or "5 kPa", shape [n].
+
+    Raises ValueError: it is no quantity of this dimension.
+    """
+    if text.strip().endswith("%"):
+        return parse_quantity(text, "number") * np.abs(values)
+    return np.full(len(values), parse_quantity(text, dimension))

@@ -1,10 +1,12 @@
 """Times of a test's readings, and what is stated of its loading: rate, ramp, held strain."""
 
+import contextlib
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from fitting.material.data.columns import SECONDS
 from fitting.material.data.errors import DataError
 from suas_jax.config.quantities import parse_quantity
 
@@ -17,42 +19,38 @@ _SPELLED = {
     "ramp": ("ramp", "ramp_time", "ramp_duration", "rise_time", "loading_time"),
 }
 _RATE = re.compile(r"([^\s%/]+)\s*(%|mm/mm|)\s*(?:1?\s*/\s*(s|sec|min|h)|(s|min)\^?-1)")
-_SECONDS = {"s": 1.0, "sec": 1.0, "min": 60.0, "h": 3600.0}
+
+Pairs = Mapping[str, str]
+"""Keys with values, of a file or of the command line."""
 
 
-def stated(metadata: Mapping[str, str], given: Mapping[str, str], key: str) -> str | None:
-    """What the command line, or a file's comments, state of a test; None for nothing.
-
-    `metadata`: `key: value` pairs of the file. `given`: of the command line. `key`: one of
-    `KEYS`.
-    """
+def stated(metadata: Pairs, given: Pairs, key: str) -> str | None:
+    """What the command line, or a file's comments, state of a test; None for nothing."""
     if key in given:
         return given[key]
     return next((metadata[name] for name in _SPELLED[key] if name in metadata), None)
 
 
-def held_stretch(
-    metadata: Mapping[str, str], given: Mapping[str, str], file: str
-) -> float | None:
+def held_stretch(metadata: Pairs, given: Pairs, file: str) -> float | None:
     """The stretch of a relaxation test whose table has no strains; None where none is stated.
 
     Raises DataError: what is stated is no stretch or strain.
     """
-    for key, shift in (("stretch", 0.0), ("strain", 1.0)):
-        text = stated(metadata, given, key)
-        if text is None:
-            continue
-        try:
-            value = parse_quantity(text, "number") + shift
-        except ValueError as error:
-            raise DataError(f'{file}: {key} = "{text}": {error}') from None
+
+    def stretch(text: str, shift: float) -> float:
+        value = parse_quantity(text, "number") + shift
         if not value > 0.0:
-            raise DataError(f'{file}: {key} = "{text}": the stretch must be greater than zero')
+            raise ValueError("the stretch must be greater than zero")
         return value
+
+    for key, shift in (("stretch", 0.0), ("strain", 1.0)):
+        if (text := stated(metadata, given, key)) is not None:
+            with _named(file, key, text):
+                return stretch(text, shift)
     return None
 
 
-def ramp_of(metadata: Mapping[str, str], given: Mapping[str, str], file: str) -> float:
+def ramp_of(metadata: Pairs, given: Pairs, file: str) -> float:
     """Duration of the loading before the first reading [s]; NaN where none is stated.
 
     Raises DataError: what is stated is no time.
@@ -60,37 +58,39 @@ def ramp_of(metadata: Mapping[str, str], given: Mapping[str, str], file: str) ->
     text = stated(metadata, given, "ramp")
     if text is None:
         return float("nan")
-    try:
+    with _named(file, "ramp", text):
         seconds = parse_quantity(text, "time")
-    except ValueError as error:
-        raise DataError(f'{file}: ramp = "{text}": {error}') from None
-    if seconds < 0.0:
-        raise DataError(f'{file}: ramp = "{text}": must not be less than zero')
+        if seconds < 0.0:
+            raise ValueError("must not be less than zero")
     return seconds
 
 
-def times_by_rate(
-    metadata: Mapping[str, str], given: Mapping[str, str], file: str, strain: np.ndarray
-) -> np.ndarray:
+def times_by_rate(metadata: Pairs, given: Pairs, file: str, strain: np.ndarray) -> np.ndarray:
     """Times of readings at a constant rate of strain [s], shape [n]; NaN where none is stated.
 
-    `metadata`: `key: value` pairs of the file. `given`: of the command line. `strain`: nominal
-    strain, or amount of shear, in the order of the test, shape [n].
+    `strain`: nominal strain, or amount of shear, in the order of the test, shape [n].
     Raises DataError: what is stated is no rate.
     """
     text = stated(metadata, given, "strain_rate")
     if text is None:
         return np.full(len(strain), np.nan)
     found = _RATE.fullmatch(text.strip())
-    try:
+    with _named(file, "strain_rate", text):
         if found is None:
             raise ValueError('a rate of strain is expected, such as "0.1 1/s" or "5 %/min"')
         rate = float(found.group(1)) * (0.01 if found.group(2) == "%" else 1.0)
-        rate /= _SECONDS[found.group(3) or found.group(4)]
+        rate /= SECONDS[found.group(3) or found.group(4)]
         if not rate > 0.0:
             raise ValueError("it must be greater than zero")
-    except ValueError as error:
-        raise DataError(f'{file}: strain_rate = "{text}": {error}') from None
     way = np.abs(np.diff(strain, prepend=0.0))
     known = np.isfinite(way)
     return np.where(known, np.cumsum(np.where(known, way, 0.0)), np.nan) / rate
+
+
+@contextlib.contextmanager
+def _named(file: str, key: str, text: str) -> Iterator[None]:
+    """Errors of a value, with the file and the key that it stands under."""
+    try:
+        yield
+    except ValueError as error:
+        raise DataError(f'{file}: {key} = "{text}": {error}') from None

@@ -22,11 +22,6 @@ class VolumetricTest(StressTest):
     """Pressures [Pa] over the ratio of volumes J = V/V0, which is the coordinate."""
 
     @property
-    def abscissa_label(self) -> str:
-        """Name of the abscissa."""
-        return "volume ratio"
-
-    @property
     def deformation(self) -> np.ndarray:
         """Change of the volume, shape [n]."""
         return np.abs(1.0 - self.coordinate)
@@ -59,10 +54,7 @@ class VolumetricTest(StressTest):
 
 
 def volumetric(reader: Reader) -> VolumetricTest:
-    """Readings of a volumetric test: pressure over volume ratio, strain or compression.
-
-    Raises DataError: what is missing, or impossible.
-    """
+    """Readings of a volumetric test: pressure over volume ratio, strain or compression."""
     values, found = reader.column("pressure"), None
     if values is None:
         found = reader.stress()

@@ -12,8 +12,8 @@ modes are measured, the readings say what α and β are.
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple, Protocol, Self
+from collections.abc import Sequence
+from typing import NamedTuple, Self
 
 import numpy as np
 from jaxtyping import Float
@@ -22,8 +22,7 @@ from scipy import linalg, stats
 from fitting.material.experiments.measurements import PATHS, Dataset
 from fitting.material.experiments.prediction import mode_factors
 from fitting.material.experiments.stress_tests import StressTest
-from fitting.material.fit.problem import MaterialProblem
-from fitting.material.fit.specimens import Specimens
+from fitting.material.fit.fitted_law import FittedLaw
 from fitting.material.fit.stress_process import (
     EXPONENT,
     SECOND,
@@ -38,8 +37,6 @@ from fitting.material.fit.stress_process import (
     mean_of,
     reaches,
 )
-from fitting.material.laws.parameters import AbstractFamily
-from fitting.statistics.identifiability import Uncertainty
 
 _REPEATS = 0.03  # how closely tests of two modes repeat, beside 1.5 times the readings' noise
 _NOISES = 1.5
@@ -59,48 +56,6 @@ class Band(NamedTuple):
     nominal: np.ndarray  # middle of the interval [Pa], shape [n]
     half_width: np.ndarray  # half width of the interval [Pa], shape [n]
     law: np.ndarray  # what the fitted law says [Pa], shape [n]
-
-
-class FittedLaw(Protocol):
-    """What is needed of a fit; see `MaterialFit`."""
-
-    @property
-    def sets(self) -> tuple[Dataset, ...]:
-        """The data."""
-        ...
-
-    @property
-    def problem(self) -> MaterialProblem:
-        """The residuals."""
-        ...
-
-    @property
-    def family(self) -> AbstractFamily:
-        """The law's family."""
-        ...
-
-    @property
-    def uncertainty(self) -> Uncertainty:
-        """Covariance of the constants."""
-        ...
-
-    @property
-    def specimens(self) -> Specimens | None:
-        """Factors of several specimens."""
-        ...
-
-    @property
-    def stable(self) -> Mapping[str, tuple[float, float]]:
-        """Stretches around one in which the law is stable, by mode."""
-        ...
-
-    def misfits(self) -> list[np.ndarray]:
-        """Predicted less measured readings of each data set [Pa]."""
-        ...
-
-    def stress(self, factors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The law's readings at e₁, e₂, c₁, c₂, and derivatives by its constants."""
-        ...
 
 
 @dataclasses.dataclass(frozen=True)

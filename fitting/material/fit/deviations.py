@@ -11,7 +11,8 @@ from jaxtyping import Float
 from scipy import stats
 
 from fitting.material.experiments.measurements import PATHS
-from fitting.material.fit.band import Belief, FittedLaw, nominal_factors
+from fitting.material.fit.band import Belief, nominal_factors
+from fitting.material.fit.fitted_law import FittedLaw
 
 # A skin stretches by this much where nothing else is asked for.
 _STRETCH = 1.05

@@ -7,10 +7,10 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from fitting.material.experiments.artefacts import Suspect
 from fitting.material.experiments.free_zero import KINDS as ZERO_KINDS
 from fitting.material.experiments.free_zero import can_be_freed
 from fitting.material.experiments.measurements import Dataset
-from fitting.material.experiments.suspect import Suspect
 from fitting.material.experiments.toe import without_toe
 from fitting.material.fit.bounded import minimise_in_box
 from fitting.material.fit.noise import (
@@ -222,16 +222,16 @@ def _fitted(
         tuple(used),
         problem,
         constants,
-        minima,
         judged,
+        specimens,
+        minima,
         judged_misfit,
         starts,
         tuple(notes),
         at_bounds,
-        noise=noise,
-        suspects=tuple(suspects),
-        bounds=dict(bounds or {}),
-        specimens=specimens,
+        noise,
+        tuple(suspects),
+        dict(bounds or {}),
     )
 
 

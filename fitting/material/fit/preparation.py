@@ -4,18 +4,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fitting.material.experiments.artefacts import curve_suspects
+from fitting.material.experiments.artefacts import Suspect, curve_suspects
 from fitting.material.experiments.data_checks import (
     branches,
     contradictions,
     refuse_without_information,
     warnings_of,
 )
-from fitting.material.experiments.history import HistoryTest, with_history
-from fitting.material.experiments.history_thinning import thinned_history
+from fitting.material.experiments.history import HistoryTest, thinned_history, with_history
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.experiments.selection import before_break, in_cycle, thinned
-from fitting.material.experiments.suspect import Suspect
 from fitting.material.experiments.toe import without_toe
 
 

@@ -5,39 +5,32 @@ import functools
 from collections.abc import Mapping
 from typing import Any
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
 from fitting.material.experiments.artefacts import Suspect
-from fitting.material.experiments.measurements import PATHS, Dataset
-from fitting.material.experiments.prediction import Homogeneous, mode_factors, padded
+from fitting.material.experiments.measurements import PATHS
+from fitting.material.experiments.prediction import mode_factors
 from fitting.material.fit.band import Band, Belief, half_width, nominal_factors
 from fitting.material.fit.deviations import constants_root
+from fitting.material.fit.fitted_law import STABLE_LIMITS, FittedLaw
 from fitting.material.fit.intervals import Intervals, intervals_of, modulus_and_slope
 from fitting.material.fit.noise import Noise
-from fitting.material.fit.problem import MaterialProblem, readings
-from fitting.material.fit.specimens import Specimens
+from fitting.material.fit.problem import readings
 from fitting.material.laws.blocks import Relaxation, Softening, block_of
-from fitting.material.laws.parameters import AbstractFamily
 from fitting.statistics.diagnostics import Misfit, information_criteria
-from fitting.statistics.identifiability import Uncertainty
 from fitting.statistics.least_squares import Minima
 from suas_jax.config.law import CorrelationSpec, LawSpec
 from suas_jax.config.schema_material import LAWS
 from suas_jax.config.tolerance import UncertainQuantity
-from suas_jax.constitutive import AbstractLaw, drucker_modulus, stable_range
+from suas_jax.constitutive import drucker_modulus
 
 _DISTINCT = 0.02
-_LANES = 64  # readings of one compiled evaluation
-STABLE_LIMITS = (0.01, 100.0)
-"""Stretches between which the ends of stability are looked for."""
 
 
 @dataclasses.dataclass(frozen=True)
-class MaterialFit:
+class MaterialFit(FittedLaw):
     """A fitted law.
 
     Attributes:
@@ -59,11 +52,7 @@ class MaterialFit:
             of the data.
     """
 
-    sets: tuple[Dataset, ...]
-    problem: MaterialProblem
-    constants: np.ndarray
     minima: Minima
-    uncertainty: Uncertainty
     misfit: Misfit
     starts: int
     remarks: tuple[str, ...]
@@ -71,19 +60,8 @@ class MaterialFit:
     noise: Noise | None = None
     suspects: tuple[Suspect, ...] = ()
     bounds: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
-    specimens: Specimens | None = None
     others: tuple["MaterialFit", ...] = ()
     up_to: float | None = None
-
-    @property
-    def family(self) -> AbstractFamily:
-        """The law's family."""
-        return self.problem.residuals.family
-
-    @property
-    def law(self) -> AbstractLaw:
-        """The fitted law."""
-        return self.family.law(jnp.asarray(self.constants))
 
     def material(self) -> LawSpec:
         """The fitted law as the [material] table of a skin, with its deviations.
@@ -152,25 +130,6 @@ class MaterialFit:
         law, _ = self.stress(nominal_factors(mode, stretch))
         return Band(stretch, middle, half_width(deviation, level), law)
 
-    def stress(
-        self, factors: np.ndarray, constants: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Readings of the law's homogeneous tests [Pa], and derivatives by its constants.
-
-        `factors`: e₁, e₂, c₁, c₂ of each reading, shape [4, n]. `constants`: SI units; None for
-        the fitted ones.
-        """
-        at = jnp.asarray(self.constants if constants is None else constants)
-        found = []
-        for first in range(0, factors.shape[1], _LANES):
-            part = factors[:, first : first + _LANES]
-            test = Homogeneous(*(padded(x) for x in part))
-            found.append(
-                [np.asarray(x)[: part.shape[1]] for x in _prediction(self.family, test, at)]
-            )
-        values, slopes = zip(*found, strict=True)
-        return np.concatenate(values), np.concatenate(slopes)
-
     def intervals(self, level: float) -> np.ndarray:
         """Intervals of the constants, SI units, shape [2, p]; see `interval_ends`."""
         return self.interval_ends(level).ends
@@ -203,15 +162,6 @@ class MaterialFit:
         """Derivatives of the shear modulus by the constants, shape [p]."""
         _, slope = modulus_and_slope(self.family, jnp.asarray(self.constants))
         return np.asarray(slope)
-
-    @functools.cached_property
-    def stable(self) -> dict[str, tuple[float, float]]:
-        """Stretches around one in which the law is stable, by mode; see `STABLE_LIMITS`."""
-        found = {}
-        for mode, path in PATHS.items():
-            low, high = stable_range(self.law, path, STABLE_LIMITS)
-            found[mode] = (float(low), float(high))
-        return found
 
     @property
     def stable_open(self) -> dict[str, tuple[bool, bool]]:
@@ -249,13 +199,6 @@ class MaterialFit:
                 )
         return found
 
-    def misfits(self) -> list[np.ndarray]:
-        """Predicted less measured readings of each data set [Pa]."""
-        residuals = self.problem.residuals
-        predicted, _ = readings(residuals, jnp.asarray(self.constants))
-        difference = np.asarray(predicted - residuals.value)
-        return [difference[place] for place in self.problem.places]
-
     @functools.cached_property
     def rivals(self) -> list[np.ndarray]:
         """Constants of other minima that fit as well within the noise.
@@ -290,16 +233,6 @@ class MaterialFit:
         h = np.asarray(self.problem.residuals.scales.strain) * np.array([0.1, 0.4, 0.7])
         parts = [np.stack(mode_factors(path, np.exp(h))) for path in PATHS.values()]
         return self.stress(np.concatenate(parts, axis=1), constants)[0]
-
-
-@eqx.filter_jit
-def _prediction(
-    family: AbstractFamily, test: Homogeneous, constants: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    def stress(c: jax.Array) -> jax.Array:
-        return test.predict(family.law(c))
-
-    return stress(constants), jax.jacfwd(stress)(constants)
 
 
 def _apart(a: np.ndarray, b: np.ndarray) -> float:

@@ -12,12 +12,16 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
-from fitting.material.experiments.artefacts import percent_suspect
+from fitting.material.experiments.artefacts import (
+    Suspect,
+    force_of,
+    percent_suspect,
+    travel_of,
+)
 from fitting.material.experiments.free_zero import KINDS, Zero, can_be_freed
 from fitting.material.experiments.measurements import PATHS, Dataset
 from fitting.material.experiments.prediction import mode_factors
 from fitting.material.experiments.stress_tests import StressTest
-from fitting.material.experiments.suspect import Suspect
 from fitting.material.fit.problem import MaterialProblem, pose
 from fitting.material.laws.blocks import ExtendedFamily, TestZeros, block_of
 from fitting.material.laws.parameters import AbstractFamily
@@ -25,7 +29,11 @@ from fitting.statistics.least_squares import solved_by_scipy
 from fitting.statistics.residuals import by_theta, sensitivity
 
 _CHANCE = 1e-4
-_NAMES = {"slack": "slack", "force": "force offset", "machine": "machine stiffness"}
+_NAMES = {
+    "slack": ("slack", "the specimen was slack by"),
+    "force": ("force offset", "the load cell is off by"),
+    "machine": ("machine stiffness", "the machine gives way, with a stiffness of"),
+}
 _PERCENT_BETTER = 4.0
 _LONG = 1.5
 _FARTHEST = 200.0  # of parameters, beyond which exponentials overflow
@@ -135,7 +143,9 @@ def fit_suspects(
             if kind == "machine" and point[len(constants) :][part][0] <= 0.0:
                 continue  # nothing is stiffer than rigid
             if stats.f.sf(gain, part.sum(), count) < _CHANCE and is_noise(free, point):
-                found.append((lower, _named(kind, data, point, error, part, len(constants))))
+                size = len(constants)
+                own = _named(kind, data, point[size:][part], error[size:][part])
+                found.append((lower, own))
     return [suspect for _, suspect in sorted(found, key=lambda pair: pair[0])]
 
 
@@ -183,37 +193,19 @@ def _refit_with(
     return point, float(best.cost), error
 
 
-def _named(
-    kind: str,
-    data: StressTest,
-    point: np.ndarray,
-    error: np.ndarray,
-    part: np.ndarray,
-    size: int,
-) -> Suspect:
-    values, errors = point[size:][part], error[size:][part]
+def _named(kind: str, data: StressTest, values: np.ndarray, errors: np.ndarray) -> Suspect:
     worst = int(np.argmax(np.abs(values)))
-    value, deviation = float(values[worst]), float(errors[worst])
-    amount, accuracy, unit = zero_in_units(kind, value, deviation, data)
-    what = {
-        "slack": "the specimen was slack by",
-        "force": "the load cell is off by",
-        "machine": "the machine gives way, with a stiffness of",
-    }[kind]
-    option = f"--zero {kind}"
-    if kind == "machine":
-        option = "--zero machine"
-        if unit == "N/mm":
-            option = f'--machine-stiffness "{amount:.3g} N/mm" (measure it) or --zero machine'
-    return Suspect(
-        _NAMES[kind],
-        data.file,
-        f"the pattern of the residuals vanishes if {what} {amount:.3g} +- {accuracy:.2g} "
-        f"{unit}",
-        option,
-        amount,
-        unit,
+    amount, accuracy, unit = zero_in_units(
+        kind, float(values[worst]), float(errors[worst]), data
     )
+    name, what = _NAMES[kind]
+    text = (
+        f"the pattern of the residuals vanishes if {what} {amount:.3g} +- {accuracy:.2g} {unit}"
+    )
+    option = f"--zero {kind}"
+    if unit == "N/mm":
+        option = f'--machine-stiffness "{amount:.3g} N/mm" (measure it) or --zero machine'
+    return Suspect(name, data.file, text, option, amount, unit)
 
 
 def zero_in_units(
@@ -221,14 +213,9 @@ def zero_in_units(
 ) -> tuple[float, float, str]:
     """A zero in the units of the test: its size, standard error and unit."""
     length, area = data.origin.length, data.origin.area
-    if kind == "slack":
-        if np.isfinite(length):
-            return 1e3 * value * length, 1e3 * error * length, "mm"
-        return value, error, "of the length"
-    if kind == "force":
-        if np.isfinite(area):
-            return value * area, error * area, "N"
-        return value / 1e6, error / 1e6, "MPa"
+    if kind != "machine":
+        of = travel_of if kind == "slack" else force_of
+        return of(data, value)[0], *of(data, error)
     if np.isfinite(length) and np.isfinite(area) and value != 0.0:
         stiffness = 1e-3 * area / (length * value)
         return stiffness, abs(stiffness * error / value), "N/mm"
