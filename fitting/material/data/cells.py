@@ -14,7 +14,7 @@ import zipfile
 from pathlib import Path
 
 from fitting.material.data.column_names import EASTERN_WORDS
-from fitting.material.data.errors import DataError
+from fitting.material.data.errors import DataError, said_of
 from fitting.material.data.numbers import is_missing, looks_numeric
 from suas_jax.files.reading import MEGABYTE, read_bytes, split_fields
 
@@ -122,10 +122,8 @@ def _delimited(file: str, text: str, encoding: str) -> Cells:
         kept, lines = kept[1:], lines[1:]
     rows = []
     for number, line in zip(lines, kept, strict=True):
-        try:
+        with said_of(f"{file}: line {number}"):
             rows.append(fields(line, delimiter))
-        except ValueError as error:
-            raise DataError(f"{file}: line {number}: {error}") from None
     # TA Instruments names its columns one a line, and says where the readings start.
     signals = [row[1] for row in rows if len(row) > 1 and _SIGNAL.fullmatch(row[0])]
     rows = [signals if signals and row == ["StartOfData"] else row for row in rows]

@@ -20,7 +20,7 @@ from fitting.material.data.columns import (
     understood,
     with_unit,
 )
-from fitting.material.data.errors import DataError
+from fitting.material.data.errors import DataError, said_of
 from fitting.material.data.layout import TableLayout
 from fitting.material.data.numbers import decimal_mark, looks_numeric, number
 from suas_jax.config.errors import listed, nearest
@@ -188,7 +188,7 @@ def given_sizes(file: str, specimen: Mapping[str, str]) -> dict[str, float]:
 
 
 def _parsed(file: str, name: str, text: str, where: str) -> float:
-    try:
+    with said_of(f'{file}: {where} = "{text}"'):
         if name == "area":
             amount, _, unit = text.strip().partition(" ")
             plain = unit.replace("²", "2").replace("^2", "2")
@@ -197,8 +197,6 @@ def _parsed(file: str, name: str, text: str, where: str) -> float:
             value = float(amount.replace(",", ".")) * unit_size(f"{plain[:-1]}^2", "area")
         else:
             value = parse_quantity(text, "number" if name == "thickness_ratio" else "length")
-    except ValueError as error:
-        raise DataError(f'{file}: {where} = "{text}": {error}') from None
-    if not value > 0.0:
-        raise DataError(f'{file}: {where} = "{text}": {name} must be greater than zero')
+        if not value > 0.0:
+            raise ValueError(f"{name} must be greater than zero")
     return value

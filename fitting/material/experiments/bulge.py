@@ -184,13 +184,10 @@ def caps(tests: Sequence[BulgeTest]) -> SphericalCap:
 
 def bulge(reader: Reader) -> BulgeTest:
     """Readings of a clamped circular diaphragm: pressure over the apex's relative height."""
-    values, height = reader.column("pressure"), reader.column("height")
-    if values is None:
-        raise reader.need("the pressure", "pressure_kPa")
+    values = reader.needed("pressure", "the pressure", "pressure_kPa")
+    height = reader.column("height")
     if height is None:
-        height = reader.column("displacement")
-    if height is None:
-        raise reader.need("the apex height", "apex_height_mm")
+        height = reader.needed("displacement", "the apex height", "apex_height_mm")
     radius, thickness = reader.size("radius"), reader.size("thickness")
     if radius is None and (diameter := reader.size("diameter")) is not None:
         radius = 0.5 * diameter

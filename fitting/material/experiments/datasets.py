@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from fitting.column_units import unit_size
-from fitting.material.data.errors import DataError
+from fitting.material.data.errors import DataError, said_of
 from fitting.material.data.tables import read_table
 from fitting.material.experiments.bulge import bulge
 from fitting.material.experiments.measurements import PATHS, Dataset, joined, mode_named
@@ -52,10 +52,8 @@ def _stress_test(
 
 def one_parameter(reader: Reader) -> StressTest:
     """Readings of uniaxial, equibiaxial tension or pure shear: stress over one stretch."""
-    found = reader.stress()
-    if found is None:
-        raise reader.need("the stress", "nominal_stress_MPa", "cauchy_stress_kPa", "force_N")
-    values, measure = found
+    names = "nominal_stress_MPa", "cauchy_stress_kPa", "force_N"
+    values, measure = reader.needed_stress("the stress", *names)
     stretch = reader.stretch()
     factors = _measured(mode_factors(PATHS[reader.mode], stretch), stretch, measure)
     return _stress_test(reader, measure, factors, values)
@@ -130,19 +128,14 @@ def simple_shear(reader: Reader) -> StressTest:
         raise reader.need("the amount of shear", "shear_strain", "gamma", "shear_angle_deg")
     values = reader.column("nominal_shear")
     if values is None:
-        found = reader.stress()
-        if found is None:
-            raise reader.need("the shear stress", "shear_stress_kPa", "force_N")
-        values = found[0]
+        values, _ = reader.needed_stress("the shear stress", "shear_stress_kPa", "force_N")
     factors = np.stack(shear_factors(shear))
     return _stress_test(reader, "shear", factors, values, coordinate=shear)
 
 
 def balloon(reader: Reader) -> StressTest:
     """Readings of a spherical balloon: p = 2 (H/R) σ / λ³ of Cauchy stress σ."""
-    values = reader.column("pressure")
-    if values is None:
-        raise reader.need("the pressure", "pressure_kPa")
+    values = reader.needed("pressure", "the pressure", "pressure_kPa")
     radius = reader.column("radius")
     rest = reader.size("rest_radius")
     if any(key[0] in ("stretch", "strain") for key in reader.columns):
@@ -237,15 +230,11 @@ def stiffness_of(text: str) -> float:
 
     Raises DataError: it is none, or not positive.
     """
-    where = f'--machine-stiffness "{text}"'
     found = re.fullmatch(r"\s*([^\s]+)\s+([A-Za-z]+)\s*/\s*([A-Za-zµ]+)\s*", text)
-    try:
+    with said_of(f'--machine-stiffness "{text}"'):
         if found is None:
             raise ValueError('a force over a length is expected, such as "2 kN/mm"')
         force = parse_quantity(f"{found.group(1)} {found.group(2)}", "force")
-        length = unit_size(found.group(3), "length")
-    except ValueError as error:
-        raise DataError(f"{where}: {error}") from None
-    if not force > 0.0:
-        raise DataError(f"{where}: must be greater than zero")
-    return force / length
+        if not force > 0.0:
+            raise ValueError("must be greater than zero")
+        return force / unit_size(found.group(3), "length")

@@ -128,6 +128,13 @@ class NamedColumns:
                 return values * column.factor
         return None
 
+    def needed(self, quantity: str, what: str, *names: str) -> np.ndarray:
+        """As `column`; what is missing, and columns that would state it, are told."""
+        values = self.column(quantity)
+        if values is None:
+            raise self.need(what, *names)
+        return values
+
     def signed(self, quantity: str, direction: int) -> np.ndarray | None:
         """A column that is negative in compression, where the file counts that as positive."""
         values = self.column(quantity, direction)

@@ -138,9 +138,7 @@ def skin(reader: Reader, scene: SceneSpec) -> SkinTest:
             f"{reader.table.file}: --scene has no line load; the force of the curve needs a "
             f"[[load]] with angle and force"
         )
-    force = reader.column("force")
-    if force is None:
-        raise reader.need("the force", "force_N")
+    force = reader.needed("force", "the force", "force_N")
     return _test(SkinTest, reader, scene, force, "displacement")
 
 
@@ -157,14 +155,10 @@ def indentation(reader: Reader, scene: SceneSpec) -> IndentationTest:
         raise DataError(f'{file}: --scene: give its body a depth, such as depth = "2 mm"')
     travel = reader.column("depth")
     if travel is None:
-        travel = reader.column("displacement")
-    if travel is None:
-        raise reader.need("the travel", "travel_mm", "depth_mm")
+        travel = reader.needed("displacement", "the travel", "travel_mm", "depth_mm")
     if reader.machine_stiffness is not None:
-        force = reader.column("force")
-        if force is None:
-            raise reader.need("the force for --machine-stiffness", "force_N")
-        travel = travel - force / reader.machine_stiffness
+        what = "the force for --machine-stiffness"
+        travel = travel - reader.needed("force", what, "force_N") / reader.machine_stiffness
     off = travel <= 0.0
     if off.any():
         reader.warnings.append(f"{int(off.sum())} rows before first touch left out")

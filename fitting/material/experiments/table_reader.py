@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.material.data.errors import DataError
+from fitting.material.data.errors import DataError, said_of
 from fitting.material.data.header import given_sizes, stated_sizes
 from fitting.material.data.tables import Table
 from fitting.material.experiments import timing
@@ -177,6 +177,13 @@ class Reader(NamedColumns):
             return force / self.area(), "nominal"
         return None
 
+    def needed_stress(self, what: str, *names: str) -> tuple[np.ndarray, str]:
+        """As `stress`; what is missing, and columns that would state it, are told."""
+        found = self.stress()
+        if found is None:
+            raise self.need(what, *names)
+        return found
+
     def fields(self, values: np.ndarray, sigma: np.ndarray | None = None) -> dict[str, Any]:
         """What the readings of every kind of test share, one entry a row of the table.
 
@@ -277,10 +284,8 @@ class Reader(NamedColumns):
         text = self.stated_noise
         if text is None:
             return np.full(len(values), np.nan)
-        try:
+        with said_of(f'{self.table.file}: noise "{text}"'):
             sigma = noise_of(text, values, "stress")
-        except ValueError as error:
-            raise DataError(f'{self.table.file}: noise "{text}": {error}') from None
         if np.any(sigma < 0.0) or not np.any(sigma > 0.0):
             raise DataError(f'{self.table.file}: noise "{text}" must be greater than zero')
         return np.where(sigma > 0.0, sigma, np.max(sigma))

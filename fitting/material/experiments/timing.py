@@ -1,13 +1,12 @@
 """Times of a test's readings, and what is stated of its loading: rate, ramp, held strain."""
 
-import contextlib
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
 from fitting.material.data.columns import SECONDS
-from fitting.material.data.errors import DataError
+from fitting.material.data.errors import said_of
 from suas_jax.config.quantities import parse_quantity
 
 KEYS = ("strain", "stretch", "strain_rate", "ramp")
@@ -45,7 +44,7 @@ def held_stretch(metadata: Pairs, given: Pairs, file: str) -> float | None:
 
     for key, shift in (("stretch", 0.0), ("strain", 1.0)):
         if (text := stated(metadata, given, key)) is not None:
-            with _named(file, key, text):
+            with said_of(f'{file}: {key} = "{text}"'):
                 return stretch(text, shift)
     return None
 
@@ -58,7 +57,7 @@ def ramp_of(metadata: Pairs, given: Pairs, file: str) -> float:
     text = stated(metadata, given, "ramp")
     if text is None:
         return float("nan")
-    with _named(file, "ramp", text):
+    with said_of(f'{file}: ramp = "{text}"'):
         seconds = parse_quantity(text, "time")
         if seconds < 0.0:
             raise ValueError("must not be less than zero")
@@ -75,7 +74,7 @@ def times_by_rate(metadata: Pairs, given: Pairs, file: str, strain: np.ndarray) 
     if text is None:
         return np.full(len(strain), np.nan)
     found = _RATE.fullmatch(text.strip())
-    with _named(file, "strain_rate", text):
+    with said_of(f'{file}: strain_rate = "{text}"'):
         if found is None:
             raise ValueError('a rate of strain is expected, such as "0.1 1/s" or "5 %/min"')
         rate = float(found.group(1)) * (0.01 if found.group(2) == "%" else 1.0)
@@ -85,12 +84,3 @@ def times_by_rate(metadata: Pairs, given: Pairs, file: str, strain: np.ndarray) 
     way = np.abs(np.diff(strain, prepend=0.0))
     known = np.isfinite(way)
     return np.where(known, np.cumsum(np.where(known, way, 0.0)), np.nan) / rate
-
-
-@contextlib.contextmanager
-def _named(file: str, key: str, text: str) -> Iterator[None]:
-    """Errors of a value, with the file and the key that it stands under."""
-    try:
-        yield
-    except ValueError as error:
-        raise DataError(f'{file}: {key} = "{text}": {error}') from None

@@ -55,12 +55,9 @@ class VolumetricTest(StressTest):
 
 def volumetric(reader: Reader) -> VolumetricTest:
     """Readings of a volumetric test: pressure over volume ratio, strain or compression."""
-    values, found = reader.column("pressure"), None
+    values = reader.column("pressure")
     if values is None:
-        found = reader.stress()
-        if found is None:
-            raise reader.need("the pressure", "pressure_MPa", "force_N")
-        values = found[0]
+        values, _ = reader.needed_stress("the pressure", "pressure_MPa", "force_N")
         # That the piston's area does not change is understood.
         reader.warnings[:] = [
             text for text in reader.warnings if "taken as nominal" not in text

@@ -44,18 +44,9 @@ def minimise_in_box(
     reach = _AT_BOUND * np.maximum(np.abs(best), 1e-12)
     stuck = (best - low <= reach) | (high - best <= reach)
     names = tuple(name for name, at in zip(family.names, stuck, strict=True) if at)
-    return (
-        best,
-        Minima(
-            np.stack(
-                [np.asarray(residuals.unconstrained(jnp.asarray(run[0]))) for run in found]
-            ),
-            np.array([run[1] for run in found]),
-            np.array([run[2] <= CONVERGED for run in found]),
-            np.array([run[2] for run in found]),
-        ),
-        names,
-    )
+    theta = [np.asarray(residuals.unconstrained(jnp.asarray(run[0]))) for run in found]
+    cost, decrease = (np.array([run[i] for run in found]) for i in (1, 2))
+    return best, Minima(np.stack(theta), cost, decrease <= CONVERGED, decrease), names
 
 
 def _box(

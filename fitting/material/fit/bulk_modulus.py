@@ -161,7 +161,7 @@ def fit_bulk_modulus(
 class _Fitted:
     """Weighted least squares of one constant: r = K J - y over its scale."""
 
-    tests: Sequence[VolumetricTest]  # the data
+    tests: Sequence[VolumetricTest]
     slopes: list[np.ndarray]  # derivatives of the residuals by K, a test each
     measured: list[np.ndarray]  # readings over their scale, a test each
     value: float  # K
@@ -180,72 +180,59 @@ class _Fitted:
             measured = [test.value * inv for test, inv in zip(tests, inverses, strict=True)]
             J, y = np.concatenate(slopes), np.concatenate(measured)
             value = float(J @ y) / float(J @ J)
-            scales = [
-                np.maximum(np.abs(value * unit), test.floor)
-                for test, unit in zip(tests, units, strict=True)
-            ]
+            sizes = [value * unit for unit in units]
+            pairs = zip(tests, sizes, strict=True)
+            scales = [np.maximum(np.abs(size), test.floor) for test, size in pairs]
         models = tuple(
-            estimated_noise(test, value * unit - test.value, value * unit, inverse)
-            for test, unit, inverse in zip(tests, units, inverses, strict=True)
+            estimated_noise(test, size - test.value, size, inverse)
+            for test, size, inverse in zip(tests, sizes, inverses, strict=True)
         )
         excluded = any(model is not None and model.excludes_assumed for model in models)
-        deviations = []
-        for model, test, unit, inverse, slope, reading in zip(
-            models, tests, units, inverses, slopes, measured, strict=True
-        ):
+        deviations = [np.ones(test.size) for test in tests]
+        for i, (model, test) in enumerate(zip(models, tests, strict=True)):
             if model is not None and model.excludes_assumed:
-                sigma = model.deviation(value * unit) * inverse / np.sqrt(test.weight)
-                deviations.append(np.maximum(sigma, 1e-6 * np.max(sigma)))
-            else:
-                size = float(np.sqrt(np.mean((value * slope - reading) ** 2))) or 1.0
-                deviations.append(np.full(test.size, size if excluded else 1.0))
-        return cls(
-            tests, slopes, measured, value, Noise(models, np.concatenate(deviations), excluded)
-        )
+                sigma = model.deviation(sizes[i]) * inverses[i] / np.sqrt(test.weight)
+                deviations[i] = np.maximum(sigma, 1e-6 * np.max(sigma))
+            elif excluded:
+                r = value * slopes[i] - measured[i]
+                deviations[i] *= float(np.sqrt(np.mean(r**2))) or 1.0
+        noise = Noise(models, np.concatenate(deviations), excluded)
+        return cls(tests, slopes, measured, value, noise)
 
     @property
-    def residuals(self) -> list[np.ndarray]:
-        """Residuals of each test."""
-        return [self.value * J - y for J, y in zip(self.slopes, self.measured, strict=True)]
+    def whole(self) -> tuple[np.ndarray, np.ndarray, float]:
+        """Slopes and residuals of all tests, and the size of what was measured."""
+        J, y = np.concatenate(self.slopes), np.concatenate(self.measured)
+        return J, self.value * J - y, float(np.sqrt(np.mean(y**2)))
 
     @property
     def square(self) -> float:
-        """Sum of the squares of all residuals."""
-        return float(sum(r @ r for r in self.residuals))
+        return float(self.whole[1] @ self.whole[1])
 
     @property
     def dof(self) -> int:
         """Readings that say anything, less one."""
-        J, r = np.concatenate(self.slopes), np.concatenate(self.residuals)
+        J, r, _ = self.whole
         return int(np.sum((np.abs(J) > 1e-10 * np.max(np.abs(J))) | (r != 0.0))) - 1
-
-    def ratios(self, *, known_noise: bool) -> list[np.ndarray]:
-        """Standard deviation of each residual up to a factor, a test each."""
-        whole = np.ones_like(self.noise.ratio) if known_noise else self.noise.ratio
-        return np.split(whole, np.cumsum([test.size for test in self.tests])[:-1])
 
     def error(self, *, known_noise: bool) -> float:
         """Standard error of K [Pa] under the noise as it is, without inflation."""
-        J, r = np.concatenate(self.slopes), np.concatenate(self.residuals)
-        ratio = np.concatenate(self.ratios(known_noise=known_noise))
-        size = float(np.sqrt(np.mean(np.concatenate(self.measured) ** 2)))
+        J, r, size = self.whole
+        ratio = np.ones(len(J)) if known_noise else self.noise.ratio
         scatter = 1.0
         if not known_noise:
-            scatter = (
-                float(np.sqrt(np.sum((r / ratio) ** 2) / self.dof)) if self.dof > 0 else size
-            )
+            square = float(np.sum((r / ratio) ** 2))
+            scatter = float(np.sqrt(square / self.dof)) if self.dof > 0 else size
             scatter = max(scatter, SMALLEST_NOISE * size / float(np.mean(ratio)))
         return scatter * float(np.linalg.norm(J * ratio)) / float(J @ J)
 
     def judged(self, *, known_noise: bool) -> Misfit:
         """Whether the residuals are more than noise."""
-        paths, smooth = [], []
-        ratios = self.ratios(known_noise=known_noise)
-        for test, r, J, ratio in zip(
-            self.tests, self.residuals, self.slopes, ratios, strict=True
-        ):
-            for order in test.paths():
-                paths.append(r[order] / ratio[order])
-                smooth.append((paths[-1], J[order] / ratio[order]))
-        size = float(np.sqrt(np.mean(np.concatenate(self.measured) ** 2)))
+        J, r, size = self.whole
+        ratio = np.ones(len(J)) if known_noise else self.noise.ratio
+        places = np.split(np.arange(len(J)), np.cumsum([test.size for test in self.tests])[:-1])
+        pairs = zip(self.tests, places, strict=True)
+        orders = [place[order] for test, place in pairs for order in test.paths()]
+        paths = [(r / ratio)[order] for order in orders]
+        smooth = [(path, (J / ratio)[order]) for path, order in zip(paths, orders, strict=True)]
         return misfit(paths, 1, known_noise=known_noise, exact=1e-4 * size, smooth=smooth)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -161,15 +162,12 @@ def _aicc(fit: MaterialFit, effective: float) -> float:
     """AICc with a number of independent readings; infinite if they are too few."""
     count = float(fit.problem.residuals.used.sum())
     known = fit.problem.kind in ("noise", "estimated")
-    k = fit.family.size + (not known)
     square = 2.0 * fit.cost
-    deviance = (
-        square * effective / count
-        if known
-        else effective * float(np.log(max(square, 1e-300) / count))
-    )
+    deviance = square / count if known else float(np.log(max(square, 1e-300) / count))
+    k = fit.family.size + (not known)
     spare = effective - k - 1
-    return deviance + 2.0 * k + (2.0 * k * (k + 1) / spare if spare > 0 else np.inf)
+    rest = 2.0 * k * (k + 1) / spare if spare > 0 else np.inf
+    return effective * deviance + 2.0 * k + rest
 
 
 def compare_laws(
@@ -214,14 +212,12 @@ def compare_laws(
         reasons = (f"{title}: {reason}" for title, reason in failed.items())
         raise NoFit("no law could be fitted: " + "; ".join(reasons))
     comparison = dataclasses.replace(ranked(fits, failed), up_to=up_to)
-    refused: dict[str, str] = {}
-    while refuses is not None and len(refused) < len(fits):
+    while refuses is not None and comparison.best.family.title not in comparison.refused:
         best = comparison.best
-        reason = "" if best.family.title in refused else refuses(best)
-        if not reason:
+        if not (reason := refuses(best)):
             break
-        refused[best.family.title] = reason
-        comparison = dataclasses.replace(comparison, refused=dict(refused))
+        refused = {**comparison.refused, best.family.title: reason}
+        comparison = dataclasses.replace(comparison, refused=refused)
     return comparison
 
 
@@ -293,12 +289,10 @@ def undetermined_term(fit: MaterialFit) -> str:
         if not error < _UNKNOWN_SHARE * share:
             return f"the share {share:.2g} of the term of {time:.3g} s is not determined"
         if not shortest / _BEYOND < time < longest * _BEYOND:
-            return (
-                f"a term of {time:.3g} s lies outside of the times measured, {shortest:.3g} to "
-                f"{longest:.3g} s"
-            )
-    near = np.flatnonzero(np.diff(np.log(np.sort(tau))) < np.log(_APART))
-    if near.size:
-        close = np.sort(tau)[near[0] : near[0] + 2]
-        return f"terms of {close[0]:.3g} and {close[1]:.3g} s are one"
+            measured = f"{shortest:.3g} to {longest:.3g} s"
+            return f"a term of {time:.3g} s lies outside of the times measured, {measured}"
+    tau = np.sort(tau)
+    for first, second in itertools.pairwise(tau):
+        if np.log(second) - np.log(first) < np.log(_APART):
+            return f"terms of {first:.3g} and {second:.3g} s are one"
     return ""

@@ -58,6 +58,5 @@ def constants_root(
     repeats = 0.0 if "pure_shear" in belief.measured else belief.repeats
     factor = max(off["pure_shear"] ** 2 - told**2 - repeats**2, 0.0)
     factor = np.sqrt(factor + max(scatter, repeats) ** 2)
-    units = fit.family.units[: fit.family.law_size]
-    stresses = np.array([unit == "Pa" for unit in units] + [False] * (count - len(units)))
+    stresses = fit.family.stresses[:count] & (np.arange(count) < fit.family.law_size)
     return np.column_stack([own, np.where(stresses, factor * constants, 0.0)])

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -21,7 +21,7 @@ from fitting.material.fit.noise import (
     with_noise,
 )
 from fitting.material.fit.preparation import prepared, refuse_what_forgets, window_of
-from fitting.material.fit.problem import MaterialProblem, pose, readings
+from fitting.material.fit.problem import MaterialProblem, pose, predicted_readings
 from fitting.material.fit.result import MaterialFit
 from fitting.material.fit.search import (
     NoFit,
@@ -42,7 +42,7 @@ from fitting.material.laws.blocks import ExtendedFamily, Relaxation, Softening
 from fitting.material.laws.parameters import AbstractFamily
 from fitting.material.laws.registry import family
 from fitting.statistics.identifiability import uncertainty
-from fitting.statistics.least_squares import Minima, minimise
+from fitting.statistics.least_squares import minimise
 from suas_jax.runtime.precision import require_float64
 
 _STARTS_IN_BOX = 5
@@ -53,6 +53,15 @@ _THIN, _THIN_HISTORY = 500, 10_000
 # Shares of the largest stress at which a toe may end.
 _TOES = (0.05, 0.1, 0.2, 0.3, 0.4)
 _FEWEST_BEHIND_TOE, _CLEAR = 12, 5.0
+# Zeros that are found with the law, of which one takes care of an artefact.
+_MENDS = {"slack": ("slack", "force"), "toe": ("slack",), "force offset": ("force", "slack")}
+
+
+class _Settings(NamedTuple):
+    residual: str
+    starts: int
+    seed: int
+    zero: tuple[str, ...]  # what is found with the law
 
 
 def fit_material(
@@ -71,7 +80,6 @@ def fit_material(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     prony: int = 0,
     mullins: bool = False,
-    remarks: Sequence[str] = (),
     doubt: bool = True,
 ) -> MaterialFit:
     """Find the constants of a law that follow test data best.
@@ -92,7 +100,6 @@ def fit_material(
         bounds: hard bounds by constant, SI units, such as {"alpha.0": (1, 3)}.
         prony: number of Prony terms of a law whose stress relaxes; zero for an elastic one.
         mullins: whether the stress softens below the largest load before.
-        remarks: warnings to carry into the report.
         doubt: look for artefacts that explain a misfit, and for the end of a toe.
 
     Raises:
@@ -109,12 +116,7 @@ def fit_material(
     unknown = [kind for kind in zero if kind not in ZERO_KINDS]
     if unknown:
         raise ValueError(f"--zero {unknown[0]}: unknown; allowed: {', '.join(ZERO_KINDS)}")
-    settings = {
-        "residual": residual,
-        "starts": starts,
-        "seed": seed,
-        "zero": tuple(dict.fromkeys(zero)),
-    }
+    settings = _Settings(residual, starts, seed, tuple(dict.fromkeys(zero)))
     remembers = prony > 0 or mullins
     if thin is None:
         thin = _THIN_HISTORY if remembers else _THIN
@@ -127,14 +129,14 @@ def fit_material(
         window = window_of(used, prony)
         series = (Relaxation(prony, window),) if prony else ()
         chosen = ExtendedFamily(chosen, (*series, *((Softening(),) if mullins else ())))
-    fit = _fitted(used, chosen, bounds, [*remarks, *notes], suspects, settings, doubt=doubt)
+    fit = _fitted(used, chosen, bounds, notes, suspects, settings, doubt=doubt)
     refuse_without_stiffness(fit.sets, fit.family, fit.constants)
     if not (doubt and "slack" in zero and fit.misfit.significant):
         return fit
     gone = False
     for share in _TOES:
         rest = [without_toe(data, share) for data in used]
-        shorter = _fitted(rest, chosen, bounds, [*remarks, *notes], suspects, settings)
+        shorter = _fitted(rest, chosen, bounds, notes, suspects, settings)
         # A toe fades; what is left of it where it can no longer be seen still pulls.
         if gone or (share == _TOES[-1] and not shorter.misfit.significant):
             refuse_without_stiffness(shorter.sets, shorter.family, shorter.constants)
@@ -150,17 +152,15 @@ def _fitted(
     bounds: Mapping[str, tuple[float, float]] | None,
     notes: list[str],
     suspects: list[Suspect],
-    settings: dict[str, Any],
+    settings: _Settings,
     *,
     doubt: bool = False,
 ) -> MaterialFit:
     """The fit of prepared data, and what explains its misfit."""
-    residual, starts, seed, zero = (
-        settings[key] for key in ("residual", "starts", "seed", "zero")
-    )
-    notes, suspects = [*notes], [*suspects]
-    suspects = [s for s in suspects if not _is_mended(s, zero)]
-    zeros = zeros_of(used, tuple(dict.fromkeys(zero))) if zero else ()
+    residual, starts, seed, zero = settings
+    notes = [*notes]
+    suspects = [s for s in suspects if not any(k in zero for k in _MENDS.get(s.kind, ()))]
+    zeros = zeros_of(used, zero) if zero else ()
     wider = with_zeros(chosen, used, zeros) if zeros else chosen
     problem, minima, used = weighed_search(used, wider, residual, starts, seed, zeros)
     specimens = None
@@ -188,31 +188,39 @@ def _fitted(
         others = wider.random(np.random.default_rng(seed + 1), _STARTS_IN_BOX)
         if any(data.mode == "bulge" for data in used):
             others = minima.theta[1:2]  # membranes are expensive
-        constants, minima, at_bounds = _bounded(problem, constants, others, bounds)
+        constants, minima, at_bounds = minimise_in_box(
+            problem.residuals, wider, constants, others, bounds
+        )
+        if not np.isfinite(minima.cost[0]):
+            raise NoFit(
+                f"{wider.title}: --bound leaves no constants with finite stresses for all "
+                f"readings; widen the bounds, or choose another law"
+            )
         if at_bounds:
             notes.append(f"at a bound, and held there in all intervals: {', '.join(at_bounds)}")
-    known_noise = residual == "noise"
+    known = residual == "noise"
     noise = noise_of(used, problem, constants)
-    judged_misfit = judged_residuals(used, problem, constants, noise, known_noise=known_noise)
-    if noise.excluded and not known_noise:
+    misfit = judged_residuals(used, problem, constants, noise, known_noise=known)
+    ratio = noise.ratio if noise.excluded and not known else None
+    if ratio is not None:
         notes.append(noise_remark(used, noise, residual))
     judged = uncertainty(
         problem.residuals,
         constants,
-        known_noise=known_noise,
-        inflation=judged_misfit.inflation,
+        known_noise=known,
+        inflation=misfit.inflation,
         held=at_bounds,
-        noise_ratio=noise.ratio if noise.excluded and not known_noise else None,
+        noise_ratio=ratio,
     )
     if specimens is not None and specimens.differ:
-        stresses = np.array([unit == "Pa" for unit in wider.units])
-        judged = judged.with_error(np.where(stresses, constants, 0.0) * specimens.mean_error)
+        stresses = np.where(wider.stresses, constants, 0.0)
+        judged = judged.with_error(stresses * specimens.mean_error)
         notes.append(
             f"the specimens differ by {100.0 * specimens.scatter.deviation:.2g} % in stiffness "
             f"beyond their noise; the constants are those of the typical one"
         )
     named = {suspect.kind for suspect in suspects}
-    if doubt and judged_misfit.significant and named <= _ZEROS and not bounds:
+    if doubt and misfit.significant and named <= _ZEROS and not bounds:
         explaining = _explaining(used, problem, constants, noise)
         suspects += [suspect for suspect in explaining if suspect.kind not in named]
         if not suspects and not zero:
@@ -225,7 +233,7 @@ def _fitted(
         judged,
         specimens,
         minima,
-        judged_misfit,
+        misfit,
         starts,
         tuple(notes),
         at_bounds,
@@ -233,33 +241,6 @@ def _fitted(
         tuple(suspects),
         dict(bounds or {}),
     )
-
-
-def _bounded(
-    problem: MaterialProblem,
-    constants: np.ndarray,
-    others: np.ndarray,
-    bounds: Mapping[str, tuple[float, float]],
-) -> tuple[np.ndarray, Minima, tuple[str, ...]]:
-    """The minimum inside hard bounds; see `minimise_in_box`."""
-    family = problem.residuals.family
-    found = minimise_in_box(problem.residuals, family, constants, others, bounds)
-    if not np.isfinite(found[1].cost[0]):
-        raise NoFit(
-            f"{family.title}: --bound leaves no constants with finite stresses for all "
-            f"readings; widen the bounds, or choose another law"
-        )
-    return found
-
-
-def _is_mended(suspect: Suspect, zero: Sequence[str]) -> bool:
-    """Whether the zeros that are found with the law take care of an artefact."""
-    mends = {
-        "slack": ("slack", "force"),
-        "toe": ("slack",),
-        "force offset": ("force", "slack"),
-    }
-    return any(kind in zero for kind in mends.get(suspect.kind, ()))
 
 
 def _explaining(
@@ -270,9 +251,7 @@ def _explaining(
         return []
     if problem.kind != "noise" and all(model is not None for model in noise.models):
         # What is weighed by another noise shows other patterns than the artefact's.
-        predicted, _ = readings(problem.residuals, jnp.asarray(constants))
-        sizes = [np.asarray(predicted)[place] for place in problem.places]
-        sets = with_noise(sets, noise, sizes)
+        sets = with_noise(sets, noise, predicted_readings(problem, constants))
         posed = pose(sets, problem.residuals.family, "noise")
         problem = dataclasses.replace(posed, kind="estimated")
 
@@ -290,9 +269,7 @@ def _explaining(
     return fit_suspects(sets, problem, constants, is_noise, refit)
 
 
-def _toe(
-    sets: Sequence[Dataset], chosen: AbstractFamily, settings: dict[str, Any]
-) -> list[Suspect]:
+def _toe(sets: Sequence[Dataset], chosen: AbstractFamily, settings: _Settings) -> list[Suspect]:
     """A toe, if the law follows what is left without it, with the slack found."""
     if len(sets) > 1 or not can_be_freed(sets[0]):
         return []
@@ -301,7 +278,7 @@ def _toe(
         rest = without_toe(data, share)
         if rest.size < _FEWEST_BEHIND_TOE:
             break
-        found = _fitted([rest], chosen, None, [], [], {**settings, "zero": ("slack",)})
+        found = _fitted([rest], chosen, None, [], [], settings._replace(zero=("slack",)))
         slack, error = found.constants[chosen.size], found.uncertainty.standard_errors[-1]
         if slack < _CLEAR * error:
             continue

@@ -136,29 +136,24 @@ def _ends(
         for side in (-1.0, 1.0)
     ]
     values = np.array([end.value for end in found])
-    is_open = np.array([end.is_open for end in found])
     middle = np.log(abs(value)) if logarithmic else value
     failed = np.isnan(values) | (np.abs(values - middle) < _NONE * step)
+    is_open = np.array([end.is_open for end in found]) & ~failed
     step = min(step, farthest)
     values = np.where(failed, middle + np.array([-step, step]), values)
-    is_open &= ~failed
-    if logarithmic:
-        with np.errstate(over="ignore"):
-            sizes = np.exp(values)
-        far = np.abs(values - np.log(abs(value))) > 0.9 * _FOLDS
-        sizes = np.where(is_open & far, [0.0, np.inf], sizes)
-        values = np.sign(value) * sizes
-        if value < 0.0:
-            values, is_open = values[::-1], is_open[::-1]
-    else:
-        values = np.where(is_open, [-np.inf, np.inf], values)
-    return values, is_open
+    if not logarithmic:
+        return np.where(is_open, [-np.inf, np.inf], values), is_open
+    with np.errstate(over="ignore"):
+        sizes = np.exp(values)
+    sizes = np.where(is_open & (np.abs(values - middle) > 0.9 * _FOLDS), [0.0, np.inf], sizes)
+    if value < 0.0:
+        return -sizes[::-1], is_open[::-1]
+    return sizes, is_open
 
 
 def _search(problem: MaterialProblem, constants: np.ndarray) -> _Search:
-    residuals = problem.residuals
+    residuals, used = problem.residuals, problem.residuals.used
     theta = np.asarray(residuals.unconstrained(jnp.asarray(constants)))
-    used = residuals.used
 
     @functools.lru_cache(maxsize=4)
     def mapped(key: bytes) -> tuple[np.ndarray, np.ndarray]:
@@ -176,27 +171,26 @@ def _constant(search: _Search, i: int, *, logarithmic: bool) -> Quantity:
     def quantity(x: np.ndarray) -> tuple[float, np.ndarray]:
         c, slope = search.mapped(x)
         value, gradient = float(c[i]), slope[i]
-        if not logarithmic:
-            return value, gradient
-        if value == 0.0:
-            return -np.inf, gradient * np.nan
-        return float(np.log(abs(value))), gradient / value
+        return _logarithm(abs(value), gradient, value) if logarithmic else (value, gradient)
 
     return quantity
 
 
 def _shear_modulus(search: _Search) -> Quantity:
-    family = search.problem.residuals.family
-
     def quantity(x: np.ndarray) -> tuple[float, np.ndarray]:
         c, slope = search.mapped(x)
-        found, by_constant = modulus_and_slope(family, jnp.asarray(c))
-        value, gradient = float(found), np.asarray(by_constant) @ slope
-        if not value > 0.0:
-            return -np.inf, gradient * np.nan
-        return float(np.log(value)), gradient / value
+        found, by_constant = modulus_and_slope(search.problem.residuals.family, jnp.asarray(c))
+        value = float(found)
+        return _logarithm(value, np.asarray(by_constant) @ slope, value)
 
     return quantity
+
+
+def _logarithm(size: float, gradient: np.ndarray, value: float) -> tuple[float, np.ndarray]:
+    """Logarithm of a quantity's size, and its gradient from the quantity's."""
+    if not size > 0.0:
+        return -np.inf, gradient * np.nan
+    return float(np.log(size)), gradient / value
 
 
 @eqx.filter_jit

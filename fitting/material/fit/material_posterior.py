@@ -30,6 +30,7 @@ from fitting.statistics.residuals import sensitivity
 _NOISE = (1e-6, 10.0)
 _PRIOR_DOMINATED = 0.5
 _QUANTILES = (2.5, 16.0, 50.0, 84.0, 97.5)
+_ENDS = ("low95", "low68", "median", "high68", "high95")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,11 +74,7 @@ class MaterialPosterior:
         report: dict[str, Any] = {
             **constants_report(constants, family.names, _QUANTILES, family.tree),
             "shear_modulus_Pa": dict(
-                zip(
-                    ("low95", "low68", "median", "high68", "high95"),
-                    np.percentile(moduli, _QUANTILES).tolist(),
-                    strict=True,
-                )
+                zip(_ENDS, np.percentile(moduli, _QUANTILES).tolist(), strict=True)
             ),
             "priors": self.priors,
             "prior_dominated": [
@@ -98,7 +95,8 @@ class MaterialPosterior:
                 "68": spread[[1, 3]].tolist(),
                 "95": spread[[0, 4]].tolist(),
             }
-        points = sum(_equilibria(test) for test in self.fit.problem.residuals.experiments)
+        tests = self.fit.problem.residuals.experiments
+        points = sum(int(getattr(test, "equilibria", 0)) for test in tests)
         if points:
             report["equilibria_per_s"] = points * report["evaluations_per_s"]
         return report
@@ -128,10 +126,6 @@ class MaterialPosterior:
             "standard_deviations": family.tree(np.sqrt(np.diagonal(covariance)).tolist()),
             "covariance": covariance.tolist(),
         }
-
-
-def _equilibria(test: Any) -> int:
-    return int(getattr(test, "equilibria", 0))
 
 
 def sample_material(

@@ -42,8 +42,8 @@ class Noise:
 def noise_of(sets: Sequence[Dataset], problem: MaterialProblem, constants: np.ndarray) -> Noise:
     """Estimate the noise of each data set from the residuals of a fit."""
     residuals = problem.residuals
-    r, _ = sensitivity(residuals, jnp.asarray(constants))
-    error = np.asarray(residuals.misfit(r))
+    r = np.asarray(sensitivity(residuals, jnp.asarray(constants))[0])
+    error = np.asarray(residuals.misfit(jnp.asarray(r)))
     predicted = np.asarray(residuals.value) + error
     inverse = np.asarray(residuals.inverse_scale)
     models: list[NoiseModel | None] = []
@@ -55,11 +55,12 @@ def noise_of(sets: Sequence[Dataset], problem: MaterialProblem, constants: np.nd
             # Of a mean of several readings, which count as often, it is that of one of them.
             sigma = model.deviation(predicted[place]) * inverse[place] / np.sqrt(data.weight)
             ratio[place] = np.maximum(sigma, 1e-6 * np.max(sigma))
-    excluded = any(model is not None and model.excludes_assumed for model in models)
-    if excluded:
+    excluded = [model is not None and model.excludes_assumed for model in models]
+    for own, place in zip(excluded, problem.places, strict=True):
         # Residuals of all data sets share one factor, that of the assumed noise elsewhere.
-        ratio = _common(ratio, np.asarray(r), models, problem)
-    return Noise(tuple(models), ratio, excluded)
+        if any(excluded) and not own:
+            ratio[place] *= float(np.sqrt(np.mean(r[place] ** 2))) or 1.0
+    return Noise(tuple(models), ratio, any(excluded))
 
 
 def with_noise(sets: Sequence[Dataset], noise: Noise, sizes: list[np.ndarray]) -> list[Dataset]:
@@ -89,53 +90,31 @@ def estimated_noise(
     `error`: predicted less measured readings, shape [n]. `predicted`: readings, shape [n].
     `inverse`: of the scale of each residual, shape [n].
     """
-    if not data.is_curve or np.any(inverse <= 0.0):
+    if not data.is_curve or np.any(inverse <= 0.0) or len(data.paths()) != 1:
         return None
-    paths = data.paths()
-    if len(paths) != 1:
-        return None
-    (order,) = paths
-    along = data.order[order]
+    (order,) = data.paths()
     weight = data.weight[order]
     # A reading of weight w is as good as w readings.
     assumed = 1.0 / (inverse[order] / np.sqrt(weight))
-    return estimate_noise(error[order], predicted[order], assumed, along, weight)
-
-
-def _common(
-    ratio: np.ndarray,
-    r: np.ndarray,
-    models: Sequence[NoiseModel | None],
-    problem: MaterialProblem,
-) -> np.ndarray:
-    """Ratios of all data sets, such that residuals over them have about one size."""
-    found = ratio.copy()
-    for model, place in zip(models, problem.places, strict=True):
-        if model is None or not model.excludes_assumed:
-            size = float(np.sqrt(np.mean(r[place] ** 2)))
-        else:
-            size = 1.0
-        found[place] *= size if size > 0.0 else 1.0
-    return found
+    return estimate_noise(error[order], predicted[order], assumed, data.order[order], weight)
 
 
 def noise_remark(sets: Sequence[Dataset], noise: Noise, residual: str) -> str:
     """What a report says where the data exclude the noise that was assumed."""
-    parts = [
-        f"{data.file}: {_in_words(model)}"
-        for data, model in zip(sets, noise.models, strict=True)
-        if model is not None and model.excludes_assumed
-    ]
+    parts = []
+    for data, model in zip(sets, noise.models, strict=True):
+        if model is not None and model.excludes_assumed:
+            relative, absolute = (
+                f"{100.0 * model.relative:.2g} %",
+                f"{model.absolute / 1e6:.2g} MPa",
+            )
+            both = {"relative": relative, "absolute": absolute}
+            size = both.get(model.kind, f"{relative} and {absolute}")
+            parts.append(f"{data.file}: {size} ({model.kind})")
     return (
         f"the noise is not {residual}: {'; '.join(parts)}; intervals allow for it, and "
         f"--residual estimated weighs the readings by it"
     )
-
-
-def _in_words(model: NoiseModel) -> str:
-    relative, absolute = f"{100.0 * model.relative:.2g} %", f"{model.absolute / 1e6:.2g} MPa"
-    kinds = {"relative": relative, "absolute": absolute, "both": f"{relative} and {absolute}"}
-    return f"{kinds[model.kind]} ({model.kind})"
 
 
 def judged_residuals(
@@ -146,66 +125,38 @@ def judged_residuals(
     *,
     known_noise: bool,
 ) -> Misfit:
-    """Whether the residuals of a fit are more than noise of the model that fits it."""
-    ratio = noise.ratio if noise.excluded and not known_noise else None
-    shape, smooth = _residual_paths(sets, problem, constants, ratio)
-    typical = float(np.sqrt(np.mean(np.asarray(_weighed_readings(problem)) ** 2)))
-    return misfit(
-        shape, len(constants), known_noise=known_noise, exact=1e-4 * typical, smooth=smooth
-    )
+    """Whether the residuals of a fit are more than noise of the model that fits it.
 
-
-def _residual_paths(
-    sets: Sequence[Dataset],
-    problem: MaterialProblem,
-    constants: np.ndarray,
-    ratio: np.ndarray | None = None,
-) -> tuple[list[np.ndarray], list[tuple[np.ndarray, np.ndarray]]]:
-    """Residuals of each test in the order in which it deforms.
-
-    Returns them, and of tests that are one curve also residuals and derivatives on a scale that
-    changes smoothly along it: where the scale is a share of the reading, noise and all, the
-    same share of the prediction. Where the noise is not what the fit assumed, both are those of
-    a step that weighs by the noise as it is.
+    They are judged along each test as it deforms; of tests that are one curve also on a scale
+    that changes smoothly along it: where the scale is a share of the reading, noise and all,
+    the same share of the prediction. Where the noise is not what the fit assumed, they are
+    those of a step that weighs by the noise as it is.
     """
     residuals = problem.residuals
     r, J = (np.asarray(x) for x in sensitivity(residuals, jnp.asarray(constants)))
-    if ratio is not None:
-        return _paths_under_noise(sets, problem, r / ratio, J / ratio[:, None])
-    size = np.abs(np.asarray(residuals.value))
-    predicted = np.abs(np.asarray(residuals.value + residuals.misfit(jnp.asarray(r))))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        factor = np.nan_to_num(np.clip(size / predicted, 0.5, 2.0), nan=1.0)
-    share = size * np.asarray(residuals.inverse_scale)
+    weight = np.ones(len(r))
+    if noise.excluded and not known_noise:
+        r, J = r / noise.ratio, J / noise.ratio[:, None]
+        sizes = np.linalg.norm(J, axis=0)
+        u, s, _ = np.linalg.svd(J[:, sizes > 0.0] / sizes[sizes > 0.0], full_matrices=False)
+        u = u[:, s > 1e-10 * s[0]]
+        r = r - u @ (u.T @ r)
+    else:
+        size = np.abs(np.asarray(residuals.value))
+        predicted = np.abs(np.asarray(residuals.value + residuals.misfit(jnp.asarray(r))))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            factor = np.nan_to_num(np.clip(size / predicted, 0.5, 2.0), nan=1.0)
+        share = size * np.asarray(residuals.inverse_scale)
     paths, smooth = [], []
     for data, place in zip(sets, problem.places, strict=True):
-        for path in data.paths():
-            order = place[path]
+        for order in (place[path] for path in data.paths()):
             paths.append(r[order])
-            if data.is_curve:
+            if not (noise.excluded and not known_noise):
                 alike = np.isclose(share[order], np.median(share[order]), rtol=1e-6)
-                w = np.where(alike & (alike.mean() > 0.5), factor[order], 1.0)
-                smooth.append((w * r[order], w[:, None] * J[order]))
-    return paths, smooth
-
-
-def _paths_under_noise(
-    sets: Sequence[Dataset], problem: MaterialProblem, r: np.ndarray, J: np.ndarray
-) -> tuple[list[np.ndarray], list[tuple[np.ndarray, np.ndarray]]]:
-    sizes = np.linalg.norm(J, axis=0)
-    columns = J[:, sizes > 0.0] / sizes[sizes > 0.0]
-    u, s, _ = np.linalg.svd(columns, full_matrices=False)
-    u = u[:, s > 1e-10 * s[0]]
-    r = r - u @ (u.T @ r)
-    paths, smooth = [], []
-    for data, place in zip(sets, problem.places, strict=True):
-        for path in data.paths():
-            paths.append(r[place[path]])
+                alike &= alike.mean() > 0.5
+                weight[order] = np.where(alike, factor[order], 1.0)
             if data.is_curve:
-                smooth.append((r[place[path]], J[place[path]]))
-    return paths, smooth
-
-
-def _weighed_readings(problem: MaterialProblem) -> np.ndarray:
-    residuals = problem.residuals
-    return np.asarray(residuals.value * residuals.inverse_scale)[residuals.used]
+                smooth.append((weight[order] * r[order], weight[order][:, None] * J[order]))
+    weighed = np.asarray(residuals.value * residuals.inverse_scale)[residuals.used]
+    exact = 1e-4 * float(np.sqrt(np.mean(weighed**2)))
+    return misfit(paths, len(constants), known_noise=known_noise, exact=exact, smooth=smooth)

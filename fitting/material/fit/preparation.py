@@ -35,42 +35,32 @@ def prepared(
     Raises ValueError: branch or cycle are not allowed, or a test says nothing.
     """
     used, notes, suspects = [], [], []
+
+    def told(before: Dataset, after: Dataset, what: str) -> Dataset:
+        if count := before.size - after.size:
+            notes.append(f"{before.file}: {count} readings {what} left out")
+        return after
+
     for data in sets:
-        kept = _on_branch(in_cycle(data, cycle), branch or "all")
-        if kept.size < data.size and cycle != "all":
-            notes.append(
-                f"{data.file}: {data.size - kept.size} readings outside of the {cycle} cycle's "
-                f"loading left out"
-            )
-        elif kept.size < data.size:
-            notes.append(
-                f"{data.file}: {data.size - kept.size} readings of unloading branches left out"
-            )
+        what = "of unloading branches"
+        if cycle != "all":
+            what = f"outside of the {cycle} cycle's loading"
+        kept = told(data, _on_branch(in_cycle(data, cycle), branch or "all"), what)
         if cut_break:
-            whole = before_break(kept)
-            if whole.size < kept.size:
-                notes.append(
-                    f"{data.file}: {kept.size - whole.size} readings after the break left out"
-                )
-            kept = whole
+            kept = told(kept, before_break(kept), "after the break")
         if "slack" in zero:
-            taut = without_toe(kept)
-            if taut.size < kept.size:
-                notes.append(
-                    f"{data.file}: {kept.size - taut.size} readings of the toe, before the "
-                    f"curve is steepest, left out"
-                )
-            kept = taut
+            what = "of the toe, before the curve is steepest,"
+            kept = told(kept, without_toe(kept), what)
         if remembers:
             kept = with_history(kept)
         refuse_without_information(kept)
         notes += warnings_of(kept)
         suspects += curve_suspects(kept)
-        few = (
-            thinned_history(kept, thin)
-            if isinstance(kept, HistoryTest)
-            else thinned(kept, thin)
-        )
+        few: Dataset
+        if isinstance(kept, HistoryTest):
+            few = thinned_history(kept, thin)
+        else:
+            few = thinned(kept, thin)
         if few.size < kept.size:
             notes.append(
                 f"{data.file}: {kept.size} readings are fitted as {few.size} means of runs; "

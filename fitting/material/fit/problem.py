@@ -127,6 +127,12 @@ def readings(residuals: Residuals, constants: Float[Array, " p"]) -> tuple[Array
     return residuals.value + residuals.misfit(r), r
 
 
+def predicted_readings(problem: "MaterialProblem", constants: np.ndarray) -> list[np.ndarray]:
+    """Predicted readings of each data set, SI units."""
+    predicted, _ = readings(problem.residuals, jnp.asarray(constants))
+    return [np.asarray(predicted)[place] for place in problem.places]
+
+
 def shared_error(error: np.ndarray) -> np.ndarray:
     """A shared error as `Residuals.shared` holds it.
 
@@ -175,21 +181,18 @@ def pose(
         raise ValueError(f"--residual {kind}: unknown; allowed: {', '.join(KINDS)}")
     if not sets:
         raise ValueError("no data: give at least one --data mode=file.csv")
-    if kind == "noise":
-        for data in sets:
-            if np.isnan(data.sigma).any():
-                raise ValueError(
-                    f"{data.file}: --residual noise needs the noise: add a column such as "
-                    f'"sigma_MPa", a line "# sigma: 5 kPa", or --noise "2 %"'
-                )
+    unknown = (data.file for data in sets if kind == "noise" and np.isnan(data.sigma).any())
+    if (file := next(unknown, None)) is not None:
+        raise ValueError(
+            f"{file}: --residual noise needs the noise: add a column such as "
+            f'"sigma_MPa", a line "# sigma: 5 kPa", or --noise "2 %"'
+        )
     groups: list[tuple[Predictor, list[int]]] = []
     freed = [i for i, data in enumerate(sets) if zeros and can_be_freed(data)]
     if freed:
         groups.append((lambda tests: free_zeros(tests, freed, zeros), freed))
-    for i, data in enumerate(sets):
-        if i in freed:
-            continue
-        predictor = data.predictor(estimate=estimate)
+    for i in (i for i in range(len(sets)) if i not in freed):
+        predictor = sets[i].predictor(estimate=estimate)
         members = next((own for other, own in groups if other == predictor), None)
         if members is None:
             groups.append((predictor, [i]))

@@ -15,7 +15,12 @@ from fitting.material.experiments.free_zero import Zero
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.corrected_model import minimise_corrected
 from fitting.material.fit.noise import noise_of, with_noise
-from fitting.material.fit.problem import MaterialProblem, Residuals, pose, readings
+from fitting.material.fit.problem import (
+    MaterialProblem,
+    Residuals,
+    pose,
+    predicted_readings,
+)
 from fitting.material.fit.specimens import Specimens, of_typical_specimen, specimens_of
 from fitting.material.laws.blocks import (
     ExtendedFamily,
@@ -51,22 +56,20 @@ class NoFit(ArithmeticError):  # noqa: N818
 def refuse_without_stiffness(
     sets: Sequence[Dataset], family: AbstractFamily, constants: np.ndarray
 ) -> None:
-    """Refuse constants of a law that has no stiffness at rest.
+    """Refuse constants [SI] that follow the data best, of a law without stiffness at rest.
 
-    `constants`: those that follow the data best, SI units.
     Raises NoFit: the law refuses the constants, or its shear modulus is below a thousandth of
     what the least deformed readings of every test suggest.
     """
     suggested = min((data.modulus for data in sets if data.modulus > 0.0), default=0.0)
     try:
         modulus = float(family.law(jnp.asarray(constants)).shear_modulus)
-    except ValueError as error:  # rounding leaves nothing of a sum such as C1 + C2
-        reason = str(error)
-    else:
         if modulus > _LEAST_STIFFNESS * suggested:
             return
         found, wanted = (format_quantity(x, "stress") for x in (modulus, suggested))
         reason = f"its shear modulus is {found}, the least deformed readings suggest {wanted}"
+    except ValueError as error:  # rounding leaves nothing of a sum such as C1 + C2
+        reason = str(error)
     raise NoFit(
         f"{family.title}: follows the data best without stiffness at rest ({reason}); choose "
         f"another law"
@@ -143,11 +146,10 @@ def _with_effects(
     if not np.isfinite(found.cost[0]):
         return found
     theta = jnp.asarray(found.theta[0])
-    stresses = np.array([unit == "Pa" for unit in chosen.base.units])
     factor = 1.0 if block_of(chosen, Relaxation) is None else _LONG_TERM
     factor *= 1.0 if block_of(chosen, Softening) is None else _VIRGIN
     constants = chosen.base.constants(theta, elastic.scales)
-    changed = jnp.where(stresses, factor * constants, constants)
+    changed = jnp.where(chosen.base.stresses, factor * constants, constants)
     law = np.asarray(chosen.base.unconstrained(changed, elastic.scales))
     beside = chosen.beside(rng, min(starts, _BESIDE))
     points = np.concatenate([np.tile(law, (len(beside), 1)), beside], axis=1)
@@ -164,8 +166,7 @@ def weighed_search(
 ) -> tuple[MaterialProblem, Minima, list[Dataset]]:
     """The search, with readings weighed by their noise where it is to be estimated.
 
-    `kind`: of the residuals; "estimated" weighs them. `zeros`: of tests that are found with the
-    law.
+    `kind`: of the residuals; "estimated" weighs them. `zeros`: found with the law.
     Returns the problem, its minima, and the data with the noise that they are weighed by.
     """
     if kind != "estimated":
@@ -176,10 +177,8 @@ def weighed_search(
             break
         scales = problem.residuals.scales
         constants = np.asarray(chosen.constants(jnp.asarray(minima.theta[0]), scales))
-        noise = noise_of(sets, problem, constants)
-        predicted, _ = readings(problem.residuals, jnp.asarray(constants))
-        sizes = [np.asarray(predicted)[place] for place in problem.places]
-        sets = with_noise(sets, noise, sizes)
+        sizes = predicted_readings(problem, constants)
+        sets = with_noise(sets, noise_of(sets, problem, constants), sizes)
         posed = pose(sets, chosen, "noise", zeros=zeros)
         minima = minimise(posed.residuals, minima.theta)
         problem = dataclasses.replace(posed, kind="estimated")
@@ -211,6 +210,5 @@ def search_for_typical_specimen(
         return found, problem, minima, sets
     sets = of_typical_specimen(sets, found)
     problem, minima, sets = weighed_search(sets, chosen, *options, ())
-    if not np.isfinite(minima.cost[0]):
-        return None, problem, minima, sets
-    return judged(found.factors), problem, minima, sets
+    again = judged(found.factors) if np.isfinite(minima.cost[0]) else None
+    return again, problem, minima, sets

@@ -177,33 +177,29 @@ def specimens_of(
             return None
         for label in dict.fromkeys(data.specimen):
             rows = place[data.specimen == label]
-            if len(rows) < _FEWEST_READINGS:
-                return None
             x, y = predicted[rows] * inverse[rows], measured[rows] * inverse[rows]
             square = float(x @ x)
             factor = float(x @ y) / square if square > 0.0 else np.nan
-            if not factor > 0.0:
+            if len(rows) < _FEWEST_READINGS or not factor > 0.0:
                 return None
             rest = y - factor * x
-            error = np.sqrt(float(rest @ rest) / (len(rows) - 1) / square) / factor
+            errors.append(np.sqrt(float(rest @ rest) / (len(rows) - 1) / square) / factor)
             labels.append((data.file, str(label)))
             modes.append(data.mode)
             logs.append(np.log(factor))
-            errors.append(error)
     values, spread = np.array(logs), np.array(errors)
     if known is not None:
         values = values + np.log(known)
     several = [mode for mode in dict.fromkeys(modes) if modes.count(mode) > 1]
     if not several:
         return None
-    belongs = np.array(modes)
     centred = values.copy()
     for mode in dict.fromkeys(modes):
-        own = belongs == mode
+        own = np.array(modes) == mode
         # What a mode has as a whole is the law's.
         weight = 1.0 / (spread[own] ** 2 + np.var(values[own]) + 1e-300)
         centred[own] -= np.sum(weight * values[own]) / np.sum(weight)
-    compared = np.isin(belongs, several)
+    compared = np.isin(modes, several)
     scatter = scatter_between(centred[compared], spread[compared])
     return Specimens(tuple(labels), tuple(modes), np.exp(centred), spread, scatter)
 

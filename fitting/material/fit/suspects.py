@@ -44,13 +44,13 @@ def zeros_of(sets: Sequence[Dataset], kinds: Sequence[str]) -> tuple[Zero, ...]:
 
     Raises ValueError: no test can.
     """
-    found = []
-    for i, data in enumerate(sets):
-        if not can_be_freed(data):
-            continue
-        for kind in kinds:
-            labels = [""] if kind == "machine" else list(dict.fromkeys(data.specimen))
-            found += [Zero(kind, i, label) for label in labels]
+    found = [
+        Zero(kind, i, label)
+        for i, data in enumerate(sets)
+        if can_be_freed(data)
+        for kind in kinds
+        for label in ([""] if kind == "machine" else dict.fromkeys(data.specimen))
+    ]
     if not found:
         raise ValueError(
             "--zero: uniaxial, equibiaxial or pure_shear tests have zeros that can be found"

@@ -48,6 +48,11 @@ class AbstractBlock(abc.ABC):
         """Number of constants."""
         return len(self.names)
 
+    @property
+    def stresses(self) -> np.ndarray:
+        """Which constants are stresses, shape [p]."""
+        return np.array([unit == "Pa" for unit in self.units])
+
     @abc.abstractmethod
     def constants(self, theta: Vector, scales: Scales) -> Vector:
         """Constants in SI units from unconstrained parameters."""

@@ -54,8 +54,7 @@ def inputs_report(fit: MaterialFit) -> list[dict[str, Any]]:
     found = []
     constants = jnp.asarray(fit.constants)
     _, J = (np.asarray(x) for x in sensitivity(fit.problem.residuals, constants))
-    stresses = np.array([unit == "Pa" for unit in fit.family.units])
-    by_modulus = J @ np.where(stresses, fit.constants, 0.0)
+    by_modulus = J @ np.where(fit.family.stresses, fit.constants, 0.0)
     noise = fit.uncertainty.noise * fit.uncertainty.inflation
     for data, place in zip(fit.sets, fit.problem.places, strict=True):
         if not isinstance(data, IndentationTest):
