@@ -73,7 +73,9 @@ def calibrate(
         )
     volumetric = [data for data in sets if isinstance(data, VolumetricTest)]
     rest = [data for data in sets if not isinstance(data, VolumetricTest)]
-    bulk, fit, report = None, None, _report_of_bulk_alone()
+    bulk, fit = None, None
+    # What every report has, where there is no law.
+    report: dict[str, Any] = {"law": None, "status": "converged", "modes": {}, "warnings": []}
     if volumetric:
         bulk = fit_bulk_modulus(
             volumetric,
@@ -83,16 +85,8 @@ def calibrate(
             thin=options.get("thin") or 0,
         )
     if rest or not volumetric:
-        fit, comparison = _calibrated(
-            rest,
-            law,
-            terms,
-            progress=progress,
-            scene=scene,
-            up_to=up_to,
-            prony=prony,
-            **options,
-        )
+        choice = (prony, progress, scene, up_to)
+        fit, comparison = _calibrated(rest, law, terms, *choice, **options)
         reached: dict[str, Any] | None = None
         remarks: list[str] = []
         if scene is not None:
@@ -103,7 +97,11 @@ def calibrate(
         fit = dataclasses.replace(fit, up_to=up_to)
         report = material_report(fit)
         if comparison is not None:
-            report |= _compared(comparison)
+            report |= {
+                "candidates": comparison.table,
+                "candidates_failed": comparison.failed,
+                "effective_readings": comparison.effective_number,
+            }
         if reached is not None:
             report["scene"] = reached
             report["warnings"] += remarks
@@ -117,20 +115,14 @@ def calibrate(
     return Calibration(fit, bulk, report)
 
 
-def _report_of_bulk_alone() -> dict[str, Any]:
-    """What every report has, where there is no law."""
-    return {"law": None, "status": "converged", "modes": {}, "warnings": []}
-
-
 def _calibrated(
     sets: Sequence[Dataset],
     law: str,
     terms: int | None,
-    *,
+    prony: int | str,
     progress: Callable[[str], None],
     scene: Path | None,
     up_to: float | None,
-    prony: int | str,
     **options: Any,
 ) -> tuple[MaterialFit, Comparison | None]:
     """The law, and what it was chosen from; see `calibrate`."""
@@ -150,62 +142,38 @@ def _calibrated(
         raise ValueError("--bound: name the law whose constants are bounded")
 
     def refuses(fit: MaterialFit) -> str:
-        assert scene is not None
-        summary, _ = compare_with_scene(fit, scene)
-        if summary["material_stable"] is False:
-            return f"unstable in {scene}"
-        return ""
+        unstable = scene and compare_with_scene(fit, scene)[0]["material_stable"] is False
+        return f"unstable in {scene}" if unstable else ""
 
-    comparison = compare_laws(
-        sets,
-        progress=progress,
-        refuses=None if scene is None else refuses,
-        up_to=up_to,
-        **options,
+    return _recommended(
+        compare_laws(sets, None, progress, refuses if scene else None, up_to, **options)
     )
-    return _recommended(comparison)
 
 
 def _recommended(comparison: Comparison) -> tuple[MaterialFit, Comparison]:
     """The best of several fits, which the others are kept beside for its predictions."""
     best = comparison.best
     others = tuple(fit for fit in comparison.fits if fit is not best)
-    reasons = comparison.against(best)
     remarks = best.remarks
-    if reasons:
+    if reasons := comparison.against(best):
         against = f"{best.family.title}: {'; '.join(reasons)}"
-        text = f"something speaks against every law; against {against}"
-        remarks = (*remarks, text)
+        remarks = (*remarks, f"something speaks against every law; against {against}")
     return dataclasses.replace(best, remarks=remarks, others=others), comparison
 
 
-def _compared(comparison: Comparison) -> dict[str, Any]:
-    """What was rejected and why, for the report."""
-    return {
-        "candidates": comparison.table,
-        "candidates_failed": comparison.failed,
-        "effective_readings": comparison.effective_number,
-    }
-
-
 def with_material(scene: SceneSpec, fit: MaterialFit) -> SceneSpec:
-    """The scene with the fitted law as its membrane's.
-
-    Raises ValueError: the law is none of those that a skin can have.
-    """
+    """The scene with the fitted law as its membrane's."""
     fields = {key: getattr(scene, key) for key in type(scene).model_fields}
-    return type(scene).model_construct(
-        scene.model_fields_set, **{**fields, "material": fit.material()}
-    )
+    fields["material"] = fit.material()
+    return type(scene).model_construct(scene.model_fields_set, **fields)
 
 
 def compare_with_scene(fit: MaterialFit, path: Path) -> tuple[dict[str, Any], list[str]]:
     """Solve a scene with the fitted law and compare its stretches with the fit's range.
 
-    A skin is in plane strain, so its stretches are those of pure shear.
-
-    `path`: scene file; its own material is replaced.
-    Returns the stretches reached, and warnings.
+    A skin is in plane strain, so its stretches are those of pure shear. Returns the stretches
+    reached, and warnings.
+    Raises ValueError: the law is none of those that a skin can have.
     """
     from suas_jax.scene.solve import solve
 

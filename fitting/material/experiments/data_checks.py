@@ -43,7 +43,13 @@ def branches(data: Dataset) -> Branches:
     h = data.deformation
     unloading = np.zeros(data.size, dtype=bool)
     for rows in series_of(data):
-        unloading[rows] = _goes_back(h[rows])
+        reached = -np.inf
+        for half in half_cycles(h[rows]):
+            own = rows[half.rows]
+            if half.outward:
+                reached = max(reached, float(h[own].max()))
+            elif len(own) >= _SHORTEST_BRANCH and reached > h[own[-1]]:
+                unloading[own] = True
     if not unloading.any():
         return none
     out = ~unloading
@@ -54,18 +60,6 @@ def branches(data: Dataset) -> Branches:
         return none
     back = np.abs(data.value[unloading])
     return Branches(unloading, float(np.mean(1.0 - back[usable] / outwards[usable])))
-
-
-def _goes_back(h: np.ndarray) -> np.ndarray:
-    """Which rows lie on a branch back towards rest, after one that went out."""
-    back = np.zeros(len(h), dtype=bool)
-    reached = -np.inf
-    for half in half_cycles(h):
-        if half.outward:
-            reached = max(reached, float(h[half.rows].max()))
-        elif len(half.rows) >= _SHORTEST_BRANCH and reached > h[half.rows[-1]]:
-            back[half.rows] = True
-    return back
 
 
 def refuse_without_information(data: Dataset) -> None:

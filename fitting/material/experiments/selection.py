@@ -173,10 +173,15 @@ def thinned(data: Dataset, most: int) -> Dataset:
         halves += [rows[half.rows[np.argsort(h[half.rows])]] for half in half_cycles(h)]
     label = np.zeros(data.size, dtype=int)
     count = 0
-    whole = sum(_length(data, rows) for rows in halves)
-    for rows in halves:
-        share = max(1, round(most * _length(data, rows) / max(whole, 1e-300)))
-        bins = np.minimum((_along(data, rows) * share).astype(int), share - 1)
+    # Way from reading to reading along the stretch, over that of the whole test.
+    span = max(float(np.ptp(data.deformation)), 1e-300)
+    steps = [np.diff(h, prepend=h[:1]) / span for h in (data.deformation[r] for r in halves)]
+    whole = sum(float(np.sum(step)) for step in steps)
+    for rows, step in zip(halves, steps, strict=True):
+        share = max(1, round(most * float(np.sum(step)) / max(whole, 1e-300)))
+        way = np.cumsum(step)
+        along = way / way[-1] if way[-1] > 0.0 else np.linspace(0.0, 1.0, len(rows))
+        bins = np.minimum((along * share).astype(int), share - 1)
         label[rows] = count + bins
         count += share
     # In the order of the file.
@@ -203,19 +208,3 @@ def averaged(test: AnyTest, label: np.ndarray) -> AnyTest:
             )
     changes |= {"weight": size, "sigma": np.sqrt(mean(test.sigma**2))}
     return dataclasses.replace(test, **changes)
-
-
-def _steps(data: StressTest, rows: np.ndarray) -> np.ndarray:
-    """Way from reading to reading, over that of the whole test, along the stretch."""
-    h = data.deformation[rows]
-    return np.diff(h, prepend=h[:1]) / max(float(np.ptp(data.deformation)), 1e-300)
-
-
-def _length(data: StressTest, rows: np.ndarray) -> float:
-    return float(np.sum(_steps(data, rows)))
-
-
-def _along(data: StressTest, rows: np.ndarray) -> np.ndarray:
-    """Share of the way along a run of readings, shape [n]."""
-    way = np.cumsum(_steps(data, rows))
-    return way / way[-1] if way[-1] > 0.0 else np.linspace(0.0, 1.0, len(rows))

@@ -22,7 +22,7 @@ _RADIUS, _FAILED = 1.0, 0.3
 _GOOD, _POOR, _FACTOR = 0.75, 0.25, 2.0
 # Predicted gain, relative to the cost, that is not worth an evaluation.
 _ENOUGH = 1e-8
-_CHEAP_STEPS = 100
+_EXACT = {"xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-14, "max_nfev": 100}
 
 
 def minimise_corrected(
@@ -52,7 +52,9 @@ def minimise_corrected(
             radius = _FAILED * float(np.max(np.abs(theta - best)))
         if not np.isfinite(cost) or corrected is None:
             break
-        theta, predicted = _least(corrected, best, radius)
+        # The corrected model's minimum within the radius.
+        run = solved_by_scipy(corrected, best, bounds=(best - radius, best + radius), **_EXACT)
+        theta, predicted = run.x, float(run.cost)
         if not cost - predicted > _ENOUGH * cost:
             break
         r, J = by_theta(costly, theta)
@@ -81,17 +83,3 @@ def _corrected(
         return value + offset + slope @ (theta - best), derivative + slope
 
     return at
-
-
-def _least(at: _Model, best: np.ndarray, radius: float) -> tuple[np.ndarray, float]:
-    """The corrected model's minimum within a radius of the best point: parameters and cost."""
-    run = solved_by_scipy(
-        at,
-        best,
-        bounds=(best - radius, best + radius),
-        xtol=1e-12,
-        ftol=1e-12,
-        gtol=1e-14,
-        max_nfev=_CHEAP_STEPS,
-    )
-    return run.x, float(run.cost)

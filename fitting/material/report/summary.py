@@ -92,25 +92,16 @@ def zeros_report(fit: MaterialFit) -> list[dict[str, Any]]:
     if block is None:
         return []
     zeros, place = block
-    found = []
     tests = [data for data in fit.sets if can_be_freed(data)]
-    wanted = tuple(dict.fromkeys(zeros.kinds))
+    found = []
     values, errors = fit.constants[place], fit.uncertainty.standard_errors[place]
     # In the order of `zeros_of`.
-    for i, zero in enumerate(zeros_of(tests, wanted)):
+    order = zeros_of(tests, tuple(dict.fromkeys(zeros.kinds)))
+    for zero, name, value, error in zip(order, zeros.names, values, errors, strict=True):
         data = tests[zero.test]
-        size = float(values[i]), float(errors[i])
-        amount, accuracy, unit = zero_in_units(zero.kind, *size, data)
-        found.append(
-            {
-                "name": zeros.names[i],
-                "kind": zero.kind,
-                "file": data.file,
-                "value": amount,
-                "standard_error": accuracy,
-                "unit": unit,
-            }
-        )
+        amount, accuracy, unit = zero_in_units(zero.kind, float(value), float(error), data)
+        named = {"name": name, "kind": zero.kind, "file": data.file}
+        found.append({**named, "value": amount, "standard_error": accuracy, "unit": unit})
     return found
 
 
@@ -136,51 +127,43 @@ def at_limits(fit: MaterialFit) -> list[str]:
 
 
 def _modes(fit: MaterialFit) -> dict[str, dict[str, Any]]:
-    by_mode: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
-    for data, error, floor in zip(fit.sets, fit.misfits(), fit.problem.floors, strict=True):
-        size = np.maximum(data.own_size(), floor)
-        size = np.where(size > 0.0, size, np.max(size) or 1.0)
-        by_mode.setdefault(data.mode, []).append((error, error / size))
-    report: dict[str, dict[str, Any]] = {
-        mode: {
-            "rms_MPa": 1e-6 * _rms(np.concatenate([e for e, _ in parts])),
-            "relative_rms": _rms(np.concatenate([r for _, r in parts])),
-            "n": sum(len(e) for e, _ in parts),
+    """Misfit of each mode; of a skin's tests that of each quantity that was read."""
+    report: dict[str, dict[str, Any]] = {}
+    triples = list(zip(fit.sets, fit.misfits(), fit.problem.floors, strict=True))
+    for mode in dict.fromkeys(data.mode for data in fit.sets):
+        own = [(data, error, floor) for data, error, floor in triples if data.mode == mode]
+        errors, relative = [], []
+        for data, error, floor in own:
+            size = np.maximum(data.own_size(), floor)
+            errors.append(error)
+            relative.append(error / np.where(size > 0.0, size, np.max(size) or 1.0))
+        whole = np.concatenate(errors)
+        report[mode] = {
+            "rms_MPa": 1e-6 * _rms(whole),
+            "relative_rms": _rms(np.concatenate(relative)),
+            "n": len(whole),
         }
-        for mode, parts in by_mode.items()
-    }
-    skins = [
-        (data, error)
-        for data, error in zip(fit.sets, fit.misfits(), strict=True)
-        if isinstance(data, SkinTest)
-    ]
-    for mode in {data.mode for data, _ in skins}:
-        own = [(data, error) for data, error in skins if data.mode == mode]
-        del report[mode]["rms_MPa"]
-        for channel, _, _, key in own[0][0].READS:
-            errors = np.concatenate([error[data.channel == channel] for data, error in own])
-            if errors.size:
-                report[mode][key] = _rms(errors)
+        skins = [(data, error) for data, error, _ in own if isinstance(data, SkinTest)]
+        for channel, _, _, key in skins[0][0].READS if skins else ():
+            report[mode].pop("rms_MPa", None)
+            read = np.concatenate([error[data.channel == channel] for data, error in skins])
+            if read.size:
+                report[mode][key] = _rms(read)
     return report
 
 
 def _rivals(fit: MaterialFit) -> list[str]:
-    others = fit.rivals
-    if not others:
+    if not fit.rivals:
         return []
-    everything = np.stack([fit.constants, *others])
+    everything = np.stack([fit.constants, *fit.rivals])
+    ends = zip(everything.min(axis=0), everything.max(axis=0), strict=True)
+    named = zip(fit.family.names, fit.family.units, ends, strict=True)
     parts = [
         f"{name} from {low:.4g} to {high:.4g} {unit}".rstrip(" 1")
-        for name, unit, low, high in zip(
-            fit.family.names,
-            fit.family.units,
-            everything.min(axis=0),
-            everything.max(axis=0),
-            strict=True,
-        )
+        for name, unit, (low, high) in named
     ]
     return [
-        f"{len(others) + 1} different minima fit as well within the noise: " + ", ".join(parts)
+        f"{len(everything)} different minima fit as well within the noise: " + ", ".join(parts)
     ]
 
 
