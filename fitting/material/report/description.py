@@ -1,6 +1,6 @@
 """A material fit in words and tables, for a terminal and for a page."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -43,10 +43,10 @@ def _bulk_modulus(report: dict[str, Any]) -> Iterator[Part]:
     """The bulk modulus, its energy, and how closely it follows the tests."""
     found, about = report["bulk_modulus_Pa"], report["volumetric"]
     mode = report["modes"]["volumetric"]
-    numbers = [found["value"], about["standard_error_Pa"], found["low95"], found["high95"]]
-    value, error, low, high = (quantity_text(number, "Pa") for number in numbers)
+    error = quantity_text(about["standard_error_Pa"], "Pa")
     yield Remark(
-        f"bulk modulus K {value} +- {error} (95 %: {low} to {high}), energy {about['energy']}, "
+        f"bulk modulus K {quantity_text(found['value'], 'Pa')} +- {error} "
+        f"(95 %: {_span((found['low95'], found['high95']), 'Pa')}), energy {about['energy']}, "
         f"{mode['n']} readings, relative RMS {100.0 * mode['relative_rms']:.3g} %"
     )
     if about["poisson_ratio"] is not None:
@@ -96,18 +96,16 @@ def _law(report: dict[str, Any], fit: MaterialFit) -> Iterator[Part]:
 
 
 def _constants(fit: MaterialFit) -> ReportTable:
-    low, high = fit.intervals(0.95)
-    errors = fit.uncertainty.standard_errors
-    rows = []
-    for i, (name, unit) in enumerate(zip(fit.family.names, fit.family.units, strict=True)):
-        numbers = (fit.constants[i], errors[i], low[i], high[i])
-        value, error, first, last = (quantity_text(number, unit) for number in numbers)
-        rows.append((name, value, error, f"{first} to {last}"))
-    modulus, first, last = (quantity_text(x, "Pa") for x in fit.shear_modulus())
-    rows.append(("shear modulus", modulus, "", f"{first} to {last}"))
-    return ReportTable(
-        "Constants", ("constant", "value", "standard error", "95 % interval"), rows
-    )
+    ends, errors = fit.intervals(0.95).T, fit.uncertainty.standard_errors
+    named = zip(fit.family.names, fit.family.units, fit.constants, errors, ends, strict=True)
+    rows = [
+        (name, quantity_text(value, unit), quantity_text(error, unit), _span(interval, unit))
+        for name, unit, value, error, interval in named
+    ]
+    modulus, *interval = fit.shear_modulus()
+    rows.append(("shear modulus", quantity_text(modulus, "Pa"), "", _span(interval, "Pa")))
+    names = ("constant", "value", "standard error", "95 % interval")
+    return ReportTable("Constants", names, rows)
 
 
 def _modes(report: dict[str, Any]) -> ReportTable:
@@ -115,16 +113,18 @@ def _modes(report: dict[str, Any]) -> ReportTable:
     rows = []
     for mode in {**report["modes"], **report["stable_range"]}:
         found = report["modes"].get(mode, {})
-        window = report["stable_range"].get(mode)
-        rows.append(
-            (
-                mode,
-                str(found.get("n", "not measured")),
-                quantity_text(1e6 * found["rms_MPa"], "Pa") if "rms_MPa" in found else "",
-                f"{100.0 * found['relative_rms']:.3g} %" if found else "",
-                _window(window, report["stable_range_open"][mode]) if window else "",
-            )
-        )
+        points = str(found.get("n", "not measured"))
+        rms = quantity_text(1e6 * found["rms_MPa"], "Pa") if "rms_MPa" in found else ""
+        relative = f"{100.0 * found['relative_rms']:.3g} %" if found else ""
+        window = ""
+        if mode in report["stable_range"]:
+            low, high = (f"{end:.3f}" for end in report["stable_range"][mode])
+            window = {
+                (True, True): "all",
+                (False, True): f"above {low}",
+                (True, False): f"below {high}",
+            }.get(tuple(report["stable_range_open"][mode]), f"{low} to {high}")
+        rows.append((mode, points, rms, relative, window))
     names = ("mode", "points", "RMS", "relative RMS", "stable for stretches")
     return ReportTable("Modes and windows of stability", names, rows)
 
@@ -147,16 +147,12 @@ def _prediction(prediction: dict[str, Any]) -> ReportTable:
 
 
 def _candidates(report: dict[str, Any]) -> ReportTable:
-    rows = [
-        (
-            row["title"],
-            str(row["constants"]),
-            f"{row['aicc']:.2f}",
-            f"{row['delta_aicc']:.2f}",
-            "; ".join(row["rejected"]),
+    rows = []
+    for row in report["candidates"]:
+        criteria = (f"{row[key]:.2f}" for key in ("aicc", "delta_aicc"))
+        rows.append(
+            (row["title"], str(row["constants"]), *criteria, "; ".join(row["rejected"]))
         )
-        for row in report["candidates"]
-    ]
     rows += [(name, "", "", "", why) for name, why in report["candidates_failed"].items()]
     names = ("law", "constants", "AICc", "above best", "rejected because")
     chosen = next(i for i, row in enumerate(report["candidates"]) if row["chosen"])
@@ -165,23 +161,19 @@ def _candidates(report: dict[str, Any]) -> ReportTable:
 
 def _specimens(found: dict[str, Any]) -> Iterator[Part]:
     """Stiffness of each specimen, and the scatter between them."""
-    rows = [
-        (
-            f"{one['file']} {one['specimen']}".strip(),
-            one["mode"],
-            quantity_text(one["shear_modulus_Pa"], "Pa"),
-            f"{100.0 * one['standard_error'] / one['factor']:.2g} %",
-        )
-        for one in found["specimens"]
-    ]
+    rows = []
+    for one in found["specimens"]:
+        name = f"{one['file']} {one['specimen']}".strip()
+        modulus = quantity_text(one["shear_modulus_Pa"], "Pa")
+        error = f"{100.0 * one['standard_error'] / one['factor']:.2g} %"
+        rows.append((name, one["mode"], modulus, error))
     names = ("specimen", "mode", "shear modulus", "standard error")
     yield ReportTable("Specimens", names, rows)
     low, high = found["relative_scatter_95"]
-    first, last = (quantity_text(x, "Pa") for x in found["next_specimen_95_Pa"])
     yield Remark(
         f"scatter between specimens {100.0 * found['relative_scatter']:.2g} % "
         f"({100.0 * low:.2g} to {100.0 * high:.2g} %); a further specimen has a shear modulus "
-        f"of {first} to {last} (95 %)"
+        f"of {_span(found['next_specimen_95_Pa'], 'Pa')} (95 %)"
     )
 
 
@@ -190,35 +182,25 @@ def _posterior(posterior: dict[str, Any], fit: MaterialFit) -> Iterator[Part]:
     yield Headline("posterior", posterior["message"], posterior["converged"])
     if "parameters" not in posterior:
         return
-
-    def flat(tree: dict[str, Any]) -> list[Any]:
-        """Values by constant, in the order of the family."""
-        found = []
-        for name in fit.family.names:
-            key, _, index = name.partition(".")
-            found.append(tree[key][int(index)] if index else tree[key])
-        return found
-
-    rows = []
-    columns = (posterior["parameters"], *posterior["intervals"].values())
-    values = zip(fit.family.names, fit.family.units, *map(flat, columns), strict=True)
-    for name, unit, middle, *ends in values:
-        shown = [
-            f"{quantity_text(low, unit)} to {quantity_text(high, unit)}" for low, high in ends
-        ]
-        rows.append((name, quantity_text(middle, unit), *shown))
-    moduli = {
-        key: quantity_text(value, "Pa") for key, value in posterior["shear_modulus_Pa"].items()
-    }
-    shown = [f"{moduli[f'low{level}']} to {moduli[f'high{level}']}" for level in ("68", "95")]
-    rows.append(("shear modulus", moduli["median"], *shown))
+    columns = []  # values by constant, in the order of the family
+    for tree in (posterior["parameters"], *posterior["intervals"].values()):
+        paths = (name.partition(".") for name in fit.family.names)
+        columns.append([tree[key][int(i)] if i else tree[key] for key, _, i in paths])
+    rows = [
+        (name, quantity_text(middle, unit), *(_span(ends, unit) for ends in intervals))
+        for name, unit, middle, *intervals in zip(
+            fit.family.names, fit.family.units, *columns, strict=True
+        )
+    ]
+    modulus = posterior["shear_modulus_Pa"]
+    spans = [_span((modulus[f"low{p}"], modulus[f"high{p}"]), "Pa") for p in ("68", "95")]
+    rows.append(("shear modulus", quantity_text(modulus["median"], "Pa"), *spans))
     if "noise" in posterior:
         noise = posterior["noise"]
-        shown = [f"{low:.3g} to {high:.3g}" for low, high in (noise["68"], noise["95"])]
-        rows.append(("noise (of residuals)", f"{noise['median']:.3g}", *shown))
-    yield ReportTable(
-        "Posterior", ("constant", "median", "68 % interval", "95 % interval"), rows
-    )
+        spans = [f"{low:.3g} to {high:.3g}" for low, high in (noise["68"], noise["95"])]
+        rows.append(("noise (of residuals)", f"{noise['median']:.3g}", *spans))
+    names = ("constant", "median", "68 % interval", "95 % interval")
+    yield ReportTable("Posterior", names, rows)
     for name, prior in posterior["priors"].items():
         yield Remark(f"prior of {name}: {prior}")
     for text in posterior["warnings"]:
@@ -228,11 +210,5 @@ def _posterior(posterior: dict[str, Any], fit: MaterialFit) -> Iterator[Part]:
     yield Remark(posterior["agreement"]["message"])
 
 
-def _window(ends: list[float], is_open: list[bool]) -> str:
-    """Stretches between which a law is stable."""
-    if all(is_open):
-        return "all"
-    low, high = (f"{end:.3f}" for end in ends)
-    return (
-        f"above {low}" if is_open[1] else f"below {high}" if is_open[0] else f"{low} to {high}"
-    )
+def _span(ends: Iterable[float], unit: str) -> str:
+    return " to ".join(quantity_text(end, unit) for end in ends)

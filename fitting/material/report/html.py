@@ -4,6 +4,7 @@ The page may be opened anywhere: it asks no host for anything, and its own polic
 """
 
 import base64
+import contextlib
 import hashlib
 import io
 from collections.abc import Sequence
@@ -65,20 +66,15 @@ def _embedded(figure: Figure) -> str:
 
 def _provenance(sets: Sequence[Dataset]) -> list[dict[str, Any]]:
     """One entry a file, with its SHA-256; None where the file is no longer there."""
-    return [
-        {
-            "file": data.file,
-            "mode": data.mode,
-            "sha256": _hash(Path(data.file)),
+    found = []
+    for data in sets:
+        entry = {"file": data.file, "mode": data.mode, "sha256": None}
+        with contextlib.suppress(OSError, ValueError):
+            content = read_bytes(Path(data.file), _MOST_BYTES)
+            entry["sha256"] = hashlib.sha256(content).hexdigest()
+        readings = {
             "readings_fitted": data.size,
             "readings_stand_for": float(data.weight.sum()),
         }
-        for data in sets
-    ]
-
-
-def _hash(file: Path) -> str | None:
-    try:
-        return hashlib.sha256(read_bytes(file, _MOST_BYTES)).hexdigest()
-    except (OSError, ValueError):
-        return None
+        found.append(entry | readings)
+    return found

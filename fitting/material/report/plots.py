@@ -1,7 +1,7 @@
 """Figures of a material fit (data, law, 95 % band and residuals by mode) and of a data file."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -43,25 +43,15 @@ def plot_material(
     axes = figure.subplots(2, count, height_ratios=(3, 1), squeeze=False)
     titles = []
     if fit is not None:
-        _draw_law(fit, modes, axes[:, : len(modes)])
+        tests = list(zip(fit.sets, fit.misfits(), strict=True))
+        for mode, pair in zip(modes, axes.T, strict=False):
+            _draw_mode(fit, mode, [test for test in tests if test[0].mode == mode], *pair)
         titles.append(f"{fit.family.title}, {fit.problem.kind} residuals: {fit.status}")
     if bulk is not None:
         _draw_bulk_modulus(bulk, *axes[:, -1])
         titles.append(f"bulk modulus {format_quantity(bulk.value, 'stress')}")
     figure.suptitle("; ".join(titles))
     return written(figure, file)
-
-
-def _draw_law(fit: MaterialFit, modes: list[str], axes: np.ndarray) -> None:
-    """Modes of a law, one a column of axes."""
-    misfits = fit.misfits()
-    for (upper, lower), mode in zip(axes.T, modes, strict=True):
-        members = [
-            (data, error)
-            for data, error in zip(fit.sets, misfits, strict=True)
-            if data.mode == mode
-        ]
-        _draw_mode(fit, mode, members, upper, lower)
 
 
 def _draw_bulk_modulus(bulk: BulkModulus, upper: "Axes", lower: "Axes") -> None:
@@ -110,14 +100,9 @@ def _finish(upper: "Axes", lower: "Axes") -> None:
     lower.axhline(0.0, color="0.6", lw=0.8)
     limit = max((np.max(np.abs(line.get_ydata())) for line in lower.lines), default=1.0)
     lower.set_ylim(-min(1.1 * limit, 100.0) - 0.1, min(1.1 * limit, 100.0) + 0.1)
-    upper.legend(*_once(upper), frameon=False, fontsize="small")
-
-
-def _once(axes: "Axes") -> tuple[list[Any], list[str]]:
-    """Handles and labels of a legend, each label once."""
-    handles, labels = axes.get_legend_handles_labels()
-    found = dict(zip(labels, handles, strict=True))
-    return list(found.values()), list(found)
+    handles, labels = upper.get_legend_handles_labels()
+    once = dict(zip(labels, handles, strict=True))
+    upper.legend(once.values(), once, frameon=False, fontsize="small")
 
 
 def _draw_readings(

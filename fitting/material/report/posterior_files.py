@@ -18,7 +18,8 @@ from jaxtyping import Array, Float
 from matplotlib.figure import Figure
 
 from fitting.material.experiments.measurements import PATHS, Channel, Dataset
-from fitting.material.experiments.prediction import Homogeneous, mode_factors, padded
+from fitting.material.experiments.prediction import Homogeneous, padded
+from fitting.material.fit.band import nominal_factors
 from fitting.material.fit.material_posterior import MaterialPosterior, sample_material
 from fitting.material.fit.problem import Residuals
 from fitting.material.fit.result import MaterialFit
@@ -115,9 +116,7 @@ def plot_predictive(found: MaterialPosterior, file: Path | None = None) -> Figur
         rows = place[channel.rows]
         _draw_test(ax, data, channel, law[:, rows], readings[:, rows])
     for ax, mode in zip(axes[len(panels) :], others, strict=True):
-        _draw_mode(
-            ax, found.fit.family, mode, float(np.asarray(residuals.scales.strain)), constants
-        )
+        _draw_mode(ax, residuals, mode, constants)
     noise = "known" if found.noise_known else "inferred"
     figure.suptitle(f"{found.fit.family.title}: 95 % posterior predictive, noise {noise}")
     return figure_written(figure, file)
@@ -163,17 +162,13 @@ def _draw_test(
 
 
 def _draw_mode(
-    ax: "Axes",
-    family: AbstractFamily,
-    mode: str,
-    strain: float,
-    constants: Float[Array, "draw p"],
+    ax: "Axes", residuals: Residuals, mode: str, constants: Float[Array, "draw p"]
 ) -> None:
+    strain = float(np.asarray(residuals.scales.strain))
     end = np.exp(0.5 * strain if mode == "equibiaxial" else strain)
     stretch = np.linspace(1.0, end, _GRID)
-    e1, e2, c1, c2 = mode_factors(PATHS[mode], stretch)
-    test = Homogeneous(*(padded(v) for v in (e1, e2, c1 / stretch, c2 / stretch)))
-    stress = np.asarray(COMPILED.run(_stresses, family, test, constants, once=True))
+    test = Homogeneous(*map(padded, nominal_factors(mode, stretch)))
+    stress = np.asarray(COMPILED.run(_stresses, residuals.family, test, constants, once=True))
     low, middle, high = np.percentile(stress[:, :_GRID], [2.5, 50.0, 97.5], axis=0) / 1e6
     ax.fill_between(stretch, low, high, color="0.55", label="law")
     # A mode that the data leave open fills the panel instead of flattening the rest.

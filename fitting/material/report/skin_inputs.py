@@ -72,24 +72,17 @@ def described_inputs(rows: list[dict[str, Any]]) -> list[Part]:
     """The same in words and as a table."""
     if not rows:
         return []
-    table = [
-        (
-            row["input"],
-            _SHOWN.get(row["input"], "1 %"),
-            f"{100 * row['modulus_change']:+.2g} %",
-            f"{row['correlation']:+.3f}",
-            "no effect" if row["joint_error"] is None else _told(row),
-        )
-        for row in rows
-    ]
+    table = []
+    for row in rows:
+        alone = "no effect"
+        if row["joint_error"] is not None:
+            size = row["joint_error"] * row["step"]
+            alone = f"{1e3 * size:.2g} mm" if row["input"] == ZERO else f"{100 * size:.2g} %"
+        moved = f"{100 * row['modulus_change']:+.2g} %"
+        step = _SHOWN.get(row["input"], "1 %")
+        table.append((row["input"], step, moved, f"{row['correlation']:+.3f}", alone))
     names = ("taken as exact", "an error of", "moves the modulus", "correlation", "curve alone")
     return [
         ReportTable("What the modulus of the indentation curve rests on", names, table),
         Remark("the intervals of the constants do not include errors of these inputs"),
     ]
-
-
-def _told(row: dict[str, Any]) -> str:
-    """How well the curve would know an input beside the modulus."""
-    size = row["joint_error"] * row["step"]
-    return f"{1e3 * size:.2g} mm" if row["input"] == ZERO else f"{100 * size:.2g} %"
