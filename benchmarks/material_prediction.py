@@ -15,8 +15,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).parent.parent / "tests"))
 from rubbers import DATA, Curves, made, published, test_of, unlisted
 
 from fitting.material.experiments.datasets import load_dataset
-from fitting.material.experiments.measurements import PATHS
-from fitting.material.experiments.stress_tests import StressTest
+from fitting.material.experiments.measurements import PATHS, StressTest
 from fitting.material.fit.band import half_width
 from fitting.material.fit.fit import fit_material
 from suas_jax.runtime.settings import configure

@@ -11,9 +11,8 @@ from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanation
 from fitting.inverse_load.model.contact_parameters import SECTION
 from fitting.inverse_load.search.base import AbstractNodeSearch
 from fitting.inverse_load.search.pairs import PairSearch
-from fitting.material.experiments.measurements import Origin
+from fitting.material.experiments.measurements import Origin, StressTest
 from fitting.material.experiments.prediction import mode_factors
-from fitting.material.experiments.stress_tests import StressTest
 from suas_jax.equilibrium.equilibrium import State
 
 

@@ -12,7 +12,7 @@ from scipy import stats
 
 from fitting.material.data.errors import DataError
 from fitting.material.experiments.bulge import SphericalCap
-from fitting.material.experiments.free_zero import FreeZero, smoothed
+from fitting.material.experiments.free_zero import FreeZero, idle, smoothed, toe_end
 from fitting.material.experiments.history import (
     HistoryTest,
     _corners,
@@ -25,7 +25,6 @@ from fitting.material.experiments.history import (
 from fitting.material.experiments.measurements import Origin
 from fitting.material.experiments.prediction import mode_factors, padded, shear_factors
 from fitting.material.experiments.timing import held_stretch, ramp_of, times_by_rate
-from fitting.material.experiments.toe import idle, toe_end
 from fitting.material.experiments.volumetric import VolumetricTest
 from fitting.material.fit.bulk_modulus import (
     BulkModulus,

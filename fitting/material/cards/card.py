@@ -56,10 +56,7 @@ PROGRAMS: dict[str, Program] = {
 
 
 def require_program(name: str) -> None:
-    """Refuse a program that there are no cards for.
-
-    Raises CardError: names the programs.
-    """
+    """Refuse a program that there are no cards for. Raises CardError: names the programs."""
     if name not in PROGRAMS:
         raise CardError(f"--export {name}: unknown program; allowed: {', '.join(PROGRAMS)}")
 

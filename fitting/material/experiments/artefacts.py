@@ -5,11 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from fitting.material.experiments.free_zero import can_be_freed
-from fitting.material.experiments.measurements import Dataset
+from fitting.material.experiments.free_zero import CERTAIN, can_be_freed, idle, toe_end
+from fitting.material.experiments.measurements import Dataset, StressTest
 from fitting.material.experiments.selection import broken, half_cycles, loadings, series_of
-from fitting.material.experiments.stress_tests import StressTest
-from fitting.material.experiments.toe import CERTAIN, idle, toe_end
 
 # No rubber stretches to this many times its length; the softest silicones reach 17.
 _LONGEST = 20.0

@@ -10,9 +10,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from fitting.material.data.errors import DataError
-from fitting.material.experiments.measurements import Predictor
+from fitting.material.experiments.measurements import Predictor, StressTest
 from fitting.material.experiments.prediction import AbstractExperiment, mode_factors
-from fitting.material.experiments.stress_tests import StressTest
 from fitting.material.experiments.table_reader import Reader
 from fitting.material.laws.parameters import AbstractFamily
 from suas_jax.constitutive import AbstractLaw, inflated_diaphragm

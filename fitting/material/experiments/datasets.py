@@ -16,10 +16,15 @@ from fitting.column_units import unit_size
 from fitting.material.data.errors import DataError, said_of
 from fitting.material.data.tables import read_table
 from fitting.material.experiments.bulge import bulge
-from fitting.material.experiments.measurements import PATHS, Dataset, joined, mode_named
+from fitting.material.experiments.measurements import (
+    PATHS,
+    Dataset,
+    StressTest,
+    joined,
+    mode_named,
+)
 from fitting.material.experiments.prediction import mode_factors, shear_factors
 from fitting.material.experiments.skin_readings import indentation, skin
-from fitting.material.experiments.stress_tests import StressTest
 from fitting.material.experiments.table_reader import Reader
 from fitting.material.experiments.volumetric import volumetric
 from suas_jax.config import load_scene

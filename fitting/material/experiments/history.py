@@ -13,10 +13,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from fitting.material.data.errors import DataError
-from fitting.material.experiments.measurements import Dataset, Predictor
+from fitting.material.experiments.measurements import (
+    Dataset,
+    Predictor,
+    StressTest,
+    homogeneous,
+)
 from fitting.material.experiments.prediction import AbstractExperiment, padded, shear_factors
 from fitting.material.experiments.selection import averaged, half_cycles, series_of
-from fitting.material.experiments.stress_tests import StressTest, homogeneous
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.constitutive.deformation import LogStretches
 from suas_jax.constitutive.inelastic import Inelastic

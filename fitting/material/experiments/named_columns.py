@@ -179,10 +179,7 @@ class NamedColumns:
         return 0
 
     def require_positive(self, values: np.ndarray, quantity: str, why: str = "") -> None:
-        """Refuse values that are impossible.
-
-        Raises DataError: names the first of them, and why.
-        """
+        """Refuse values that are impossible; DataError: names the first of them, and why."""
         bad = np.flatnonzero(values <= 0.0)
         if bad.size:
             index = self.position(quantity)

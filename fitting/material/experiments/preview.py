@@ -13,9 +13,8 @@ from fitting.material.data.tables import Table, read_table
 from fitting.material.experiments.artefacts import curve_suspects
 from fitting.material.experiments.data_checks import warnings_of
 from fitting.material.experiments.datasets import load_dataset
-from fitting.material.experiments.measurements import Dataset
+from fitting.material.experiments.measurements import Dataset, StressTest
 from fitting.material.experiments.selection import loadings
-from fitting.material.experiments.stress_tests import StressTest
 
 _MODULUS = {"volumetric": "bulk_modulus_Pa"}
 

@@ -7,8 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fitting.material.experiments.measurements import Dataset
-from fitting.material.experiments.stress_tests import StressTest
+from fitting.material.experiments.measurements import Dataset, StressTest
 
 # A turn back counts where it undoes this share of the test; less is noise.
 _TURN = 0.05

@@ -9,8 +9,7 @@ import dataclasses
 
 import numpy as np
 
-from fitting.material.experiments.measurements import Channel, Predictor
-from fitting.material.experiments.stress_tests import StressTest
+from fitting.material.experiments.measurements import Channel, Predictor, StressTest
 from fitting.material.experiments.table_reader import Reader
 
 # Solid rubber has 1 to 3 GPa; a tenth of that is foam, air in the chamber or a wrong unit.
@@ -43,10 +42,7 @@ class VolumetricTest(StressTest):
         return float(unit @ self.value) / square if square else np.nan
 
     def predictor(self, *, estimate: bool) -> Predictor:
-        """There is none.
-
-        Raises ValueError: always; `fit.bulk_modulus` fits these tests.
-        """
+        """There is none. Raises ValueError: always; `fit.bulk_modulus` fits these tests."""
         raise ValueError(
             f"{self.file}: a volumetric test gives the bulk modulus; an incompressible law "
             f"predicts none of its readings"

@@ -9,9 +9,8 @@ import numpy as np
 
 from fitting.material.experiments.artefacts import Suspect
 from fitting.material.experiments.free_zero import KINDS as ZERO_KINDS
-from fitting.material.experiments.free_zero import can_be_freed
+from fitting.material.experiments.free_zero import can_be_freed, without_toe
 from fitting.material.experiments.measurements import Dataset
-from fitting.material.experiments.toe import without_toe
 from fitting.material.fit.bounded import minimise_in_box
 from fitting.material.fit.noise import (
     Noise,

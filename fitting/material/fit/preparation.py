@@ -11,10 +11,10 @@ from fitting.material.experiments.data_checks import (
     refuse_without_information,
     warnings_of,
 )
+from fitting.material.experiments.free_zero import without_toe
 from fitting.material.experiments.history import HistoryTest, thinned_history, with_history
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.experiments.selection import before_break, in_cycle, thinned
-from fitting.material.experiments.toe import without_toe
 
 
 def prepared(

@@ -12,8 +12,7 @@ from scipy import stats
 from fitting.material.experiments.artefacts import Suspect
 from fitting.material.experiments.measurements import PATHS
 from fitting.material.experiments.prediction import mode_factors
-from fitting.material.fit.band import Band, Belief, half_width, nominal_factors
-from fitting.material.fit.deviations import constants_root
+from fitting.material.fit.band import Band, Belief, constants_root, half_width, nominal_factors
 from fitting.material.fit.fitted_law import STABLE_LIMITS, FittedLaw
 from fitting.material.fit.intervals import Intervals, intervals_of, modulus_and_slope
 from fitting.material.fit.noise import Noise

@@ -18,8 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import optimize, stats
 
-from fitting.material.experiments.measurements import Dataset
-from fitting.material.experiments.stress_tests import StressTest
+from fitting.material.experiments.measurements import Dataset, StressTest
 from fitting.material.fit.problem import MaterialProblem
 from fitting.statistics.residuals import sensitivity
 

@@ -19,9 +19,8 @@ from fitting.material.experiments.artefacts import (
     travel_of,
 )
 from fitting.material.experiments.free_zero import KINDS, Zero, can_be_freed
-from fitting.material.experiments.measurements import PATHS, Dataset
+from fitting.material.experiments.measurements import PATHS, Dataset, StressTest
 from fitting.material.experiments.prediction import mode_factors
-from fitting.material.experiments.stress_tests import StressTest
 from fitting.material.fit.problem import MaterialProblem, pose
 from fitting.material.laws.blocks import ExtendedFamily, TestZeros, block_of
 from fitting.material.laws.parameters import AbstractFamily
@@ -40,10 +39,7 @@ _FARTHEST = 200.0  # of parameters, beyond which exponentials overflow
 
 
 def zeros_of(sets: Sequence[Dataset], kinds: Sequence[str]) -> tuple[Zero, ...]:
-    """The unknown zeros of all tests that can have them.
-
-    Raises ValueError: no test can.
-    """
+    """The unknown zeros of all tests that can have them. Raises ValueError: no test can."""
     found = [
         Zero(kind, i, label)
         for i, data in enumerate(sets)

@@ -8,8 +8,7 @@ from matplotlib.figure import Figure
 
 from fitting.material.data.tables import Table
 from fitting.material.experiments.history import HistoryTest
-from fitting.material.experiments.measurements import PATHS, Dataset
-from fitting.material.experiments.stress_tests import StressTest
+from fitting.material.experiments.measurements import PATHS, Dataset, StressTest
 from fitting.material.fit.band import asked_stretches
 from fitting.material.fit.bulk_modulus import ENERGY, BulkModulus
 from fitting.material.fit.result import MaterialFit
