@@ -13,7 +13,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from numpy.polynomial.legendre import legvander
+from scipy import linalg, stats
 
 # Chance of a false alarm. Small: a widened interval of the right law covers too often.
 _SIGNIFICANT = 0.01
@@ -55,35 +56,26 @@ class Misfit:
     @property
     def description(self) -> str:
         """The misfit or the correlation in a sentence; empty for independent noise."""
-        wider = ""
-        if self.inflation >= _NOTABLE:
-            wider = f"; intervals are {self.inflation:.2g} times wider for it"
+        wider = f"; intervals are {self.inflation:.2g} times wider for it"
+        wider = wider if self.inflation >= _NOTABLE else ""
         if not self.significant:
-            if not wider:
-                return ""
-            return (
+            text = (
                 f"neighbouring residuals are correlated ({self.autocorrelation:.2g}), which "
                 f"leaves fewer independent readings{wider}"
             )
-        reasons = []
-        if self.chi_square_p < _SIGNIFICANT:
-            reasons.append(
-                f"chi-square is {self.chi_square:.4g} for {self.dof} degrees of freedom"
-            )
-        if self.runs_p < _SIGNIFICANT:
-            reasons.append(
-                f"residuals keep their sign along the tests ({self.runs} runs where noise "
-                f"has about {self.expected_runs:.0f})"
-            )
-        if self.pattern_p < _SIGNIFICANT:
-            reasons.append(
-                f"residuals bend smoothly along the tests (p-value {self.pattern_p:.1g})"
-            )
-        return (
-            "the law does not follow the data to within their noise: "
-            + " and ".join(reasons)
-            + wider
-        )
+            return text if wider else ""
+        reasons = {
+            f"chi-square is {self.chi_square:.4g} for {self.dof} degrees of freedom": (
+                self.chi_square_p
+            ),
+            f"residuals keep their sign along the tests ({self.runs} runs where noise has "
+            f"about {self.expected_runs:.0f})": self.runs_p,
+            f"residuals bend smoothly along the tests (p-value {self.pattern_p:.1g})": (
+                self.pattern_p
+            ),
+        }
+        found = " and ".join(text for text, p in reasons.items() if p < _SIGNIFICANT)
+        return f"the law does not follow the data to within their noise: {found}{wider}"
 
 
 def misfit(
@@ -145,9 +137,8 @@ def misfit(
         # Constants follow smooth patterns, not scatter: theirs is the noise that they see.
         inflation = max(inflation, np.sqrt(ratio))
     if too_large:
-        inflation = (
-            max(inflation, np.sqrt(square / dof)) if bent else inflation * np.sqrt(square / dof)
-        )
+        size = np.sqrt(square / dof)
+        inflation = max(inflation, size) if bent else inflation * size
     return Misfit(
         chi_square=square if known_noise else np.nan,
         dof=dof,
@@ -172,24 +163,18 @@ def _patterns(
     """
     r, J = (np.concatenate(parts) for parts in zip(*tests, strict=True))
     sizes = np.linalg.norm(J, axis=0)
-    columns = []
-    start = 0
-    for path, _ in tests:
-        n = len(path)
-        x = np.linspace(-1.0, 1.0, n) if n > 1 else np.zeros(1)
-        for degree in range(min(_PATTERNS, n - 1)):
-            column = np.zeros(len(r))
-            column[start : start + n] = np.polynomial.legendre.Legendre.basis(degree)(x)
-            columns.append(column)
-        start += n
+    lengths = [len(path) for path, _ in tests]
+    blocks = [
+        legvander(np.linspace(-1.0, 1.0, n), _PATTERNS - 1)[:, : max(n - 1, 0)] for n in lengths
+    ]
+    patterns = linalg.block_diag(*blocks)
     known, rank = _basis(J[:, sizes > 0.0] / sizes[sizes > 0.0])
     # Derivatives at noisy states are noisy themselves, with the noise of the residuals: what
     # patterns leave of them must not be that noise.
     smooth_J = np.concatenate([_smoothed(own) for _, own in tests])
     taken, _ = _basis(smooth_J[:, sizes > 0.0] / sizes[sizes > 0.0])
-    if not columns:
+    if not patterns.size:
         return np.nan, 1.0
-    patterns = np.stack(columns, axis=1)
     patterns = patterns / np.linalg.norm(patterns, axis=0)
     basis, extra = _basis(patterns - taken @ (taken.T @ patterns), _LEFT)
     spare = len(r) - rank - extra

@@ -104,11 +104,20 @@ def minimise(
         )
         if stuck or (finish and creeps):
             break
+    minima = _sorted(residuals, theta, cost, predicted_decrease)
+    if finish and np.isfinite(minima.cost[0]) and not minima.converged[0]:
+        return _finished(residuals, minima)
+    return minima
+
+
+def _sorted(
+    residuals: AbstractResiduals, theta: np.ndarray, cost: np.ndarray, decrease: np.ndarray
+) -> Minima:
+    """Ends of starts, the lowest cost first."""
     order = np.argsort(cost, kind="stable")
-    theta, cost, predicted_decrease = theta[order], cost[order], predicted_decrease[order]
-    if finish and np.isfinite(cost[0]) and not _is_minimum(cost, predicted_decrease, used)[0]:
-        return _finished(residuals, theta, cost, predicted_decrease)
-    return Minima(theta, cost, _is_minimum(cost, predicted_decrease, used), predicted_decrease)
+    theta, cost, decrease = theta[order], cost[order], decrease[order]
+    used = int(residuals.used.sum())
+    return Minima(theta, cost, _is_minimum(cost, decrease, used), decrease)
 
 
 def solved_by_scipy(
@@ -136,26 +145,19 @@ def solved_by_scipy(
     )
 
 
-def _finished(
-    residuals: AbstractResiduals,
-    theta: np.ndarray,
-    cost: np.ndarray,
-    predicted_decrease: np.ndarray,
-) -> Minima:
+def _finished(residuals: AbstractResiduals, found: Minima) -> Minima:
     """Starts of which the best few are brought to the bottom of a long valley."""
-    whole = Minima(
-        theta.copy(), cost.copy(), np.zeros(len(theta), bool), predicted_decrease.copy()
-    )
+    theta, cost, _, decrease = (part.copy() for part in found)
     for i in range(min(_FINISHED, len(theta))):
         end = minimise_one_by_one(residuals, theta[i : i + 1], _EVALUATIONS)
         # Beyond this, exponentials of parameters are zero or have no number.
         if end.cost[0] <= cost[i] and np.max(np.abs(end.theta[0])) < _FARTHEST:
-            whole.theta[i], whole.cost[i] = end.theta[0], end.cost[0]
-            whole.predicted_decrease[i] = end.predicted_decrease[0]
-    used = int(residuals.used.sum())
-    order = np.argsort(whole.cost, kind="stable")
-    theta, cost, _, decrease = (part[order] for part in whole)
-    return Minima(theta, cost, _is_minimum(cost, decrease, used), decrease)
+            theta[i], cost[i], decrease[i] = (
+                end.theta[0],
+                end.cost[0],
+                end.predicted_decrease[0],
+            )
+    return _sorted(residuals, theta, cost, decrease)
 
 
 def _is_minimum(cost: np.ndarray, predicted_decrease: np.ndarray, used: int) -> np.ndarray:
@@ -172,7 +174,6 @@ def minimise_one_by_one(
 
     Returns the starts, best first, judged as `minimise` judges them.
     """
-    used = int(residuals.used.sum())
     found = []
 
     def at(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -188,9 +189,8 @@ def minimise_one_by_one(
         cost, decrease = judged(jnp.asarray(run.fun), jnp.asarray(run.jac))
         possible = np.max(np.abs(run.fun)) < _IMPOSSIBLE
         found.append((run.x, float(cost) if possible else np.inf, float(decrease)))
-    found.sort(key=lambda run: run[1])
     theta, costs, decreases = (np.array([run[i] for run in found]) for i in range(3))
-    return Minima(theta, costs, _is_minimum(costs, decreases, used), decreases)
+    return _sorted(residuals, theta, costs, decreases)
 
 
 @eqx.filter_jit

@@ -26,12 +26,7 @@ _NEWTON_STEPS = 20
 class NumpyBatch:
     """A log-probability that NumPy evaluates, of any number of points.
 
-    Args:
-        function: log-probability of points [n, p].
-
-    Attributes:
-        evaluations: how many there were.
-        seconds: spent in them.
+    `evaluations` counts the points, `seconds` the time spent on them, compilation excluded.
     """
 
     def __init__(self, function: Callable[[Floats], Floats]) -> None:
@@ -41,28 +36,26 @@ class NumpyBatch:
     def __call__(self, points: np.ndarray) -> np.ndarray:
         """Log-probability of points [n, p]; -inf where it is not finite."""
         begin = time.perf_counter()
-        found = self._function(np.asarray(points, float))
+        found, count = self._evaluated(np.asarray(points, float))
         self.seconds += time.perf_counter() - begin
-        self.evaluations += len(points)
+        self.evaluations += count
         return np.where(np.isfinite(found), found, -np.inf)
 
+    def _evaluated(self, points: Floats) -> tuple[Floats, int]:
+        """Log-probabilities of points, and how many were computed for them."""
+        return self._function(points), len(points)
 
-class Batch:
-    """A log-probability compiled for one number of points.
+
+class Batch(NumpyBatch):
+    """A log-probability compiled for one number of points, `size`.
 
     Several JAX devices share the points evenly, each running the program on its own part:
     there is nothing to communicate.
-
-    Attributes:
-        size: points of one evaluation.
-        evaluations: how many there were.
-        seconds: spent in them, compilation excluded.
     """
 
     def __init__(self, log_probability: LogProbability, parameters: int, size: int) -> None:
         devices = jax.devices()
         self.size = -(-size // len(devices)) * len(devices)
-        self.evaluations, self.seconds = 0, 0.0
         function = log_probability
         if len(devices) > 1:
             mesh = jax.sharding.Mesh(np.array(devices), ("walker",))
@@ -72,22 +65,15 @@ class Batch:
             )
         shape = jax.ShapeDtypeStruct((self.size, parameters), jnp.float64)
         options = OPTIONS if devices[0].platform == "cpu" else None
-        self._program = jax.jit(function).lower(shape).compile(compiler_options=options)
+        super().__init__(jax.jit(function).lower(shape).compile(compiler_options=options))
 
-    def __call__(self, points: np.ndarray) -> np.ndarray:
-        """Log-probability of any number of points [n, p]; -inf where it is not finite."""
+    def _evaluated(self, points: Floats) -> tuple[Floats, int]:
         count = len(points)
         filled = np.resize(points, (-(-count // self.size) * self.size, points.shape[1]))
         filled[count:] = points[-1]
-        begin = time.perf_counter()
-        values = [
-            np.asarray(self._program(filled[i : i + self.size]))
-            for i in range(0, len(filled), self.size)
-        ]
-        self.seconds += time.perf_counter() - begin
-        self.evaluations += len(filled)
-        found = np.concatenate(values)[:count]
-        return np.where(np.isfinite(found), found, -np.inf)
+        parts = np.split(filled, len(filled) // self.size)
+        values = [np.asarray(self._function(part)) for part in parts]
+        return np.concatenate(values)[:count], len(filled)
 
 
 class Gaussian(NamedTuple):

@@ -93,16 +93,15 @@ def sample(
             f"--walkers {chosen.walkers}: an even number of at least {2 * p} is needed for "
             f"{p} parameters"
         )
-    if isinstance(log_probability, NumpyBatch):
-        batch: Batch | NumpyBatch = log_probability
-    else:
-        batch = Batch(log_probability, p, chosen.walkers // 2)
+    batch = log_probability
+    if not isinstance(batch, NumpyBatch):
+        batch = Batch(batch, p, chosen.walkers // 2)
     with contextlib.nullcontext() if chosen.chain is None else owned(chosen.chain):
         return _sampled(batch, start, _Chain(chosen, names, key), chosen, progress)
 
 
 def _sampled(
-    batch: Batch | NumpyBatch,
+    batch: NumpyBatch,
     start: Gaussian,
     backend: "_Chain",
     chosen: Settings,
@@ -155,7 +154,7 @@ def _sampled(
 
 
 def _walkers(
-    batch: Batch | NumpyBatch, start: Gaussian, count: int, rng: np.random.Generator
+    batch: NumpyBatch, start: Gaussian, count: int, rng: np.random.Generator
 ) -> np.ndarray:
     """Possible points around the start, drawn ever closer to its mean."""
     points = rng.multivariate_normal(start.mean, start.covariance, count, method="svd")

@@ -4,71 +4,48 @@ A term of Ogden's law is 2 mu/alpha^2 (sum l^alpha - 3), with mu = mu_p alpha_p 
 hyperelastic constants are the long-term ones. D1 is 2/K.
 """
 
-from fitting.material.cards.settings import (
-    CardSettings,
-    degree_of,
-    missing,
-    ogden_terms,
-    polynomial_terms,
-    shear_modulus,
-)
-from suas_jax.config.law import LawSpec
+from fitting.material.cards.settings import Material
 from suas_jax.config.laws.arruda_boyce import ArrudaBoyceSpec
-from suas_jax.config.laws.ogden import OgdenSpec
+
+_OFFERED = "ogden, arruda-boyce, neo-hookean, mooney-rivlin, yeoh, polynomial"
 
 
-def abaqus(law: LawSpec, settings: CardSettings) -> str:
+def abaqus(material: Material) -> str:
     """The card for Abaqus; D1 is zero without a bulk modulus: hybrid elements."""
-    moduli = ", MODULI=LONG TERM" if law.relaxation is not None else ""
-    d = settings.compressibility_there
-    text = _head(law, settings) + _hyperelastic(law, "abaqus", 6, d, moduli)
-    if law.relaxation is not None:
+    moduli = ", MODULI=LONG TERM" if material.prony else ""
+    text = _elastic(material, 6, material.compressibility, moduli)
+    if material.prony:
         text += "*VISCOELASTIC, TIME=PRONY\n"
-        for g, tau in zip(law.relaxation.g, law.relaxation.tau, strict=True):
-            text += f"{g:.12g}, 0.0, {tau:.12g}\n"
-    if law.softening is not None:
-        part = law.softening
-        text += f"*MULLINS EFFECT\n{part.r:.12g}, {part.m:.12g}, {part.beta:.12g}\n"
-    return text
+        text += "".join(f"{g:.12g}, 0.0, {tau:.12g}\n" for g, tau in material.prony)
+    return text + (f"*MULLINS EFFECT\n{_rows(material.mullins)}\n" if material.mullins else "")
 
 
-def calculix(law: LawSpec, settings: CardSettings) -> str:
+def calculix(material: Material) -> str:
     """The card for CalculiX; it chooses a D of its own for zero, so that it gets one."""
-    d = 2.0 / settings.bulk_of(law)
-    return _head(law, settings) + _hyperelastic(law, "calculix", 4, d)
+    return _elastic(material, 4, 2.0 / material.demanded_bulk)
 
 
-def _head(law: LawSpec, settings: CardSettings) -> str:
-    unit = settings.stress
-    head = f"** {law.law}, {unit}, shear modulus {shear_modulus(law):.6g} {unit}\n"
-    head += f"*MATERIAL, NAME={settings.name.upper()}\n"
-    if settings.density_there is not None:
-        head += f"*DENSITY\n{settings.density_there:.12g}\n"
-    return head
-
-
-def _hyperelastic(law: LawSpec, program: str, most: int, d: float, moduli: str = "") -> str:
-    coefficients = law.coefficients()
-    if isinstance(law, OgdenSpec):
-        terms = ogden_terms(law)
+def _elastic(material: Material, most: int, d: float, moduli: str = "") -> str:
+    unit = material.unit
+    head = f"** {material.law.law}, {unit}, shear modulus {material.shear_modulus:.6g} {unit}\n"
+    head += f"*MATERIAL, NAME={material.name.upper()}\n"
+    if material.density is not None:
+        head += f"*DENSITY\n{material.density:.12g}\n"
+    law, terms = material.law, material.ogden
+    if terms is not None:
         if len(terms) > most:
-            raise missing(law, program, f"Ogden with at most {most} terms")
+            raise material.missing(f"Ogden with at most {most} terms")
+        kind = f"OGDEN, N={len(terms)}"
         values = [x for mu, alpha in terms for x in (0.5 * mu * alpha, alpha)]
         values += [d] + [0.0] * (len(terms) - 1)
-        return f"*HYPERELASTIC, OGDEN, N={len(terms)}{moduli}\n{_rows(values)}\n"
-    if isinstance(law, ArrudaBoyceSpec):
-        values = [law.mu, law.lambda_m, d]
-        return f"*HYPERELASTIC, ARRUDA-BOYCE{moduli}\n{_rows(values)}\n"
-    if coefficients is None:
-        raise missing(
-            law, program, "ogden, arruda-boyce, neo-hookean, mooney-rivlin, yeoh, polynomial"
-        )
-    degree = degree_of(coefficients)
-    values = [*polynomial_terms(coefficients), d] + [0.0] * (degree - 1)
-    return f"*HYPERELASTIC, POLYNOMIAL, N={degree}{moduli}\n{_rows(values)}\n"
+    elif isinstance(law, ArrudaBoyceSpec):
+        kind, values = "ARRUDA-BOYCE", [law.mu, law.lambda_m, d]
+    else:
+        degree, values = material.polynomial(_OFFERED)
+        kind, values = f"POLYNOMIAL, N={degree}", [*values, d] + [0.0] * (degree - 1)
+    return f"{head}*HYPERELASTIC, {kind}{moduli}\n{_rows(values)}\n"
 
 
 def _rows(values: list[float], most: int = 8) -> str:
-    """Comma-separated values, eight a line."""
     lines = [values[i : i + most] for i in range(0, len(values), most)]
     return "\n".join(", ".join(f"{value:.12g}" for value in line) for line in lines)

@@ -24,7 +24,13 @@ from fitting.material.cards.comsol import comsol
 from fitting.material.cards.febio import febio
 from fitting.material.cards.felupe import felupe
 from fitting.material.cards.lsdyna import lsdyna
-from fitting.material.cards.settings import UNITS, CardError, CardSettings, in_units
+from fitting.material.cards.settings import (
+    UNITS,
+    CardError,
+    CardSettings,
+    Material,
+    in_units,
+)
 from suas_jax.config.law import LawSpec
 from suas_jax.files.writing import write_text
 
@@ -32,14 +38,14 @@ from suas_jax.files.writing import write_text
 class Program(NamedTuple):
     """A program that reads cards."""
 
-    write: Callable[[LawSpec, CardSettings], str]  # makes the card
+    write: Callable[[Material], str]  # makes the card
     comment: str  # begins a line of remarks
     relaxes: bool  # whether the card holds the relaxation of the stress
     softens: bool  # whether it holds the softening
 
 
-def _toml(law: LawSpec, settings: CardSettings) -> str:
-    return tomlkit.dumps({"material": law.table()})
+def _toml(material: Material) -> str:
+    return tomlkit.dumps({"material": material.law.table()})
 
 
 PROGRAMS: dict[str, Program] = {
@@ -70,9 +76,10 @@ def card(law: LawSpec, program: str, settings: CardSettings | None = None) -> st
     """
     require_program(program)
     chosen = settings or CardSettings()
-    if program == "toml":  # quantities with units, whatever the units
-        return _toml(law, chosen)
-    text = PROGRAMS[program].write(in_units(law, UNITS[chosen.units][1]), chosen)
+    # The table of a skin has quantities with units, whatever the units.
+    pascal = 1.0 if program == "toml" else UNITS[chosen.units][1]
+    there = law if pascal == 1.0 else in_units(law, pascal)
+    text = PROGRAMS[program].write(Material(there, program, chosen))
     remark, mark = left_out(law, program), PROGRAMS[program].comment
     if not remark:
         return text

@@ -1,8 +1,8 @@
-"""Settings of material cards: units, name, density; and the terms of polynomial laws."""
+"""What cards of materials are made of: the law in the card's units, its terms, and settings."""
 
 import dataclasses
+import functools
 import re
-from collections.abc import Mapping
 from typing import Any
 
 from suas_jax.config.law import LawSpec
@@ -23,10 +23,9 @@ class CardError(ValueError):
 class CardSettings:
     """What a card says beside the law."""
 
-    units: str = "SI"  # "SI" or "mm-N-MPa"
+    units: str = "SI"  # or "mm-N-MPa"
     name: str = "membrane"  # of the material
-    # [kg/m³]; None leaves it to the user where a program needs none
-    density: float | None = None
+    density: float | None = None  # [kg/m³]; None leaves it to the user where none is needed
     # [Pa]; None stands for an incompressible material, or `BULK` shear moduli
     bulk_modulus: float | None = None
 
@@ -40,93 +39,132 @@ class CardSettings:
                 f'--card-name "{self.name}": letters, digits, "_" and "-" are allowed, 40 at '
                 f"most, beginning with a letter"
             )
-        if self.density is not None and not self.density > 0.0:
-            raise CardError(f"--density {self.density}: must be greater than zero")
-        if self.bulk_modulus is not None and not self.bulk_modulus > 0.0:
-            raise CardError(f"--bulk-modulus {self.bulk_modulus} Pa: must be greater than zero")
+        for option, size, unit in (
+            ("--density", self.density, ""),
+            ("--bulk-modulus", self.bulk_modulus, " Pa"),
+        ):
+            if size is not None and not size > 0.0:
+                raise CardError(f"{option} {size}{unit}: must be greater than zero")
+
+
+@dataclasses.dataclass(frozen=True)
+class Material:
+    """A law and what its card says beside it, in the units of the card."""
+
+    law: LawSpec
+    program: str
+    settings: CardSettings
 
     @property
-    def stress(self) -> str:
+    def name(self) -> str:
+        """Of the material."""
+        return self.settings.name
+
+    @property
+    def unit(self) -> str:
         """Unit of stress."""
-        return UNITS[self.units][0]
+        return UNITS[self.settings.units][0]
 
     @property
-    def density_there(self) -> float | None:
-        """Density in the card's units."""
-        return None if self.density is None else self.density * UNITS[self.units][2]
+    def density(self) -> float | None:
+        """Density, if it is known."""
+        known = self.settings.density
+        return None if known is None else known * UNITS[self.settings.units][2]
 
     @property
-    def bulk_there(self) -> float | None:
-        """Bulk modulus in the card's units, if it is known."""
-        return None if self.bulk_modulus is None else self.bulk_modulus * UNITS[self.units][1]
+    def bulk(self) -> float | None:
+        """Bulk modulus, if it is known."""
+        known = self.settings.bulk_modulus
+        return None if known is None else known * UNITS[self.settings.units][1]
 
     @property
-    def compressibility_there(self) -> float:
-        """2/K in the card's units: D1 of Abaqus, d of ANSYS; zero if incompressible."""
-        return 0.0 if self.bulk_there is None else 2.0 / self.bulk_there
+    def compressibility(self) -> float:
+        """2/K: D1 of Abaqus, d of ANSYS; zero if incompressible."""
+        return 0.0 if self.bulk is None else 2.0 / self.bulk
 
-    def bulk_of(self, law: LawSpec) -> float:
-        """The bulk modulus, or the usual one where a program demands one; the law's unit."""
-        return BULK * shear_modulus(law) if self.bulk_there is None else self.bulk_there
+    @property
+    def demanded_bulk(self) -> float:
+        """The bulk modulus, or the usual one where a program demands one."""
+        return BULK * self.shear_modulus if self.bulk is None else self.bulk
 
-    def bulk_in_words(self) -> str:
-        """Where `bulk_of` comes from."""
-        if self.bulk_there is None:
-            return f"{BULK:g} shear moduli, nearly incompressible"
-        return f"{self.bulk_there:.6g} {self.stress}"
+    @functools.cached_property
+    def shear_modulus(self) -> float:
+        """Long-term shear modulus at small strain."""
+        law = self.law.model_copy(update={"response": "long-term"})
+        return float(build_law(law).shear_modulus)
+
+    @property
+    def ogden(self) -> list[tuple[float, float]] | None:
+        """mu_p and alpha_p by term, in the mu/alpha convention; None for other laws."""
+        if not isinstance(self.law, OgdenSpec):
+            return None
+        pairs = list(zip(self.law.mu, self.law.alpha, strict=True))
+        if self.law.convention == "mu/alpha":
+            return pairs
+        return [(2.0 * mu / alpha, alpha) for mu, alpha in pairs]
+
+    def coefficients(self, offered: str) -> dict[tuple[int, int], float]:
+        """Coefficients of a polynomial law; other laws are refused, with those `offered`."""
+        found = self.law.coefficients()
+        if found is None:
+            raise self.missing(offered)
+        return dict(found)
+
+    def polynomial(self, offered: str) -> tuple[int, list[float]]:
+        """Degree of a polynomial law, and C10, C01, C20, C11, C02, ..., Abaqus' order."""
+        found = self.coefficients(offered)
+        degree = degree_of(found)
+        order = [(n - j, j) for n in range(1, degree + 1) for j in range(n + 1)]
+        return degree, [found.get(place, 0.0) for place in order]
+
+    @property
+    def prony(self) -> list[tuple[float, float]]:
+        """Shares and times of the relaxation; empty without."""
+        series = self.law.relaxation
+        return [] if series is None else list(zip(series.g, series.tau, strict=True))
+
+    @property
+    def long_term_share(self) -> float:
+        """Of the modulus; one without relaxation."""
+        return 1.0 if self.law.relaxation is None else self.law.relaxation.long_term_share
+
+    @property
+    def mullins(self) -> list[float]:
+        """r, m and beta of the softening; empty without."""
+        part = self.law.softening
+        return [] if part is None else [part.r, part.m, part.beta]
+
+    def instantaneous(self) -> "Material":
+        """The material under a load that is faster than all relaxation."""
+        law = in_units(
+            self.law.model_copy(update={"softening": None}), 1 / self.long_term_share
+        )
+        return dataclasses.replace(self, law=law)
+
+    def missing(self, offered: str) -> CardError:
+        """The refusal of a law that a program doesn't have."""
+        return CardError(
+            f"--export {self.program}: no card for the law {self.law.law}; {self.program} is "
+            f"offered for {offered}"
+        )
 
 
 def in_units(law: LawSpec, pascal: float) -> LawSpec:
     """The law with its stresses in another unit, of which a pascal is `pascal`."""
 
     def converted(value: Any) -> Any:
-        if isinstance(value, tuple):
-            return tuple(converted(entry) for entry in value)
-        return value * pascal
+        return tuple(map(converted, value)) if isinstance(value, tuple) else value * pascal
 
-    given = law.model_fields_set
     changes = {
         key: converted(getattr(law, key))
         for key, constant in law.declared().items()
-        if key in given and constant.unit == "Pa"
+        if key in law.model_fields_set and constant.unit == "Pa"
     }
     if law.softening is not None:
         changes["softening"] = law.softening.model_copy(update={"m": law.softening.m * pascal})
     return law.model_copy(update=changes)
 
 
-def instantaneous(law: LawSpec) -> LawSpec:
-    """The law of a load that is faster than all relaxation."""
-    share = 1.0 if law.relaxation is None else law.relaxation.long_term_share
-    return in_units(law.model_copy(update={"softening": None}), 1.0 / share)
-
-
-def shear_modulus(law: LawSpec) -> float:
-    """Long-term shear modulus at small strain, in the law's unit."""
-    return float(build_law(law.model_copy(update={"response": "long-term"})).shear_modulus)
-
-
-def ogden_terms(law: OgdenSpec) -> list[tuple[float, float]]:
-    """mu_p and alpha_p by term, in the mu/alpha convention."""
-    pairs = list(zip(law.mu, law.alpha, strict=True))
-    if law.convention == "mu/alpha":
-        return pairs
-    return [(2.0 * mu / alpha, alpha) for mu, alpha in pairs]
-
-
-def missing(law: LawSpec, program: str, offered: str) -> CardError:
-    """The refusal of a law that a program doesn't have."""
-    return CardError(
-        f"--export {program}: no card for the law {law.law}; {program} is offered for {offered}"
-    )
-
-
-def degree_of(coefficients: Mapping[tuple[int, int], float]) -> int:
+def degree_of(coefficients: dict[tuple[int, int], float]) -> int:
     """Degree of a polynomial law."""
     return max(i + j for i, j in coefficients)
-
-
-def polynomial_terms(coefficients: Mapping[tuple[int, int], float]) -> list[float]:
-    """C10, C01, C20, C11, C02, ...: the order of Abaqus, CalculiX and ANSYS."""
-    order = [(n - j, j) for n in range(1, degree_of(coefficients) + 1) for j in range(n + 1)]
-    return [coefficients.get(place, 0.0) for place in order]

@@ -108,47 +108,32 @@ def smoothed(test: StressTest, values: np.ndarray) -> np.ndarray:
 def free_zeros(
     tests: Sequence[StressTest], numbers: Sequence[int], zeros: Sequence[Zero]
 ) -> FreeZero:
-    """Tests of one stretch, one after the other, with free zeros.
-
-    `numbers`: position of each of them in the fit.
-    """
-    stretch = np.concatenate([test.stretch_1 for test in tests])
-    parts = []
-    which = []
+    """Tests of one stretch, at `numbers` among those of the fit, with free zeros."""
+    rows, which = [], []
     for test, number in zip(tests, numbers, strict=True):
         # Of a stretch whose logarithm is one.
         _, along, first, second = mode_factors(PATHS[test.mode], np.exp(np.ones(1)))
-        count = test.size
         power = _POWERS[test.measure]
         side = 1.0 if np.sum(np.log(test.stretch_1)) >= 0.0 else -1.0
         force = smoothed(test, test.value * test.stretch_1 ** (power - 1.0))
-        constants = (along[0], first[0], second[0], power, side)
-        parts.append(np.stack([force, *(np.full(count, x) for x in constants)]))
-        of_test = np.full((len(KINDS), count), len(zeros))
+        constants = np.array([along[0], first[0], second[0], power, side])
+        of_each = np.repeat(constants[:, None], test.size, axis=1)
+        rows.append(np.concatenate([test.stretch_1[None], force[None], of_each]))
+        of_test = np.full((len(KINDS), test.size), len(zeros))
         for position, zero in enumerate(zeros):
-            own = np.full(count, zero.test == number)
+            own = np.full(test.size, zero.test == number)
             if zero.kind != "machine":
                 own &= test.specimen == zero.specimen
             of_test[KINDS.index(zero.kind), own] = position
         which.append(of_test)
-    readings = np.concatenate(parts, axis=1)
-    padding = len(padded(stretch)) - len(stretch)
-    positions = np.pad(
-        np.concatenate(which, axis=1), ((0, 0), (0, padding)), constant_values=len(zeros)
-    )
-    fills = (0.0, 0.0, 0.0, 0.0, 1.0, 1.0)
-    rows = [padded(row, fill) for row, fill in zip(readings, fills, strict=True)]
-    return FreeZero(
-        stretch=padded(stretch, 1.0),
-        nominal=rows[0],
-        ratio=rows[1],
-        c1=rows[2],
-        c2=rows[3],
-        power=rows[4],
-        side=rows[5],
-        which=jnp.asarray(positions),
-        zeros=jnp.zeros(len(zeros)),
-    )
+    readings, places = np.concatenate(rows, axis=1), np.concatenate(which, axis=1)
+    fills = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0)
+    columns = [padded(row, fill) for row, fill in zip(readings, fills, strict=True)]
+    padding = ((0, 0), (0, len(columns[0]) - places.shape[1]))
+    positions = jnp.asarray(np.pad(places, padding, constant_values=len(zeros)))
+    names = ("stretch", "nominal", "ratio", "c1", "c2", "power", "side")
+    by_name = dict(zip(names, columns, strict=True))
+    return FreeZero(**by_name, which=positions, zeros=jnp.zeros(len(zeros)))
 
 
 CERTAIN = 5.0

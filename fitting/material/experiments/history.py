@@ -160,20 +160,17 @@ def histories(tests: Sequence[HistoryTest]) -> History:
             states.append((*_pulled(test, x), elapsed, begins))
         which.append(position)
         push.append(_pushed(test))
-    e1, e2, pull, elapsed, begins = (
-        np.concatenate(parts) for parts in zip(*states, strict=True)
-    )
-    room = len(padded(e1)) - count
+    e1, e2, pull, elapsed, begins = map(np.concatenate, zip(*states, strict=True))
     place, parts = np.concatenate(which), np.concatenate(push)
-    spare = len(padded(place.astype(float))) - len(place)
+    room, spare = (len(padded(np.zeros(len(x)))) - len(x) for x in (e1, place))
     return History(
-        e1=padded(e1),
-        e2=padded(e2),
-        pull=jnp.asarray(np.pad(pull, ((0, room), (0, 0), (0, 0)))),
-        elapsed=padded(elapsed),
-        begins=jnp.asarray(np.pad(begins, (0, room), constant_values=True)),
-        state=jnp.asarray(np.pad(place, (0, spare))),
-        push=jnp.asarray(np.pad(parts, ((0, spare), (0, 0)))),
+        padded(e1),
+        padded(e2),
+        jnp.asarray(np.pad(pull, ((0, room), (0, 0), (0, 0)))),
+        padded(elapsed),
+        jnp.asarray(np.pad(begins, (0, room), constant_values=True)),
+        jnp.asarray(np.pad(place, (0, spare))),
+        jnp.asarray(np.pad(parts, ((0, spare), (0, 0)))),
     )
 
 

@@ -233,26 +233,20 @@ def _by_inputs(curve: BodyCurve, law: AbstractLaw) -> tuple[tuple[str, ...], np.
         tables["geometry"] = spec.geometry.model_copy(update={"mounting": 0.0})
     spec = spec.model_copy(update=tables)
     inputs = inputs_of(spec) | {path: np.asarray(x) for path, x in curve.inputs.items()}
+    nothing = {path: 0 * x for path, x in inputs.items()}
     names, changes = [], []
     for name in ("geometry.thickness", "geometry.oil_gap", "oil.fill", "geometry.mounting"):
         own = {path for path in inputs if path == name or path.startswith(f"{name}.value.")}
-        whole = name.startswith("oil") or name.endswith("mounting")
+        whole = name in ("oil.fill", "geometry.mounting")
         if own:
             names.append(name)
-            changes.append(
-                {
-                    p: 0 * x if p not in own else 0 * x + 1 if whole else x
-                    for p, x in inputs.items()
-                }
-            )
-    nothing = {path: 0 * x for path, x in inputs.items()}
-    directions = {p: np.stack([*(c[p] for c in changes), x]) for p, x in nothing.items()}
+            sizes = {path: nothing[path] + 1 if whole else inputs[path] for path in own}
+            changes.append({**nothing, **sizes})
+    directions = {path: np.stack([c[path] for c in [*changes, nothing]]) for path in nothing}
     zero = np.eye(len(names) + 1)[-1]
-    named = dataclasses.replace(
-        curve,
-        inputs={path: jnp.asarray(x) for path, x in inputs.items()},
-        scene=Structure(spec, wall=curve.scene.wall),
-    )
+    known = {path: jnp.asarray(x) for path, x in inputs.items()}
+    scene = Structure(spec, wall=curve.scene.wall)
+    named = dataclasses.replace(curve, inputs=known, scene=scene)
     slopes = COMPILED.run(_slopes, named, law, directions, zero, once=True)
     return (*names, ZERO), np.asarray(slopes).T
 

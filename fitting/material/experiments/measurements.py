@@ -6,6 +6,7 @@ undeformed area, Cauchy stress force over current area.
 """
 
 import abc
+import collections
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
@@ -171,12 +172,12 @@ class Dataset(abc.ABC):
 
     def select(self, keep: np.ndarray) -> Self:
         """The readings where `keep` is true."""
-        arrays: dict[str, Any] = {
-            field.name: getattr(self, field.name)[..., keep]
-            for field in dataclasses.fields(self)
-            if isinstance(getattr(self, field.name), np.ndarray)
-        }
-        return dataclasses.replace(self, **arrays)
+        changes: dict[str, Any] = {k: x[..., keep] for k, x in self.arrays().items()}
+        return dataclasses.replace(self, **changes)
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What each reading has, by field [..., n]."""
+        return {k: x for k, x in vars(self).items() if isinstance(x, np.ndarray)}
 
 
 def mode_named(name: str) -> str:
@@ -191,18 +192,15 @@ def mode_named(name: str) -> str:
 
 def joined(sets: Sequence[Kind]) -> Kind:
     """Readings of several series of one file as one data set."""
-    arrays = {
-        field.name: np.concatenate([getattr(part, field.name) for part in sets], axis=-1)
-        for field in dataclasses.fields(sets[0])
-        if isinstance(getattr(sets[0], field.name), np.ndarray)
+    parts = [part.arrays() for part in sets]
+    changes: dict[str, Any] = {
+        key: np.concatenate([own[key] for own in parts], axis=-1) for key in parts[0]
     }
-    dropped: dict[str, int] = {}
+    dropped: collections.Counter[str] = collections.Counter()
     for part in sets:
-        for reason, count in part.dropped.items():
-            dropped[reason] = dropped.get(reason, 0) + count
+        dropped.update(part.dropped)
     warnings = tuple(dict.fromkeys(text for part in sets for text in part.warnings))
-    changes: dict[str, Any] = {**arrays, "dropped": dropped, "warnings": warnings}
-    return dataclasses.replace(sets[0], **changes)
+    return dataclasses.replace(sets[0], **changes, dropped=dict(dropped), warnings=warnings)
 
 
 # Tests in which both stretches are free: no one curve, and nothing to extrapolate to.

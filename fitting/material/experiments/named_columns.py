@@ -39,24 +39,20 @@ class NamedColumns:
         """Find out what the columns measure."""
         ignored = []
         for index, name in enumerate(self.table.names):
-            if not name:
-                continue
             try:
-                column = understand(name, self.table.file)
+                column = understand(name, self.table.file) if name else None
             except ValueError as error:
-                meant = quantity_of(name)
-                self._faulty.setdefault(meant or name, DataError(str(error)))
+                self._faulty.setdefault(quantity_of(name) or name, DataError(str(error)))
                 continue
             if column is None:
-                ignored.append(name)
+                ignored += [name] if name else []
                 continue
             key = (column.quantity, column.direction)
-            if key not in self.columns:
+            if (
+                key not in self.columns
+                or self._better_of(column.quantity, self.columns[key][0], index) == index
+            ):
                 self.columns[key] = (index, column)
-                continue
-            other = self.columns[key][0]
-            kept = self._better_of(column.quantity, other, index)
-            self.columns[key] = (kept, column) if kept == index else self.columns[key]
         if self.mode in PATHS:
             self._along_the_load()
         if ignored:
@@ -68,7 +64,9 @@ class NamedColumns:
         for quantity in {name for name, direction in self.columns if direction == 2}:
             across = self.columns.pop((quantity, 2))
             along = self.columns.pop((quantity, 1), across)
-            changes = [float(np.nanmax(c) - np.nanmin(c)) for c in self._cells(along, across)]
+            cells = [self.table.cells[:, index] for index, _ in (along, across)]
+            cells = [x if np.isfinite(x).any() else np.zeros(1) for x in cells]
+            changes = [float(np.nanmax(x) - np.nanmin(x)) for x in cells]
             if changes[1] > changes[0]:
                 along, across = across, along
             self.columns.setdefault((quantity, 1), along)
@@ -78,10 +76,6 @@ class NamedColumns:
                     f'column "{left}" is not used: "{kept}" changes by more, so it is taken as '
                     f"the one along the load; --columns {quantity}={across[0] + 1} chooses it"
                 )
-
-    def _cells(self, *columns: tuple[int, Column]) -> list[np.ndarray]:
-        cells = [self.table.cells[:, index] for index, _ in columns]
-        return [values if np.isfinite(values).any() else np.zeros(1) for values in cells]
 
     def _better_of(self, quantity: str, first: int, second: int) -> int:
         """Which of two columns of the same quantity to use.
@@ -112,21 +106,24 @@ class NamedColumns:
         Raises DataError: a cell holds neither a number nor a usual sign of a missing one.
         """
         wanted = (0, 1) if direction in (0, 1) else (direction,)
-        if quantity in self._faulty and not any((quantity, d) in self.columns for d in wanted):
-            raise self._faulty[quantity]
-        for d in wanted:
-            if (quantity, d) in self.columns:
-                index, column = self.columns[quantity, d]
-                values = self.table.cells[:, index]
-                for row in np.flatnonzero(np.isnan(values)):
-                    text = self.table.texts[row][index]
-                    if not is_missing(text):
-                        raise DataError(
-                            f'{self.at(int(row), index)}: "{text[:40]}" is no number; leave '
-                            f"the cell empty if the value is missing"
-                        )
-                return values * column.factor
-        return None
+        found = next(
+            (self.columns[quantity, d] for d in wanted if (quantity, d) in self.columns), None
+        )
+        if found is None:
+            if quantity in self._faulty:
+                raise self._faulty[quantity]
+            return None
+        index, column = found
+        values = self.table.cells[:, index]
+        for row in np.flatnonzero(np.isnan(values)):
+            text = self.table.texts[row][index]
+            if not is_missing(text):
+                where = self.at(int(row), index)
+                raise DataError(
+                    f'{where}: "{text[:40]}" is no number; leave the cell empty if the value '
+                    f"is missing"
+                )
+        return values * column.factor
 
     def needed(self, quantity: str, what: str, *names: str) -> np.ndarray:
         """As `column`; what is missing, and columns that would state it, are told."""

@@ -196,14 +196,9 @@ def averaged(test: AnyTest, label: np.ndarray) -> AnyTest:
     def mean(values: np.ndarray) -> np.ndarray:
         return np.bincount(label, test.weight * values) / size
 
-    changes: dict[str, Any] = {}
-    for field in dataclasses.fields(test):
-        values = getattr(test, field.name)
-        if isinstance(values, np.ndarray):
-            changes[field.name] = (
-                np.apply_along_axis(mean, -1, values)
-                if values.dtype.kind == "f"
-                else values[first]
-            )
+    changes: dict[str, Any] = {
+        key: np.apply_along_axis(mean, -1, x) if x.dtype.kind == "f" else x[first]
+        for key, x in test.arrays().items()
+    }
     changes |= {"weight": size, "sigma": np.sqrt(mean(test.sigma**2))}
     return dataclasses.replace(test, **changes)
