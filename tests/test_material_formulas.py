@@ -183,25 +183,24 @@ def test_factor_of_a_specimen_is_least_squares_of_its_readings() -> None:
     specimen = np.repeat(np.array(["A", "B"], object), 9)
     noise = 1 + 0.01 * RNG.normal(size=18)
     value = neo_hookean(x) * np.where(specimen == "A", 1.1, 0.9) * noise
-    test = tension(x, value, specimen=specimen)
     predicted, inverse = neo_hookean(x), 1 / neo_hookean(x)
     r = (predicted - value) * inverse
     residuals: Any = SimpleNamespace(
         value=value, inverse_scale=inverse, misfit=lambda r: np.asarray(r) / inverse
     )
-    problem: Any = SimpleNamespace(residuals=residuals, places=(np.arange(18),))
-    less: Any = SimpleNamespace(residuals=residuals, places=(np.arange(13),))
+
+    def of_first(count: int) -> Any:
+        part = tension(x[:count], value[:count], specimen=specimen[:count])
+        return SimpleNamespace(residuals=residuals, tests=[(part, np.arange(count))])
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
             "fitting.material.fit.specimens.sensitivity", lambda residuals, c: (r, None)
         )
-        found = specimens_of([test], problem, np.ones(1))
-        again = specimens_of([test], problem, np.ones(1), np.array([2.0, 1.0]))
-        enough = tension(x[:14], value[:14], specimen=specimen[:14])
-        fourteen: Any = SimpleNamespace(residuals=residuals, places=(np.arange(14),))
-        assert specimens_of([enough], fourteen, np.ones(1)) is not None
-        few = tension(x[:13], value[:13], specimen=specimen[:13])
-        assert specimens_of([few], less, np.ones(1)) is None
+        found = specimens_of(of_first(18), np.ones(1))
+        again = specimens_of(of_first(18), np.ones(1), np.array([2.0, 1.0]))
+        assert specimens_of(of_first(14), np.ones(1)) is not None
+        assert specimens_of(of_first(13), np.ones(1)) is None
     assert found is not None
     own = (value / predicted).reshape(2, 9)
     factors = own.mean(1)
@@ -216,6 +215,7 @@ def test_factor_of_a_specimen_is_least_squares_of_its_readings() -> None:
     assert again.factors[0] / again.factors[1] == pytest.approx(
         2 * expected[0] / expected[1], rel=1e-6
     )
+    test = tension(x, value, specimen=specimen)
     (typical,) = of_typical_specimen([test], found)
     np.testing.assert_allclose(typical.value, value / np.repeat(expected, 9), rtol=1e-9)
 

@@ -12,7 +12,7 @@ from fitting.material.experiments.indentation_curve import BodySpecimen, body_sp
 from fitting.material.experiments.measurements import Channel, Dataset, Predictor, joined
 from fitting.material.experiments.prediction import AbstractExperiment
 from fitting.material.experiments.skin_curve import Specimen, specimen
-from fitting.material.experiments.table_reader import Reader, noise_of
+from fitting.material.experiments.table_reader import Reader, deviations_of
 from suas_jax.config import BodyLoadSpec, LineLoadSpec, SceneSpec
 from suas_jax.config.quantities import DimensionName
 
@@ -222,7 +222,7 @@ def _sigma(
         return np.full(len(values), np.nan)
     kinds: dict[str, DimensionName] = {"displacement": "length", "force": "force"}
     try:
-        return noise_of(text, values, kinds.get(name, "stress"))
+        return deviations_of(text, values, kinds.get(name, "stress"))
     except ValueError as error:
         raise DataError(
             f'{reader.table.file}: noise "{text}" of the {name}: {error}; give "1 %", or '

@@ -285,7 +285,7 @@ class Reader(NamedColumns):
         if text is None:
             return np.full(len(values), np.nan)
         with said_of(f'{self.table.file}: noise "{text}"'):
-            sigma = noise_of(text, values, "stress")
+            sigma = deviations_of(text, values, "stress")
         if np.any(sigma < 0.0) or not np.any(sigma > 0.0):
             raise DataError(f'{self.table.file}: noise "{text}" must be greater than zero')
         return np.where(sigma > 0.0, sigma, np.max(sigma))
@@ -296,7 +296,7 @@ class Reader(NamedColumns):
         return self.noise or self.table.metadata.get("sigma", self.table.metadata.get("noise"))
 
 
-def noise_of(text: str, values: np.ndarray, dimension: DimensionName) -> np.ndarray:
+def deviations_of(text: str, values: np.ndarray, dimension: DimensionName) -> np.ndarray:
     """Standard deviations of readings from text such as "2 %" or "5 kPa", shape [n].
 
     Raises ValueError: it is no quantity of this dimension.

@@ -179,7 +179,7 @@ def _readings_of(fit: FittedLaw) -> Readings:
     """Readings of a fit's homogeneous tests; of others, what the law says of their range."""
     inverse = np.asarray(fit.problem.residuals.inverse_scale)
     parts = []
-    for data, place, misfit in zip(fit.sets, fit.problem.places, fit.misfits(), strict=True):
+    for (data, place), misfit in zip(fit.problem.tests, fit.misfits(), strict=True):
         if isinstance(data, StressTest) and not data.follows_history:
             used = inverse[place] > 0.0
             # A zero that was found with the law moves the reading, not the law.

@@ -161,11 +161,11 @@ def _fitted(
     suspects = [s for s in suspects if not any(k in zero for k in _MENDS.get(s.kind, ()))]
     zeros = zeros_of(used, zero) if zero else ()
     wider = with_zeros(chosen, used, zeros) if zeros else chosen
-    problem, minima, used = weighed_search(used, wider, residual, starts, seed, zeros)
+    problem, minima = weighed_search(used, wider, residual, starts, seed, zeros)
     specimens = None
     if np.isfinite(minima.cost[0]) and not zeros and not bounds and has_several_specimens(used):
-        specimens, problem, minima, used = search_for_typical_specimen(
-            used, wider, problem, minima, (residual, starts, seed)
+        specimens, problem, minima = search_for_typical_specimen(
+            wider, problem, minima, (residual, starts, seed)
         )
     if not np.isfinite(minima.cost[0]):
         raise NoFit(
@@ -198,11 +198,11 @@ def _fitted(
         if at_bounds:
             notes.append(f"at a bound, and held there in all intervals: {', '.join(at_bounds)}")
     known = residual == "noise"
-    noise = noise_of(used, problem, constants)
-    misfit = judged_residuals(used, problem, constants, noise, known_noise=known)
+    noise = noise_of(problem, constants)
+    misfit = judged_residuals(problem, constants, noise, known_noise=known)
     ratio = noise.ratio if noise.excluded and not known else None
     if ratio is not None:
-        notes.append(noise_remark(used, noise, residual))
+        notes.append(noise_remark(problem.sets, noise, residual))
     judged = uncertainty(
         problem.residuals,
         constants,
@@ -220,13 +220,12 @@ def _fitted(
         )
     named = {suspect.kind for suspect in suspects}
     if doubt and misfit.significant and named <= _ZEROS and not bounds:
-        explaining = _explaining(used, problem, constants, noise)
+        explaining = _explaining(problem, constants, noise)
         suspects += [suspect for suspect in explaining if suspect.kind not in named]
         if not suspects and not zero:
-            suspects += _toe(used, chosen, settings)
+            suspects += _toe(problem.sets, chosen, settings)
     notes += [suspect.text for suspect in suspects]
     return MaterialFit(
-        tuple(used),
         problem,
         constants,
         judged,
@@ -242,22 +241,19 @@ def _fitted(
     )
 
 
-def _explaining(
-    sets: Sequence[Dataset], problem: MaterialProblem, constants: np.ndarray, noise: Noise
-) -> list[Suspect]:
+def _explaining(problem: MaterialProblem, constants: np.ndarray, noise: Noise) -> list[Suspect]:
     """Artefacts that leave nothing but noise."""
-    if any(not can_be_freed(data) for data in sets):
+    if any(not can_be_freed(data) for data in problem.sets):
         return []
     if problem.kind != "noise" and all(model is not None for model in noise.models):
         # What is weighed by another noise shows other patterns than the artefact's.
-        sets = with_noise(sets, noise, predicted_readings(problem, constants))
-        posed = pose(sets, problem.residuals.family, "noise")
+        sizes = predicted_readings(problem, constants)
+        posed = pose(with_noise(problem.sets, noise, sizes), problem.residuals.family, "noise")
         problem = dataclasses.replace(posed, kind="estimated")
 
     def is_noise(other: MaterialProblem, point: np.ndarray) -> bool:
-        found = noise_of(sets, other, point)
-        known = problem.kind == "noise"
-        return not judged_residuals(sets, other, point, found, known_noise=known).significant
+        found, known = noise_of(other, point), problem.kind == "noise"
+        return not judged_residuals(other, point, found, known_noise=known).significant
 
     def refit(changed: Sequence[Dataset]) -> float:
         family = problem.residuals.family
@@ -265,7 +261,7 @@ def _explaining(
         points = family.random(np.random.default_rng(0), 16)
         return float(minimise(posed.residuals, points).cost[0])
 
-    return fit_suspects(sets, problem, constants, is_noise, refit)
+    return fit_suspects(problem, constants, is_noise, refit)
 
 
 def _toe(sets: Sequence[Dataset], chosen: AbstractFamily, settings: _Settings) -> list[Suspect]:

@@ -25,11 +25,15 @@ STABLE_LIMITS = (0.01, 100.0)
 class FittedLaw:
     """A law fitted to data; see `MaterialFit`."""
 
-    sets: tuple[Dataset, ...]
     problem: MaterialProblem
     constants: np.ndarray
     uncertainty: Uncertainty
     specimens: Specimens | None
+
+    @property
+    def sets(self) -> tuple[Dataset, ...]:
+        """The data that were fitted."""
+        return self.problem.sets
 
     @property
     def family(self) -> AbstractFamily:

@@ -39,7 +39,7 @@ class Noise:
         ]
 
 
-def noise_of(sets: Sequence[Dataset], problem: MaterialProblem, constants: np.ndarray) -> Noise:
+def noise_of(problem: MaterialProblem, constants: np.ndarray) -> Noise:
     """Estimate the noise of each data set from the residuals of a fit."""
     residuals = problem.residuals
     r = np.asarray(sensitivity(residuals, jnp.asarray(constants))[0])
@@ -48,7 +48,7 @@ def noise_of(sets: Sequence[Dataset], problem: MaterialProblem, constants: np.nd
     inverse = np.asarray(residuals.inverse_scale)
     models: list[NoiseModel | None] = []
     ratio = np.ones(len(error))
-    for data, place in zip(sets, problem.places, strict=True):
+    for data, place in problem.tests:
         model = estimated_noise(data, error[place], predicted[place], inverse[place])
         models.append(model)
         if model is not None and model.excludes_assumed:
@@ -118,12 +118,7 @@ def noise_remark(sets: Sequence[Dataset], noise: Noise, residual: str) -> str:
 
 
 def judged_residuals(
-    sets: Sequence[Dataset],
-    problem: MaterialProblem,
-    constants: np.ndarray,
-    noise: Noise,
-    *,
-    known_noise: bool,
+    problem: MaterialProblem, constants: np.ndarray, noise: Noise, *, known_noise: bool
 ) -> Misfit:
     """Whether the residuals of a fit are more than noise of the model that fits it.
 
@@ -148,7 +143,7 @@ def judged_residuals(
             factor = np.nan_to_num(np.clip(size / predicted, 0.5, 2.0), nan=1.0)
         share = size * np.asarray(residuals.inverse_scale)
     paths, smooth = [], []
-    for data, place in zip(sets, problem.places, strict=True):
+    for data, place in problem.tests:
         for order in (place[path] for path in data.paths()):
             paths.append(r[order])
             if not (noise.excluded and not known_noise):

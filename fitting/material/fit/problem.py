@@ -150,6 +150,7 @@ def shared_error(error: np.ndarray) -> np.ndarray:
 class MaterialProblem:
     """The residuals of one fit and where each data set is in them."""
 
+    sets: tuple[Dataset, ...]
     residuals: Residuals  # the misfit as a function of θ
     places: tuple[np.ndarray, ...]  # positions of each data set's readings in the residuals
     floors: tuple[float, ...]  # smallest scale of relative residuals for each data set [Pa]
@@ -157,6 +158,11 @@ class MaterialProblem:
     # of the corrected shell, where a skin was tested, relative to its displacement: a standard
     # deviation
     model_error: float = 0.0
+
+    @property
+    def tests(self) -> list[tuple[Dataset, np.ndarray]]:
+        """Each data set and the positions of its readings."""
+        return list(zip(self.sets, self.places, strict=True))
 
 
 def pose(
@@ -222,7 +228,7 @@ def pose(
     )
     floors = tuple(data.floor if kind == "relative" else 0.0 for data in sets)
     model_error = max(data.model_error for data in sets)
-    return MaterialProblem(residuals, tuple(places), floors, kind, model_error)
+    return MaterialProblem(tuple(sets), residuals, tuple(places), floors, kind, model_error)
 
 
 def settle(problem: MaterialProblem, constants: np.ndarray) -> MaterialProblem:

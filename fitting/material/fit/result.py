@@ -33,8 +33,7 @@ class MaterialFit(FittedLaw):
     """A fitted law.
 
     Attributes:
-        sets: the data that were fitted.
-        problem: its residuals; a posterior samples `problem.residuals.log_likelihood`.
+        problem: its residuals, with the data that were fitted; a posterior samples `problem.residuals.log_likelihood`.
         constants: fitted constants in SI units, in the order of `family.names`.
         minima: what the starts found.
         uncertainty: covariance and identifiability.

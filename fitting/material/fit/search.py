@@ -163,20 +163,20 @@ def _with_effects(
 
 
 def weighed_search(
-    sets: list[Dataset],
+    sets: Sequence[Dataset],
     chosen: AbstractFamily,
     kind: str,
     starts: int,
     seed: int,
     zeros: Sequence[Zero],
-) -> tuple[MaterialProblem, Minima, list[Dataset]]:
+) -> tuple[MaterialProblem, Minima]:
     """The search, with readings weighed by their noise where it is to be estimated.
 
-    `kind`: of the residuals; "estimated" weighs them. `zeros`: found with the law.
-    Returns the problem, its minima, and the data with the noise that they are weighed by.
+    `kind`: of the residuals; "estimated" weighs them, and puts the noise beside the data of the
+    problem. `zeros`: found with the law.
     """
     if kind != "estimated":
-        return *search(sets, chosen, kind, starts, seed, zeros), sets
+        return search(sets, chosen, kind, starts, seed, zeros)
     problem, minima = search(sets, chosen, "relative", starts, seed, zeros)
     for _ in range(_NOISE_ROUNDS):
         if not np.isfinite(minima.cost[0]):
@@ -184,40 +184,37 @@ def weighed_search(
         scales = problem.residuals.scales
         constants = np.asarray(chosen.constants(jnp.asarray(minima.theta[0]), scales))
         sizes = predicted_readings(problem, constants)
-        sets = with_noise(sets, noise_of(sets, problem, constants), sizes)
-        posed = pose(sets, chosen, "noise", zeros=zeros)
+        known = with_noise(problem.sets, noise_of(problem, constants), sizes)
+        posed = pose(known, chosen, "noise", zeros=zeros)
         minima = minimise(posed.residuals, minima.theta)
         problem = dataclasses.replace(posed, kind="estimated")
-    return problem, minima, sets
+    return problem, minima
 
 
 def search_for_typical_specimen(
-    sets: list[Dataset],
     chosen: AbstractFamily,
     problem: MaterialProblem,
     minima: Minima,
     options: tuple[str, int, int],
-) -> tuple[Specimens | None, MaterialProblem, Minima, list[Dataset]]:
+) -> tuple[Specimens | None, MaterialProblem, Minima]:
     """The search for the typical specimen's constants, if the specimens differ.
 
     `problem`: residuals of all specimens alike. `options`: kind of the residuals, number of
     starting points and seed of their draw.
-    Returns the specimens' factors, the problem, its minima, and the data, over their factors
-    where the specimens differ.
+    Returns the specimens' factors, the problem, of data over their factors where the specimens
+    differ, and its minima.
     """
 
     def judged(known: np.ndarray | None) -> Specimens | None:
         theta, scales = jnp.asarray(minima.theta[0]), problem.residuals.scales
-        constants = np.asarray(chosen.constants(theta, scales))
-        return specimens_of(sets, problem, constants, known)
+        return specimens_of(problem, np.asarray(chosen.constants(theta, scales)), known)
 
     found = judged(None)
     if found is None or not found.differ:
-        return found, problem, minima, sets
-    sets = of_typical_specimen(sets, found)
-    problem, minima, sets = weighed_search(sets, chosen, *options, ())
-    again = judged(found.factors) if np.isfinite(minima.cost[0]) else None
-    return again, problem, minima, sets
+        return found, problem, minima
+    typical = of_typical_specimen(problem.sets, found)
+    problem, minima = weighed_search(typical, chosen, *options, ())
+    return judged(found.factors) if np.isfinite(minima.cost[0]) else None, problem, minima
 
 
 # The radius, largest change of a parameter: first, over that of a step that failed, and by how

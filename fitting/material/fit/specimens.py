@@ -155,10 +155,7 @@ def has_several_specimens(sets: Sequence[Dataset]) -> bool:
 
 
 def specimens_of(
-    sets: Sequence[Dataset],
-    problem: MaterialProblem,
-    constants: np.ndarray,
-    known: np.ndarray | None = None,
+    problem: MaterialProblem, constants: np.ndarray, known: np.ndarray | None = None
 ) -> Specimens | None:
     """Factors of the specimens, from a fit to all of them.
 
@@ -170,7 +167,7 @@ def specimens_of(
     measured = np.asarray(problem.residuals.value)
     predicted = measured + np.asarray(problem.residuals.misfit(r))
     labels, modes, logs, errors = [], [], [], []
-    for data, place in zip(sets, problem.places, strict=True):
+    for data, place in problem.tests:
         # Tests of one rubber at several rates are no further specimens.
         if not isinstance(data, StressTest) or not data.is_curve or data.follows_history:
             return None

@@ -92,7 +92,6 @@ def _start(data: Dataset, zero: Zero) -> float:
 
 
 def fit_suspects(
-    sets: Sequence[Dataset],
     problem: MaterialProblem,
     constants: np.ndarray,
     is_noise: Callable[[MaterialProblem, np.ndarray], bool],
@@ -105,7 +104,7 @@ def fit_suspects(
     Returns those that leave only noise, the best first; none if the law fails for another
     reason.
     """
-    family = problem.residuals.family
+    family, sets = problem.residuals.family, problem.sets
     kind_posed = posed_kind(problem)
     cost = np.inf
     found: list[tuple[float, Suspect]] = []

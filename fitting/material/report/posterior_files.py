@@ -102,7 +102,7 @@ def plot_predictive(found: MaterialPosterior, file: Path | None = None) -> Figur
     readings = np.tile(law, (_REPEATS, 1)) + _noise(found, np.tile(theta, (_REPEATS, 1)))
     panels = [
         (data, place, channel)
-        for data, place in zip(found.fit.sets, found.fit.problem.places, strict=True)
+        for data, place in found.fit.problem.tests
         for channel in data.channels()
     ]
     measured = {data.mode for data, _, _ in panels}

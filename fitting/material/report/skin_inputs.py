@@ -56,7 +56,7 @@ def inputs_report(fit: MaterialFit) -> list[dict[str, Any]]:
     _, J = (np.asarray(x) for x in sensitivity(fit.problem.residuals, constants))
     by_modulus = J @ np.where(fit.family.stresses, fit.constants, 0.0)
     noise = fit.uncertainty.noise * fit.uncertainty.inflation
-    for data, place in zip(fit.sets, fit.problem.places, strict=True):
+    for data, place in fit.problem.tests:
         if not isinstance(data, IndentationTest):
             continue
         a = by_modulus[place]
