@@ -9,6 +9,7 @@ combination free to change by half of that natural size: it is unidentifiable.
 """
 
 import dataclasses
+import functools
 import itertools
 from collections.abc import Sequence
 
@@ -34,17 +35,26 @@ class Uncertainty:
     noise: float  # standard deviation of the residuals, one where the noise is known
     dof: int  # degrees of freedom, readings less constants
     inflation: float  # factor on the standard errors for a misfit that is not noise
-    covariance: np.ndarray  # of the constants, SI units, inflation included, shape [p, p]
     # R with R Rᵀ the covariance. Where some constants are free by any amount, what the data do
     # know of their combinations is lost to rounding in the covariance, not in R; shape [p, p].
     root: np.ndarray
-    correlation: np.ndarray  # of the constants, shape [p, p]
     singular_values: np.ndarray  # of the scaled sensitivity matrix, largest first, shape [p]
     sizes: np.ndarray  # natural size of each constant, shape [p]
     unidentifiable: tuple[str, ...]  # combinations that the data don't determine, in words
     # how many of them there are without the inflation: constants too many for the noise alone,
     # whatever the law's misfit adds
     spare: int
+
+    @functools.cached_property
+    def covariance(self) -> np.ndarray:
+        """Of the constants, SI units, inflation included, shape [p, p]."""
+        return np.asarray(self.root @ self.root.T)
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Of the constants, shape [p, p]."""
+        deviation = self.standard_errors
+        return self.covariance / np.maximum(np.outer(deviation, deviation), 1e-300)
 
     @property
     def standard_errors(self) -> np.ndarray:
@@ -66,15 +76,7 @@ class Uncertainty:
 
         `error`: by how much each constant moves at one standard deviation of it, shape [p].
         """
-        root = np.column_stack([self.root, error])
-        covariance = root @ root.T
-        deviation = np.sqrt(np.diagonal(covariance))
-        return dataclasses.replace(
-            self,
-            root=root,
-            covariance=covariance,
-            correlation=covariance / np.maximum(np.outer(deviation, deviation), 1e-300),
-        )
+        return dataclasses.replace(self, root=np.column_stack([self.root, error]))
 
     def quantile(self, level: float) -> float:
         """Half width of a two-sided interval in standard errors.
@@ -147,8 +149,6 @@ def uncertainty(
     root[np.ix_(kept, np.arange(len(s)))] = np.clip(
         scaled * sizes[kept, None], -_LARGEST, _LARGEST
     )
-    covariance = root @ root.T
-    deviation = np.sqrt(np.diagonal(covariance))
     # The same noise as that of the intervals, and the noise alone.
     floor, alone = (
         np.maximum(spread * factor * noise_along, SMALLEST_NOISE * typical)
@@ -167,18 +167,8 @@ def uncertainty(
     ]
     if dof <= 0:
         named.insert(0, f"everything: {count} readings for {len(constants)} constants")
-    return Uncertainty(
-        noise=noise,
-        dof=dof,
-        inflation=inflation,
-        covariance=covariance,
-        root=root,
-        correlation=covariance / np.maximum(np.outer(deviation, deviation), 1e-300),
-        singular_values=s,
-        sizes=sizes,
-        unidentifiable=tuple(named),
-        spare=int(spare.sum()) + (dof <= 0),
-    )
+    count = int(spare.sum()) + (dof <= 0)
+    return Uncertainty(noise, dof, inflation, root, s, sizes, tuple(named), count)
 
 
 def describe(
@@ -193,11 +183,9 @@ def describe(
     A direction of stresses alone is written in pascals ("C1 - C2" where one may grow at
     the other's expense); a mixed one in relative changes.
     """
-    physical = direction * sizes
-    large = np.abs(direction) > 0.1 * np.max(np.abs(direction))
-    taking_part = np.flatnonzero(large)
+    taking_part = np.flatnonzero(np.abs(direction) > 0.1 * np.max(np.abs(direction)))
     in_pascals = all(units[i] == "Pa" for i in taking_part) and len(taking_part) > 1
-    shown = physical if in_pascals else direction
+    shown = direction * sizes if in_pascals else direction
     if in_pascals:
         taking_part = np.flatnonzero(np.abs(shown) > 0.02 * np.max(np.abs(shown)))
     if len(taking_part) == 1:

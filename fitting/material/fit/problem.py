@@ -153,11 +153,17 @@ class MaterialProblem:
     sets: tuple[Dataset, ...]
     residuals: Residuals  # the misfit as a function of θ
     places: tuple[np.ndarray, ...]  # positions of each data set's readings in the residuals
-    floors: tuple[float, ...]  # smallest scale of relative residuals for each data set [Pa]
     kind: str  # "relative", "absolute" or "noise"
-    # of the corrected shell, where a skin was tested, relative to its displacement: a standard
-    # deviation
-    model_error: float = 0.0
+
+    @property
+    def floors(self) -> list[float]:
+        """Smallest scale of relative residuals for each data set [Pa]."""
+        return [data.floor if self.kind == "relative" else 0.0 for data in self.sets]
+
+    @property
+    def model_error(self) -> float:
+        """Standard deviation of a skin's corrected shell's own error, relative."""
+        return max(data.model_error for data in self.sets)
 
     @property
     def tests(self) -> list[tuple[Dataset, np.ndarray]]:
@@ -226,9 +232,7 @@ def pose(
         shared=jnp.asarray(_shared_errors(sets, places, value, inverse_scale, kind)),
         family=family,
     )
-    floors = tuple(data.floor if kind == "relative" else 0.0 for data in sets)
-    model_error = max(data.model_error for data in sets)
-    return MaterialProblem(tuple(sets), residuals, tuple(places), floors, kind, model_error)
+    return MaterialProblem(tuple(sets), residuals, tuple(places), kind)
 
 
 def settle(problem: MaterialProblem, constants: np.ndarray) -> MaterialProblem:

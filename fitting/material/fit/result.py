@@ -33,7 +33,8 @@ class MaterialFit(FittedLaw):
     """A fitted law.
 
     Attributes:
-        problem: its residuals, with the data that were fitted; a posterior samples `problem.residuals.log_likelihood`.
+        problem: its residuals, with the data that were fitted; a posterior samples
+            `problem.residuals.log_likelihood`.
         constants: fitted constants in SI units, in the order of `family.names`.
         minima: what the starts found.
         uncertainty: covariance and identifiability.
