@@ -70,32 +70,24 @@ def _print(report: dict[str, Any], test: Any) -> None:
     for column in report["columns"]:
         ends = [f"{x:.5g}" if x is not None else "" for x in (column["min"], column["max"])]
         meaning = column["quantity"] or ("not usable" if "problem" in column else "not used")
-        if column["direction"] == 2:
-            meaning += " (direction 2)"
-        table.add_row(
-            str(column["number"]),
-            escape(column["name"]),
-            meaning,
-            column["unit"],
-            str(column["numbers"]),
-            *ends,
-        )
+        meaning += " (direction 2)" if column["direction"] == 2 else ""
+        first = (str(column["number"]), escape(column["name"]), meaning, column["unit"])
+        table.add_row(*first, str(column["numbers"]), *ends)
     console.print(table)
+    units = {"area": ("mm2", 1e6), "thickness_ratio": ("", 1.0)}
     for name, size in report["sizes_m"].items():
-        unit, factor = {"area": ("mm2", 1e6), "thickness_ratio": ("", 1.0)}.get(
-            name, ("mm", 1e3)
-        )
+        unit, factor = units.get(name, ("mm", 1e3))
         console.print(f"{name}: {size * factor:.5g} {unit}".rstrip())
-    if test is None:
+    found = report["test"]
+    if found is None:
         console.print(f"[yellow]incomplete:[/] {escape(report['message'])}")
-    else:
-        found = report["test"]
-        for part in found["specimens"]:
-            label = f'specimen "{part["specimen"]}"' if part["specimen"] else "one specimen"
-            console.print(
-                f"{escape(label)}: {part['readings']} readings, {part['loadings']} "
-                f"loading{'s' if part['loadings'] > 1 else ''}"
-            )
+    for part in found["specimens"] if found else ():
+        label = f'specimen "{part["specimen"]}"' if part["specimen"] else "one specimen"
+        console.print(
+            f"{escape(label)}: {part['readings']} readings, {part['loadings']} "
+            f"loading{'s' if part['loadings'] > 1 else ''}"
+        )
+    if found:
         console.print(
             f"read as {report['mode']}: {found['abscissa']} from {found['abscissa_min']:.4g} "
             f"to {found['abscissa_max']:.4g}, {_modulus(found)}"

@@ -193,13 +193,14 @@ def material(
     Exit status: 0 constants were found, 2 bad input, 3 no constants could be found.
     """
     with bad_input():
-        if (chain or arviz or corner or predictive) and not sample:
+        files = (arviz, corner, predictive)
+        if any((chain, *files)) and not sample:
             raise ValueError("--chain, --arviz, --corner and --predictive need --sample")
         cards = [named_file(text, "--export", "abaqus=card.inp") for text in export or []]
         settings = _card_settings(cards, card_units, card_name, density, bulk_modulus)
         bounds = dict(named_bounds(text) for text in bound or [])
-        outputs = [arviz, corner, predictive, plot, report_file]
-        check_outputs([*outputs, *(Path(file) for _, file in cards)], overwrite=overwrite)
+        outputs = [*files, plot, report_file, *(Path(file) for _, file in cards)]
+        check_outputs(outputs, overwrite=overwrite)
         own_output(chain)  # not only when the fit has ended
         check_figures(plot, corner, predictive)
         sets = _data(data, specimen, columns, noise, scene, machine_stiffness)
@@ -255,7 +256,6 @@ def material(
                 from fitting.statistics.posterior import Settings
 
                 sampler = Settings(walkers, steps, moves, seed, chain=chain)
-                files = (arviz, corner, predictive)
                 report["posterior"] = sample_and_write(fit, sampler, bounds, show, *files)
             if report["status"] != "no_fit":
                 _write(found, cards, settings, plot, report_file)

@@ -38,34 +38,23 @@ class Calibration(NamedTuple):
 
 def calibrate(
     sets: Sequence[Dataset],
-    law: str = "ogden",
+    law: str = "ogden",  # a value of `law` in [material], or "auto"
     terms: int | None = None,
     *,
     progress: Callable[[str], None] = lambda title: None,
     scene: Path | None = None,
     up_to: float | None = None,
-    prony: int | str = 0,
+    prony: int | str = 0,  # number of Prony terms, or "auto" for as many as the data determine
     **options: Any,
 ) -> Calibration:
     """Fit a law to data, or compare all laws, and the bulk modulus, and report.
 
     The law is isochoric and fitted as if the material were incompressible.
 
-    Args:
-        sets: the data.
-        law: a value of `law` in [material], or "auto".
-        terms: number of terms, if the law has any.
-        progress: called with the name of the law that is fitted next.
-        scene: of a skin in whose stretches a law that is chosen must be stable; the prediction
-            tells of them.
-        up_to: largest stretch that the prediction tells of; None for that of the scene, or of
-            the data.
-        prony: number of Prony terms, or "auto" for as many as the data determine.
-        options: as for `fit_material`.
-
-    Raises:
-        ValueError: law, terms or an option are not allowed.
-        NoFit: no constants were found.
+    `progress`: called with the name of the law that is fitted next. `scene`: of a skin in whose
+    stretches a law that is chosen must be stable; the prediction tells of them. `up_to`:
+    largest stretch that the prediction tells of; None for that of the scene, or of the data.
+    Raises ValueError: law, terms or an option are not allowed; NoFit: no constants were found.
     """
     if up_to is not None and not up_to > 1.0:
         raise ValueError(

@@ -121,13 +121,12 @@ def finished(results: Path) -> set[str]:
 
 def calibrate_all(
     jobs: list[dict[str, Any]],
-    results: Path,
-    workers: Executor,
+    results: Path,  # JSON lines, appended to
+    workers: Executor,  # that calibrate (`fitting.workers`)
     progress: Callable[[int, int, str], None] = lambda done, total, name: None,
 ) -> int:
     """Calibrate every membrane that has no result yet.
 
-    `results`: JSON lines, appended to. `workers`: that calibrate (`fitting.workers`).
     `progress`: called with membranes done, all of them, and the last one's name.
     Returns how many results were added.
     Raises LostWorkerError: names the membranes that took their workers with them; they have no

@@ -143,15 +143,14 @@ class Posterior:
 
 
 def constants_report(
-    constants: np.ndarray,
+    constants: np.ndarray,  # samples, SI units, shape [n, p]
     names: Sequence[str],
     quantiles: Sequence[float],
-    tree: Callable[[Any], dict[str, Any]],
+    tree: Callable[[Any], dict[str, Any]],  # puts one value a constant under its name
 ) -> dict[str, Any]:
     """Samples of constants in numbers, for JSON.
 
-    `constants`: samples, SI units, shape [n, p]. `quantiles`: ends of the 95 %, of the 68 %
-    interval, and the median, ascending [%]. `tree`: puts one value a constant under its name.
+    `quantiles`: ends of the 95 %, of the 68 % interval, and the median, ascending [%].
     """
     low95, low, middle, high, high95 = np.percentile(constants, quantiles, axis=0)
     covariance = np.atleast_2d(np.cov(constants.T))

@@ -79,20 +79,17 @@ class Misfit:
 
 
 def misfit(
-    paths: Sequence[np.ndarray],
+    paths: Sequence[np.ndarray],  # residuals of each test, in the order along which it deforms
     constants: int,
     *,
-    known_noise: bool,
-    exact: float = 0.0,
+    known_noise: bool,  # the residuals are in units of the known noise
+    exact: float = 0.0,  # residuals below this are rounding and have no pattern
     smooth: Sequence[tuple[np.ndarray, np.ndarray]] = (),
 ) -> Misfit:
     """Judge residuals.
 
-    `paths`: residuals of each test, in the order along which it deforms. `known_noise`: the
-    residuals are in units of the known noise. `exact`: residuals below this are rounding and
-    have no pattern. `smooth`: residuals [n] and their derivatives by the constants [n, p] of
-    tests in which smooth patterns are looked for, on a scale that is smooth along the test
-    itself.
+    `smooth`: residuals [n] and their derivatives by the constants [n, p] of tests in which
+    smooth patterns are looked for, on a scale that is smooth along the test itself.
     """
     everything = np.concatenate(paths)
     count = len(everything)

@@ -52,19 +52,17 @@ class Minima(NamedTuple):
 def minimise(
     residuals: AbstractResiduals,
     starts: Float[np.ndarray, "starts p"],
-    lanes: int = LANES,
-    passes: int = _PASSES,
+    lanes: int = LANES,  # how many advance together, and how many of the best go on
+    passes: int = _PASSES,  # how many more runs the best get at most
     *,
-    finish: bool = True,
+    finish: bool = True,  # follow long valleys to their bottom; a rough minimum needs none
 ) -> Minima:
     """Minimise ½ Σ r² from many starting points.
 
     Every start gets one run of Levenberg-Marquardt; the best go on until they have
     converged or their passes are used up.
 
-    `starts`: unconstrained parameters to start from; fewer than `lanes` are repeated. `lanes`:
-    how many advance together, and how many of the best go on. `passes`: how many more runs the
-    best get at most. `finish`: follow long valleys to their bottom; a rough minimum needs none.
+    `starts`: unconstrained parameters to start from; fewer than `lanes` are repeated.
     Returns the starts that went on, best first. Nothing raises: a start that fails has infinite
     cost and is not converged.
     """
@@ -122,14 +120,14 @@ def _sorted(
 
 def solved_by_scipy(
     at: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
-    start: np.ndarray,
+    start: np.ndarray,  # parameters to start from [p]
     impossible: float = _IMPOSSIBLE,
     **options: Any,
 ) -> Any:
     """SciPy's least squares of residuals that come with their derivatives.
 
-    `at`: residuals [n] and their derivatives [n, p] at parameters [p]. `start`: parameters to
-    start from [p]. `impossible`: residual that stands for one that is not a number, flat there.
+    `at`: residuals [n] and their derivatives [n, p] at parameters [p]. `impossible`: residual
+    that stands for one that is not a number, flat there.
     Returns SciPy's result; `fun` and `jac` are the residuals and derivatives at its end.
     """
 

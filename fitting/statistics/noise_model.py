@@ -47,17 +47,14 @@ class NoiseModel:
 
 def estimate_noise(
     error: np.ndarray,
-    size: np.ndarray,
-    assumed: np.ndarray,
-    along: np.ndarray,
-    weight: np.ndarray,
+    size: np.ndarray,  # of the readings themselves, such as their predictions, shape [n]
+    assumed: np.ndarray,  # standard deviation that the fit assumes, up to a factor, shape [n]
+    along: np.ndarray,  # coordinate that orders the test, shape [n]
+    weight: np.ndarray,  # number of readings of which each is the mean, shape [n]
 ) -> NoiseModel | None:
     """Estimate the noise of a test from its residuals.
 
-    `error`: predicted less measured readings in the order of deformation, shape [n]. `size`: of
-    the readings themselves, such as their predictions, shape [n]. `assumed`: standard deviation
-    that the fit assumes, up to a factor, shape [n]. `along`: coordinate that orders the test,
-    shape [n]. `weight`: number of readings of which each is the mean, shape [n].
+    `error`: predicted less measured readings in the order of deformation, shape [n].
     Returns the noise, or None where the data are too few or exact.
     """
     if len(error) < FEWEST:

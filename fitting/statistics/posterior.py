@@ -66,7 +66,7 @@ class Settings:
 
 def sample(
     log_probability: LogProbability | NumpyBatch,
-    start: Gaussian,
+    start: Gaussian,  # walkers start from this distribution, such as a least-squares fit's
     names: Sequence[str],
     settings: Settings | None = None,
     *,
@@ -76,10 +76,9 @@ def sample(
     """Sample a posterior with emcee's ensemble.
 
     `log_probability`: of points [n, p], as a JAX function or evaluated by NumPy; not finite
-    where impossible. `start`: walkers start from this distribution, such as a least-squares
-    fit's. `key`: what the posterior depends on (data, priors); a chain file made with another
-    key is not resumed. The file has one owner: a second sampler is refused. `progress`: called
-    with steps done, most steps and the slowest autocorrelation time.
+    where impossible. `key`: what the posterior depends on (data, priors); a chain file made
+    with another key is not resumed. The file has one owner: a second sampler is refused.
+    `progress`: called with steps done, most steps and the slowest autocorrelation time.
     Returns the chain. One that is too short comes back too: `converged` is false and `message`
     has the numbers.
     Raises ValueError: the ensemble is too small, or the chain file belongs to something else;

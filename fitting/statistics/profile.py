@@ -37,23 +37,15 @@ class End(NamedTuple):
 
 
 def profile_end(
-    at: Linearised,
-    quantity: Quantity,
-    theta: np.ndarray,
-    side: float,
-    excess: float,
-    step: float,
-    farthest: float,
+    at: Linearised,  # residuals [n] and their derivatives [n, p] at parameters
+    quantity: Quantity,  # g and its gradient [p]
+    theta: np.ndarray,  # parameters at the minimum
+    side: float,  # −1 for the lower end, 1 for the upper
+    excess: float,  # by how much the cost exceeds its minimum at the end
+    step: float,  # distance of the end if the likelihood were Gaussian, in units of g
+    farthest: float,  # distance at which an end is taken as open
 ) -> End:
-    """One end of a quantity's interval.
-
-    `at`: residuals [n] and their derivatives [n, p] at parameters. `quantity`: g and its
-    gradient [p]. `theta`: parameters at the minimum. `side`: −1 for the lower end, 1 for the
-    upper. `excess`: by how much the cost exceeds its minimum at the end. `step`: distance of
-    the end if the likelihood were Gaussian, in units of g. `farthest`: distance at which an end
-    is taken as open.
-    Returns the end in units of g.
-    """
+    """One end of a quantity's interval. Returns the end in units of g."""
     r, _ = at(theta)
     counted = _Counted(at, int(np.clip(_EVALUATIONS / len(r), _FEWEST, _MOST)))
     least = 0.5 * float(r @ r)

@@ -46,13 +46,12 @@ def read_table(
     path: str | os.PathLike[str],
     columns: Mapping[str, str] | None = None,
     *,
-    plane: bool = False,
+    plane: bool = False,  # numbers in names are directions in the plane, not specimens
 ) -> Table:
     """Read a delimited text file, or a workbook, of numbers.
 
     `columns`: what columns measure where their names don't say, as quantity to column ("3", or
-    its name) and, where the file states none, a unit: {"force": "3 N"}. `plane`: numbers in
-    names are directions in the plane, not specimens.
+    its name) and, where the file states none, a unit: {"force": "3 N"}.
     Raises DataError: the file is missing, empty, binary, has no line of column names or a line
     that doesn't fit them, with the line and what to do.
     """

@@ -21,14 +21,13 @@ _MODULUS = {"volumetric": "bulk_modulus_Pa"}
 
 def preview(
     path: str | os.PathLike[str],
-    mode: str = "uniaxial",
+    mode: str = "uniaxial",  # kind of test that it is read as
     columns: Mapping[str, str] | None = None,
     specimen: Mapping[str, str] | None = None,
 ) -> tuple[dict[str, Any], Table, Dataset | None]:
     """Read a file and say what was understood.
 
-    `mode`: kind of test that it is read as. `specimen`: sizes with units where the file doesn't
-    state them.
+    `specimen`: sizes with units where the file doesn't state them.
     Returns the JSON of `suas data`, the table, and the test; None where something is missing
     for it, which the JSON says.
     Raises DataError: the file holds no table.

@@ -19,16 +19,13 @@ _AT_BOUND = 1e-6
 
 def minimise_in_box(
     residuals: AbstractResiduals,
-    family: AbstractFamily,
-    constants: np.ndarray,
-    others: np.ndarray,
-    bounds: Mapping[str, tuple[float, float]],
+    family: AbstractFamily,  # the law, which may bind the signs of constants
+    constants: np.ndarray,  # the free minimum, SI units; its signs are kept
+    others: np.ndarray,  # further starting points θ, shape [k, p]
+    bounds: Mapping[str, tuple[float, float]],  # lowest and highest value by constant, SI units
 ) -> tuple[np.ndarray, Minima, tuple[str, ...]]:
     """Minimise ½ Σ r² with some constants kept between bounds.
 
-    `family`: the law, which may bind the signs of constants. `constants`: the free minimum, SI
-    units; its signs are kept. `others`: further starting points θ, shape [k, p]. `bounds`:
-    lowest and highest value by constant, SI units.
     Returns constants, what the starts in the box found, and which constants are at a bound.
     Raises ValueError: a bound names no constant of the law, or excludes every allowed value.
     """

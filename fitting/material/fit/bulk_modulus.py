@@ -100,19 +100,16 @@ def compressibility_remark(bulk: BulkModulus, shear_modulus: float) -> list[str]
 
 
 def fit_bulk_modulus(
-    sets: Sequence[VolumetricTest],
+    sets: Sequence[VolumetricTest],  # the tests, from `datasets.load_dataset`
     residual: str = "relative",
     *,
-    branch: str | None = None,
-    cycle: str = "all",
-    thin: int = 0,
+    branch: str | None = None,  # "all" or "loading"; None takes all
+    cycle: str = "all",  # "all", "first", "last" or a number
+    thin: int = 0,  # most readings of a curve; zero keeps all
 ) -> BulkModulus:
     """Find the bulk modulus that follows volumetric tests best.
 
-    `sets`: the tests, from `datasets.load_dataset`. `residual`: "relative", "absolute", "noise"
-    or "estimated", as for `fit_material`. `branch`: "all" or "loading"; None takes all.
-    `cycle`: "all", "first", "last" or a number. `thin`: most readings of a curve; zero keeps
-    all.
+    `residual`: "relative", "absolute", "noise" or "estimated", as for `fit_material`.
     Raises ValueError: an option is not allowed, the tests say nothing, or pressure falls with
     compression.
     """

@@ -223,14 +223,10 @@ def compare_laws(
 
 def ranked(
     fits: Sequence[MaterialFit],
-    failed: dict[str, str],
-    refused: Mapping[str, str] | None = None,
+    failed: dict[str, str],  # reasons, by title, of those that could not be fitted
+    refused: Mapping[str, str] | None = None,  # further reasons against them, by title
 ) -> Comparison:
-    """Fits of the same data, lowest AICc first; those that did not converge go last.
-
-    `failed`: reasons, by title, of those that could not be fitted. `refused`: further reasons
-    against them, by title.
-    """
+    """Fits of the same data, lowest AICc first; those that did not converge go last."""
     comparison = Comparison(tuple(fits), failed, dict(refused or {}))
 
     def rank(fit: MaterialFit) -> tuple[bool, float]:

@@ -49,7 +49,7 @@ def intervals_of(
     problem: MaterialProblem,
     constants: np.ndarray,
     judged: Uncertainty,
-    level: float,
+    level: float,  # probability that an interval covers the truth
     held: tuple[str, ...] = (),
     bounds: dict[str, tuple[float, float]] | None = None,
 ) -> Intervals:
@@ -57,8 +57,6 @@ def intervals_of(
 
     Where readings are expensive, or constants are held at bounds, the likelihood is taken
     as normal in the logarithm of constants of one sign, else in the constants themselves.
-
-    `level`: probability that an interval covers the truth.
     """
     family = problem.residuals.family
     quantile = judged.quantile(level)

@@ -19,19 +19,16 @@ from fitting.material.experiments.selection import before_break, in_cycle, thinn
 
 def prepared(
     sets: Sequence[Dataset],
-    branch: str | None,
-    cycle: str,
+    branch: str | None,  # "all" or "loading"; None takes all
+    cycle: str,  # "all", "first", "last" or a number
     zero: Sequence[str],
     *,
     cut_break: bool,
-    remembers: bool,
-    thin: int,
+    remembers: bool,  # readings depend on those before them
+    thin: int,  # most readings of a curve; zero keeps all
 ) -> tuple[list[Dataset], list[str], list[Suspect]]:
     """The readings that are fitted, remarks, and artefacts that their curves show.
 
-    `branch`: "all" or "loading"; None takes all. `cycle`: "all", "first", "last" or a number.
-    `remembers`: readings depend on those before them. `thin`: most readings of a curve; zero
-    keeps all.
     Raises ValueError: branch or cycle are not allowed, or a test says nothing.
     """
     used, notes, suspects = [], [], []

@@ -177,15 +177,14 @@ def pose(
     kind: str,
     *,
     estimate: bool = False,
-    zeros: Sequence[Zero] = (),
+    zeros: Sequence[Zero] = (),  # of tests, which are unknown; the family's last constants
 ) -> MaterialProblem:
     """Build the residuals of a fit.
 
     `kind`: what residuals are relative to: "relative", each reading's own size (or the larger
     stress of the same biaxial state) with a floor; "absolute", the root-mean-square reading;
     "noise", the stated standard deviation. `estimate`: predict bulges by a spherical cap, which
-    is fast, instead of a membrane. `zeros`: of tests, which are unknown; the family's last
-    constants.
+    is fast, instead of a membrane.
     Raises ValueError: the kind is unknown, there is no data, or "noise" is asked for and a file
     states none.
     """

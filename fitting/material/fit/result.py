@@ -30,7 +30,7 @@ _DISTINCT = 0.02
 
 @dataclasses.dataclass(frozen=True)
 class MaterialFit(FittedLaw):
-    """A fitted law.
+    """A fitted law; `law`, `stress`, `misfits` and `stable` are those of `FittedLaw`.
 
     Attributes:
         problem: its residuals, with the data that were fitted; a posterior samples

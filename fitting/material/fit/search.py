@@ -93,12 +93,9 @@ def search(
     kind: str,
     starts: int,
     seed: int,
-    zeros: Sequence[Zero] = (),
+    zeros: Sequence[Zero] = (),  # of tests that are found with the law
 ) -> tuple[MaterialProblem, Minima]:
-    """Minima from many starts, the best one first.
-
-    `zeros`: of tests that are found with the law.
-    """
+    """Minima from many starts, the best one first."""
     points = chosen.random(np.random.default_rng(seed), starts)
     problem = pose(sets, chosen, kind, zeros=zeros)
     most = most_starts(sets, starts)
@@ -168,12 +165,12 @@ def weighed_search(
     kind: str,
     starts: int,
     seed: int,
-    zeros: Sequence[Zero],
+    zeros: Sequence[Zero],  # found with the law
 ) -> tuple[MaterialProblem, Minima]:
     """The search, with readings weighed by their noise where it is to be estimated.
 
     `kind`: of the residuals; "estimated" weighs them, and puts the noise beside the data of the
-    problem. `zeros`: found with the law.
+    problem.
     """
     if kind != "estimated":
         return search(sets, chosen, kind, starts, seed, zeros)
@@ -193,14 +190,13 @@ def weighed_search(
 
 def search_for_typical_specimen(
     chosen: AbstractFamily,
-    problem: MaterialProblem,
+    problem: MaterialProblem,  # residuals of all specimens alike
     minima: Minima,
     options: tuple[str, int, int],
 ) -> tuple[Specimens | None, MaterialProblem, Minima]:
     """The search for the typical specimen's constants, if the specimens differ.
 
-    `problem`: residuals of all specimens alike. `options`: kind of the residuals, number of
-    starting points and seed of their draw.
+    `options`: kind of the residuals, number of starting points and seed of their draw.
     Returns the specimens' factors, the problem, of data over their factors where the specimens
     differ, and its minima.
     """
@@ -229,8 +225,8 @@ _EXACT = {"xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-14, "max_nfev": 100}
 def minimise_corrected(
     costly: AbstractResiduals,
     cheap: AbstractResiduals,
-    start: Float[np.ndarray, " p"],
-    evaluations: int,
+    start: Float[np.ndarray, " p"],  # unconstrained parameters to start from
+    evaluations: int,  # most evaluations of the costly residuals
 ) -> Float[np.ndarray, " p"]:
     """Approach the minimum of ½ Σ r² of costly residuals.
 
@@ -240,9 +236,7 @@ def minimise_corrected(
     (first-order model management: Alexandrov and Lewis, Optimization and Engineering 2, 2001).
     It follows a curved valley in a few evaluations, where steps on costly residuals creep.
 
-    `cheap`: residuals of the same readings by a cheap model with the same parameters. `start`:
-    unconstrained parameters to start from. `evaluations`: most evaluations of the costly
-    residuals.
+    `cheap`: residuals of the same readings by a cheap model with the same parameters.
     Returns the best parameters found; the start where either model has no numbers there.
     """
     best, cost = start, np.inf

@@ -95,12 +95,11 @@ def fit_suspects(
     problem: MaterialProblem,
     constants: np.ndarray,
     is_noise: Callable[[MaterialProblem, np.ndarray], bool],
-    refit: Callable[[Sequence[Dataset]], float],
+    refit: Callable[[Sequence[Dataset]], float],  # cost of the law on other data
 ) -> list[Suspect]:
     """Artefacts that explain a misfit.
 
-    `is_noise`: whether the residuals of a problem at constants are no more than noise. `refit`:
-    cost of the law on other data.
+    `is_noise`: whether the residuals of a problem at constants are no more than noise.
     Returns those that leave only noise, the best first; none if the law fails for another
     reason.
     """

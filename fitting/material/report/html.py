@@ -33,16 +33,12 @@ _DOTS_PER_INCH = 110
 
 
 def write_html(
-    fit: MaterialFit | None,
-    report: dict[str, Any],
+    fit: MaterialFit | None,  # the fit; None where only a bulk modulus was fitted
+    report: dict[str, Any],  # its JSON, with whatever the command added
     file: Path,
-    bulk: BulkModulus | None = None,
+    bulk: BulkModulus | None = None,  # the bulk modulus, if there is one
 ) -> None:
-    """Write the report of a fit.
-
-    `fit`: the fit; None where only a bulk modulus was fitted. `report`: its JSON, with whatever
-    the command added. `bulk`: the bulk modulus, if there is one.
-    """
+    """Write the report of a fit."""
     text = page(
         "fitting.material.report",
         "report.html.j2",
