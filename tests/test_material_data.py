@@ -9,8 +9,8 @@ from machine_files import FILES, MODULUS, MachineFile
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
+from fitting.material.data.cells import decimal_mark, number
 from fitting.material.data.errors import DataError
-from fitting.material.data.numbers import decimal_mark, number
 from fitting.material.experiments.data_checks import contradictions, warnings_of
 from fitting.material.experiments.datasets import load_dataset
 

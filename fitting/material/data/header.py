@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from fitting.column_units import unit_size
-from fitting.material.data.cells import Cells
+from fitting.material.data.cells import Cells, decimal_mark, looks_numeric, number
 from fitting.material.data.column_names import plain_words
 from fitting.material.data.columns import (
     SIZES,
@@ -22,7 +22,6 @@ from fitting.material.data.columns import (
 )
 from fitting.material.data.errors import DataError, said_of
 from fitting.material.data.layout import TableLayout
-from fitting.material.data.numbers import decimal_mark, looks_numeric, number
 from suas_jax.config.errors import listed, nearest
 from suas_jax.config.quantities import parse_quantity
 

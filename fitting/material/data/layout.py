@@ -9,7 +9,7 @@ import dataclasses
 import itertools
 import re
 
-from fitting.material.data.cells import Cells
+from fitting.material.data.cells import Cells, is_missing, looks_numeric
 from fitting.material.data.column_names import plain_words
 from fitting.material.data.columns import (
     SIZES,
@@ -21,7 +21,6 @@ from fitting.material.data.columns import (
     with_unit,
 )
 from fitting.material.data.errors import DataError
-from fitting.material.data.numbers import is_missing, looks_numeric
 
 _HEAD_ROWS = 4  # of names and units above a table
 _BRACKETS = "()[]{}<> "

@@ -14,12 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from fitting.material.data.cells import Cells, read_cells
+from fitting.material.data.cells import Cells, decimal_mark, number, read_cells
 from fitting.material.data.columns import split_specimen, understand, understood, with_unit
 from fitting.material.data.errors import DataError
 from fitting.material.data.header import Header, read_header
 from fitting.material.data.layout import TableLayout, find_table, stacked
-from fitting.material.data.numbers import decimal_mark, number
 from suas_jax.config.errors import listed
 
 _SAMPLED = 2000  # rows that tell the decimal mark

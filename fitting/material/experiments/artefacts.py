@@ -157,7 +157,7 @@ def _slips(data: StressTest) -> list[Suspect]:
         )
         with np.errstate(divide="ignore", invalid="ignore"):
             stiffness = np.abs(_usual(rise) / _usual(step))
-        followed = np.sign(jump) * off > _FOLLOWED * stiffness * np.abs(jump)
+            followed = np.sign(jump) * off > _FOLLOWED * stiffness * np.abs(jump)
         places = np.flatnonzero((np.abs(jump) > least) & ~followed)
         if 0 < len(places) <= _SLIPS:
             line = int(data.line[own[places[0] + 1]])

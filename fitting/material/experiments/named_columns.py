@@ -5,10 +5,10 @@ import re
 
 import numpy as np
 
+from fitting.material.data.cells import is_missing
 from fitting.material.data.column_names import plain_words
 from fitting.material.data.columns import Column, quantity_of, understand
 from fitting.material.data.errors import DataError
-from fitting.material.data.numbers import is_missing
 from fitting.material.data.tables import Table
 from fitting.material.experiments.measurements import PATHS
 from suas_jax.config.errors import listed
@@ -18,18 +18,12 @@ _SIGNED = ("force", "stress", "nominal", "cauchy", "strain", "log_strain", "disp
 
 
 class NamedColumns:
-    """Columns of one file.
-
-    Attributes:
-        mode: kind of test, for messages.
-        table: the file.
-        columns: position and meaning by quantity and direction.
-        warnings: what a person should know.
-    """
+    """Columns of one file, for a test of a mode."""
 
     def __init__(self, mode: str, table: Table) -> None:
         self.mode, self.table = mode, table
-        self.warnings: list[str] = list(table.remarks)
+        self.warnings: list[str] = list(table.remarks)  # what a person should know
+        # Position and meaning by quantity and direction.
         self.columns: dict[tuple[str, int], tuple[int, Column]] = {}
         # Known quantities in units that are missing or unknown: an error once asked for.
         self._faulty: dict[str, DataError] = {}

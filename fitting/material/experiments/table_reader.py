@@ -32,21 +32,15 @@ _PRELOAD = re.compile(r"vorkraft|vorlast|pre_?(?:load|force|tension)|precharge")
 
 
 class Reader(NamedColumns):
-    """One file on its way to a data set.
-
-    Attributes:
-        noise: standard deviation of the readings, where the file doesn't state it.
-        sizes: of the specimen, SI units.
-        machine_stiffness: of the machine with its grips [N/m], if its travel is corrected.
-    """
+    """One file on its way to a data set."""
 
     def __init__(
         self,
         mode: str,
         table: Table,
         specimen: dict[str, str],
-        noise: str | None,
-        machine_stiffness: float | None = None,
+        noise: str | None,  # of the readings, where the file doesn't state it
+        machine_stiffness: float | None = None,  # [N/m], if the machine's travel is corrected
     ) -> None:
         super().__init__(mode, table)
         self.noise, self.machine_stiffness = noise, machine_stiffness
