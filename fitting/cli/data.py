@@ -18,8 +18,7 @@ def data(
         str, typer.Option(help="Kind of test to read it as, see `suas fit material`.")
     ] = "uniaxial",
     columns: Annotated[
-        str | None,
-        typer.Option(help='What columns measure: "force=3,extension=5 mm".'),
+        str | None, typer.Option(help='What columns measure: "force=3,extension=5 mm".')
     ] = None,
     specimen: Annotated[
         str | None,

@@ -140,8 +140,7 @@ def material(
         Path | None, typer.Option(help="Write a corner plot (PNG, PDF, SVG).")
     ] = None,
     predictive: Annotated[
-        Path | None,
-        typer.Option(help="Write a posterior-predictive plot (PNG, PDF, SVG)."),
+        Path | None, typer.Option(help="Write a posterior-predictive plot (PNG, PDF, SVG).")
     ] = None,
     export: Annotated[
         list[str] | None,

@@ -22,17 +22,8 @@ from suas_jax.files.reading import MEGABYTE, read_bytes
 _MOST_BYTES = 256 * MEGABYTE
 
 KEYS = (
-    "name",
-    "data",
-    "law",
-    "terms",
-    "residual",
-    "noise",
-    "scene",
-    "sample",
-    "steps",
-    "prony",
-    "mullins",
+    *("name", "data", "law", "terms", "residual", "noise", "scene", "sample", "steps"),
+    *("prony", "mullins"),
 )
 
 

@@ -218,11 +218,7 @@ def _advance(
 
     def run(start: Array) -> tuple[Array, Array, Array]:
         found = optx.least_squares(
-            lambda theta, _: residual(theta),
-            solver,
-            start,
-            max_steps=_STEPS,
-            throw=False,
+            lambda theta, _: residual(theta), solver, start, max_steps=_STEPS, throw=False
         ).value
         found = jnp.where(jnp.all(jnp.isfinite(found)), found, start)
         return found, *judged(*at(found))

@@ -31,10 +31,7 @@ MOVES: dict[str, Callable[[], Any]] = {
     "stretch": lambda: None,
     "walk": lambda: emcee.moves.WalkMove(),
     "de": lambda: [(emcee.moves.DEMove(), 0.9), (emcee.moves.DEMove(gamma0=1.0), 0.1)],
-    "de-snooker": lambda: [
-        (emcee.moves.DEMove(), 0.8),
-        (emcee.moves.DESnookerMove(), 0.2),
-    ],
+    "de-snooker": lambda: [(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)],
 }
 _GROUP = "mcmc"
 _MOST_BYTES = 2000 * MEGABYTE

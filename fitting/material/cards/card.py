@@ -24,13 +24,7 @@ from fitting.material.cards.comsol import comsol
 from fitting.material.cards.febio import febio
 from fitting.material.cards.felupe import felupe
 from fitting.material.cards.lsdyna import lsdyna
-from fitting.material.cards.settings import (
-    UNITS,
-    CardError,
-    CardSettings,
-    Material,
-    in_units,
-)
+from fitting.material.cards.settings import UNITS, CardError, CardSettings, Material, in_units
 from suas_jax.config.law import LawSpec
 from suas_jax.files.writing import write_text
 

@@ -154,8 +154,8 @@ def _jumps(data: StressTest) -> list[str]:
 
 def contradictions(sets: Sequence[Dataset]) -> list[str]:
     """Data sets whose initial stiffnesses don't belong to one material."""
-    known = [(data, data.modulus) for data in sets if data.mode in (*PATHS, "biaxial")]
-    known = [(data, modulus) for data, modulus in known if modulus > 0.0]
+    moduli = ((data, data.modulus) for data in sets if data.mode in (*PATHS, "biaxial"))
+    known = [(data, modulus) for data, modulus in moduli if modulus > 0.0]
     if len(known) < 2:
         return []
     usual = float(np.median([modulus for _, modulus in known]))

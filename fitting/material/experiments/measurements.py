@@ -19,17 +19,8 @@ from fitting.material.experiments.prediction import AbstractExperiment, Homogene
 from suas_jax.config.errors import listed, nearest
 
 MODES = (
-    "uniaxial",
-    "equibiaxial",
-    "pure_shear",
-    "biaxial",
-    "biaxial_difference",
-    "simple_shear",
-    "balloon",
-    "bulge",
-    "volumetric",
-    "skin",
-    "indentation",
+    *("uniaxial", "equibiaxial", "pure_shear", "biaxial", "biaxial_difference"),
+    *("simple_shear", "balloon", "bulge", "volumetric", "skin", "indentation"),
 )
 _ALIASES = {
     "planar": "pure_shear",

@@ -15,13 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from fitting.material.experiments.prediction import AbstractExperiment
-from suas_jax.config import (
-    LineLoadSpec,
-    SceneSpec,
-    continuous_inputs,
-    with_inputs,
-    with_solve,
-)
+from suas_jax.config import LineLoadSpec, SceneSpec, continuous_inputs, with_inputs, with_solve
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import Equilibrium, Problem, State, equilibrium

@@ -184,13 +184,15 @@ def _test(
         if channel == PRESSURE and not scene.oil.trapped:
             raise DataError(f"{reader.table.file}: a vented skin has no oil pressure to read")
         values = np.where(drive == 0.0, np.nan, values)
+        sizes = np.abs(values[np.isfinite(values)])
+        typical = float(np.median(sizes)) if sizes.size else 0.0
         noise = reader.column("sigma" if channel == PRESSURE else f"sigma_{read}")
         test = kind(
             **reader.fields(values, _sigma(reader, values, noise, name)),
             scene=scene,
             drive=drive,
             channel=np.full(len(values), channel),
-            smallest=np.full(len(values), _FLOOR * _typical(values)),
+            smallest=np.full(len(values), _FLOOR * typical),
         )
         parts.append(reader.kept(test, drive))
     if not parts:
@@ -202,12 +204,6 @@ def _test(
             f"magnitudes, their directions are the scene's"
         )
     return joined(parts)
-
-
-def _typical(values: np.ndarray) -> float:
-    """Median size of the readings; zero where there is none."""
-    sizes = np.abs(values[np.isfinite(values)])
-    return float(np.median(sizes)) if sizes.size else 0.0
 
 
 def _sigma(

@@ -60,8 +60,15 @@ class Comparison:
         return max(count * (1.0 - rho) / (1.0 + rho), min(least, count))
 
     def aicc(self, fit: MaterialFit) -> float:
-        """AICc of a fit with the effective number of readings."""
-        return _aicc(fit, self.effective_number)
+        """AICc with the effective number of readings; infinite if they are too few."""
+        effective, count = self.effective_number, float(fit.problem.residuals.used.sum())
+        known = fit.problem.kind in ("noise", "estimated")
+        square = 2.0 * fit.cost
+        deviance = square / count if known else float(np.log(max(square, 1e-300) / count))
+        k = fit.family.size + (not known)
+        spare = effective - k - 1
+        rest = 2.0 * k * (k + 1) / spare if spare > 0 else np.inf
+        return effective * deviance + 2.0 * k + rest
 
     def against(self, fit: MaterialFit) -> list[str]:
         """Why a law is not to be recommended; nothing if it is sound."""
@@ -115,12 +122,11 @@ class Comparison:
 
     def _faults(self, fit: MaterialFit) -> tuple[bool, bool, float, bool]:
         unstable = bool(fit.instabilities(STABILITY_MARGIN)) or fit.family.title in self.refused
-        return (
-            unstable,
-            fit.status == "not_converged",
-            max(map(_times, self.beyond_band(fit).values()), default=0.0),
-            fit.uncertainty.spare > 0,
-        )
+        # How far a ratio is from one, either way; infinite for what is no stress.
+        ratios = self.beyond_band(fit).values()
+        off = (abs(float(np.log(x))) if 0.0 < x < np.inf else np.inf for x in ratios)
+        spare = fit.uncertainty.spare > 0
+        return unstable, fit.status == "not_converged", max(off, default=0.0), spare
 
     @property
     def table(self) -> list[dict[str, Any]]:
@@ -151,23 +157,6 @@ class Comparison:
                 }
             )
         return lines
-
-
-def _times(ratio: float) -> float:
-    """How far a ratio is from one, either way; infinite for what is no stress."""
-    return abs(float(np.log(ratio))) if 0.0 < ratio < np.inf else np.inf
-
-
-def _aicc(fit: MaterialFit, effective: float) -> float:
-    """AICc with a number of independent readings; infinite if they are too few."""
-    count = float(fit.problem.residuals.used.sum())
-    known = fit.problem.kind in ("noise", "estimated")
-    square = 2.0 * fit.cost
-    deviance = square / count if known else float(np.log(max(square, 1e-300) / count))
-    k = fit.family.size + (not known)
-    spare = effective - k - 1
-    rest = 2.0 * k * (k + 1) / spare if spare > 0 else np.inf
-    return effective * deviance + 2.0 * k + rest
 
 
 def compare_laws(
@@ -252,8 +241,7 @@ def choose_prony_terms(
     Raises NoFit: no number of terms could be fitted.
     """
     fits: list[MaterialFit] = []
-    failed: dict[str, str] = {}
-    refused: dict[str, str] = {}
+    failed, refused = dict[str, str](), dict[str, str]()
     for count in range(1, MOST_PRONY_TERMS + 1):
         progress(f"{law}, {count} Prony term{'s' if count > 1 else ''}")
         try:
@@ -261,12 +249,10 @@ def choose_prony_terms(
         except NoFit as error:
             failed[f"{count} Prony terms"] = str(error)
             break
-        reason = undetermined_term(fit)
-        if reason:
+        if reason := undetermined_term(fit):
             refused[fit.family.title] = reason
-        before = fits[-1] if fits else None
         fits.append(fit)
-        if before is not None and fit.criteria[0] > before.criteria[0] - _GAIN:
+        if len(fits) > 1 and fit.criteria[0] > fits[-2].criteria[0] - _GAIN:
             break
     if not fits:
         raise NoFit("; ".join(failed.values()))

@@ -15,12 +15,7 @@ from jaxtyping import Float
 from fitting.material.experiments.free_zero import Zero
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.noise import noise_of, with_noise
-from fitting.material.fit.problem import (
-    MaterialProblem,
-    Residuals,
-    pose,
-    predicted_readings,
-)
+from fitting.material.fit.problem import MaterialProblem, Residuals, pose, predicted_readings
 from fitting.material.fit.specimens import Specimens, of_typical_specimen, specimens_of
 from fitting.material.laws.blocks import (
     ExtendedFamily,

@@ -12,12 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
-from fitting.material.experiments.artefacts import (
-    Suspect,
-    force_of,
-    percent_suspect,
-    travel_of,
-)
+from fitting.material.experiments.artefacts import Suspect, force_of, percent_suspect, travel_of
 from fitting.material.experiments.free_zero import KINDS, Zero, can_be_freed
 from fitting.material.experiments.measurements import PATHS, Dataset, StressTest
 from fitting.material.experiments.prediction import mode_factors
