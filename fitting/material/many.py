@@ -1,8 +1,7 @@
 """Many calibrations at once: a file of membranes in, one line of results a membrane out.
 
-This process alone writes results, one line as each calibration ends, and never calibrates a
-membrane that the file already holds. A worker that dies takes nothing with it: what it had is
-done again elsewhere (`fitting.workers`).
+This process alone writes results, and never calibrates a membrane that the file already holds.
+What a worker that dies had is done again elsewhere (`fitting.workers`).
 """
 
 import contextlib

@@ -1,11 +1,10 @@
 """Residual diagnostics: runs of one sign, lack of fit, chi-square, information criteria.
 
-Residuals of the right law change sign at random along a test; a wrong law leaves runs of
-one sign. Runs are counted (Wald and Wolfowitz); smooth patterns, low polynomials along each
-test, are fitted to the residuals beside the constants (a lack-of-fit test: chi-square for
-known noise, else F); and chi-square is compared with what the known noise allows. Where one
-of them is too large by chance, the intervals are widened. They are widened, too, for
-neighbouring residuals that are correlated: there are fewer independent readings then.
+Residuals of the right law change sign at random along a test; a wrong law leaves runs of one
+sign (Wald and Wolfowitz) and smooth patterns: low polynomials along each test are fitted to the
+residuals beside the constants (a lack-of-fit test: chi-square for known noise, else F). Where
+one of them, or chi-square, is too large by chance, the intervals are widened; and for
+correlated neighbours, which leave fewer independent readings.
 """
 
 import dataclasses

@@ -1,11 +1,10 @@
 """Covariance and identifiability of fitted constants.
 
-With r(c) the residuals and J = ∂r/∂c, the covariance of the constants is s² (JᵀJ)⁻¹, s the
-standard deviation of the residuals. It is computed from the singular values of J D, where
-D holds a natural size for each constant: its own magnitude, or the change that alters
-every reading by its own size, whichever is larger. A singular direction is a combination
-of constants; where s over its singular value exceeds one half, the data leave this
-combination free to change by half of that natural size: it is unidentifiable.
+With r(c) the residuals, J = ∂r/∂c and s their standard deviation, the covariance s² (JᵀJ)⁻¹ is
+computed from the singular values of J D; D holds a natural size for each constant: its own
+magnitude, or the change that alters every reading by its own size, whichever is larger. A
+combination of constants is unidentifiable where s over its singular value exceeds one half: the
+data leave it free to change by half of that natural size.
 """
 
 import dataclasses

@@ -1,8 +1,7 @@
 """A log-probability in batches, and Laplace's approximation: the Gaussian at its maximum.
 
-Compiled, a batch has one shape, half of an ensemble: emcee asks for the whole once, then for
-halves or quarters, which are cut or padded to it. A point whose log-probability is not finite
-is impossible, never an error.
+Compiled, a batch has half of an ensemble's size: emcee asks for the whole once, then for halves
+or quarters, which are cut or padded to it. What is not finite is impossible, never an error.
 """
 
 import time

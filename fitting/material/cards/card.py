@@ -1,15 +1,13 @@
 """Material cards for other programs, each in its own convention.
 
 Ogden's law here is sum mu_p/alpha_p (l1^alpha_p + l2^alpha_p + l3^alpha_p - 3); what a term is
-elsewhere stands in the file of each program. Laws that are polynomials of I1 - 3 and I2 - 3
-have the same coefficients everywhere except in ANSYS, whose neo-Hookean law takes mu, and in
-FEBio, whose Mooney-Rivlin has c1 and c2. C3 (I2 - 3)^2 is the coefficient C02 of a polynomial
-of degree two.
+elsewhere stands in the file of each program. Polynomials of I1 - 3 and I2 - 3 have the same
+coefficients everywhere except in ANSYS, whose neo-Hookean law takes mu, and in FEBio, whose
+Mooney-Rivlin has c1 and c2. C3 (I2 - 3)^2 is C02 of a polynomial of degree two.
 
 Without a bulk modulus cards are incompressible, or nearly so where a program demands one: then
-it is `BULK` times the shear modulus, which the card says. The [material] table has none: a
-skin's law is incompressible. Units are SI (m, kg, s, Pa), or those of
-engineers who count in millimetres (mm, t, s, MPa).
+it is `BULK` times the shear modulus, which the card says. Units are SI (m, kg, s, Pa), or those
+of engineers who count in millimetres (mm, t, s, MPa).
 """
 
 from collections.abc import Callable, Sequence

@@ -1,8 +1,7 @@
-"""TableLayout of a file: names, units and rows of numbers of the table in its cells.
+"""Names, units and rows of numbers of the table of readings among a file's cells.
 
-Machines write reports: rows about the test, tables of results, and one table of readings. The
-table of readings is the longest run of rows with numbers under a row of names of which some
-are known quantities; rows about the test may be as wide as it is.
+Machines write reports: rows about the test, tables of results, and one table of readings: the
+longest run of rows with numbers under a row of names of which some are known quantities.
 """
 
 import dataclasses

@@ -1,9 +1,8 @@
 """Read the file of a test machine: one table of readings, whatever wrote it.
 
-Understood: what `cells` reads; decimal points or commas; `# key: value` lines anywhere; rows
-about the test above the table; units in brackets or in a row of their own; specimens side
-by side, one below the other, or one a sheet; sizes of the specimens in the rows above or in a
-table of results; empty and "NaN" cells; repeated names and remarks between the rows.
+Understood: what `cells` reads; decimal points or commas; `# key: value` lines anywhere; units
+in brackets or in a row; specimens side by side, one below the other, or one a sheet; their
+sizes in rows above or in a table of results; gaps; repeated names and remarks between rows.
 """
 
 import dataclasses

@@ -1,9 +1,8 @@
 """Read a file of measurements of one kind of test.
 
-Files state stresses, forces or pressures over stretches, strains, angles or radii. Each reader
-finds what its kind of test needs among the columns, with the specimen's sizes where a force or
-a radius asks for them, and raises a DataError that says what is missing, or impossible; the
-measure of the stress goes into the factors c₁, c₂ of each reading.
+Each reader finds what its kind of test needs among the columns, with the specimen's sizes where
+a force or a radius asks for them, and raises a DataError that says what is missing, or
+impossible; the measure of the stress goes into the factors c₁, c₂ of each reading.
 """
 
 import os

@@ -1,8 +1,8 @@
-"""Measurements of one file in SI units: what the readings of every kind of test share.
+"""Measurements of one file in SI units, by kind of test.
 
-Each kind of test is a subclass of `Dataset` that owns its columns, the size that a misfit is
-compared with, and the prediction of its readings by a law. Nominal stress is force over
-undeformed area, Cauchy stress force over current area.
+Each kind is a subclass of `Dataset` that owns its columns, the size that a misfit is compared
+with, and the prediction of its readings by a law. Nominal stress is force over undeformed area,
+Cauchy stress force over current area.
 """
 
 import abc

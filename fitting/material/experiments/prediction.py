@@ -1,9 +1,8 @@
 """Predictions of a law for a test: the forward model of a calibration of a material.
 
-A homogeneous test reads a linear combination of the two Kirchhoff stresses at a known
-state, c₁ τ₁(e₁, e₂) + c₂ τ₂(e₁, e₂): stress measure, direction and geometry of the test
-are all in (e₁, e₂, c₁, c₂). Every uniaxial, biaxial, shear and balloon point of every
-file is therefore one lane of the same compiled evaluation.
+A homogeneous test reads a combination of the two Kirchhoff stresses at a known state,
+c₁ τ₁(e₁, e₂) + c₂ τ₂(e₁, e₂), whatever its measure, direction and geometry: every uniaxial,
+biaxial, shear and balloon point of every file is one lane of the same compiled evaluation.
 """
 
 import abc

@@ -1,8 +1,8 @@
 """Least squares with hard bounds on the constants.
 
-Bounds are on the constants themselves (pascals, exponents), which is where a person puts
-them; there the cost is minimised by SciPy's trust-region reflective least squares, in
-units of each constant's natural size. Sign conditions that the law itself has stay.
+Bounds are on the constants themselves (pascals, exponents), where a person puts them, beside
+sign conditions of the law; SciPy's trust-region reflective least squares minimises the cost, in
+units of each constant's natural size.
 """
 
 from collections.abc import Mapping

@@ -1,8 +1,7 @@
 """Artefacts that a fit shows: which one explains the pattern of the residuals.
 
-Where residuals are more than noise, the law is fitted again with each data set's slack, force
-offset or machine stiffness free, and with its strains in percent. An artefact is named if what
-remains is noise.
+The law is fitted again with each data set's slack, force offset or machine stiffness free, and
+with its strains in percent; an artefact is named if what remains is noise.
 """
 
 import dataclasses

@@ -1,9 +1,8 @@
 """Bijections between a law's constants and unconstrained, dimensionless parameters.
 
-A least-squares solver moves in ℝⁿ; a law's constants have units, signs and limits. Each
-family maps θ ∈ ℝⁿ to constants that its law accepts, whatever θ: positive ones are
-exponentials, and constants that only a condition on their sum binds become that sum and
-the rest. Which laws can be asked for by name is in `fitting.material.laws.registry`.
+A least-squares solver moves in ℝⁿ; a law's constants have units, signs and limits. Each family
+maps θ ∈ ℝⁿ to constants that its law accepts, whatever θ: positive ones are exponentials, and
+constants that only a condition on their sum binds become that sum and the rest.
 """
 
 import abc

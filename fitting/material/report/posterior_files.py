@@ -1,7 +1,6 @@
 """Samples of the constants of a law: as ArviZ data, as a corner plot, and what they predict.
 
-A band of predicted readings should hold 95 % of the data. Where it does not, law or noise are
-wrong; where the band of the law alone is wide, the data say little.
+Where a band of predicted readings does not hold 95 % of the data, law or noise are wrong.
 """
 
 import inspect
