@@ -41,7 +41,7 @@ from fitting.material.laws.blocks import ExtendedFamily, Relaxation, Softening
 from fitting.material.laws.parameters import AbstractFamily
 from fitting.material.laws.registry import family
 from fitting.statistics.identifiability import uncertainty
-from fitting.statistics.least_squares import minimise
+from fitting.statistics.least_squares import Minima, minimise
 from suas_jax.runtime.precision import require_float64
 
 _STARTS_IN_BOX = 5
@@ -184,17 +184,7 @@ def _fitted(
     constants = wider.ordered(constants)
     at_bounds: tuple[str, ...] = ()
     if bounds:
-        others = wider.random(np.random.default_rng(seed + 1), _STARTS_IN_BOX)
-        if any(data.mode == "bulge" for data in used):
-            others = minima.theta[1:2]  # membranes are expensive
-        constants, minima, at_bounds = minimise_in_box(
-            problem.residuals, wider, constants, others, bounds
-        )
-        if not np.isfinite(minima.cost[0]):
-            raise NoFit(
-                f"{wider.title}: --bound leaves no constants with finite stresses for all "
-                f"readings; widen the bounds, or choose another law"
-            )
+        constants, minima, at_bounds = _bounded(problem, minima, constants, bounds, seed)
         if at_bounds:
             notes.append(f"at a bound, and held there in all intervals: {', '.join(at_bounds)}")
     known = residual == "noise"
@@ -239,6 +229,27 @@ def _fitted(
         tuple(suspects),
         dict(bounds or {}),
     )
+
+
+def _bounded(
+    problem: MaterialProblem,
+    minima: Minima,
+    constants: np.ndarray,
+    bounds: Mapping[str, tuple[float, float]],
+    seed: int,
+) -> tuple[np.ndarray, Minima, tuple[str, ...]]:
+    """The minimum inside hard bounds; see `minimise_in_box`."""
+    family = problem.residuals.family
+    others = family.random(np.random.default_rng(seed + 1), _STARTS_IN_BOX)
+    if any(data.mode == "bulge" for data in problem.sets):
+        others = minima.theta[1:2]  # membranes are expensive
+    found = minimise_in_box(problem.residuals, family, constants, others, bounds)
+    if not np.isfinite(found[1].cost[0]):
+        raise NoFit(
+            f"{family.title}: --bound leaves no constants with finite stresses for all "
+            f"readings; widen the bounds, or choose another law"
+        )
+    return found
 
 
 def _explaining(problem: MaterialProblem, constants: np.ndarray, noise: Noise) -> list[Suspect]:
