@@ -94,7 +94,10 @@ def stacked(cells: Cells) -> list[Cells]:
     starts = [0]
     for last, place in itertools.pairwise(places):
         first = place
-        while first > last + 1 and not _is_full_of_numbers(rows[first - 1]):
+        while first > last + 1:
+            above = rows[first - 1]
+            if len(above) > 1 and all(is_missing(x) or looks_numeric(x) for x in above):
+                break
             first -= 1
         keys = [row[0] for row in rows[first:place]]
         if any(size_of(key) or _SPECIMEN_ROW.match(plain_words(key)) for key in keys):
@@ -111,10 +114,6 @@ def stacked(cells: Cells) -> list[Cells]:
         )
         for k, (a, b) in enumerate(itertools.pairwise([*starts, len(rows)]), 1)
     ]
-
-
-def _is_full_of_numbers(row: list[str]) -> bool:
-    return len(row) > 1 and all(is_missing(cell) or looks_numeric(cell) for cell in row)
 
 
 def _kind(row: list[str]) -> str:

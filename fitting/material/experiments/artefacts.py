@@ -75,7 +75,10 @@ def curve_suspects(data: Dataset) -> list[Suspect]:
     if data.follows_history:
         return _too_long(data)
     found = _break(data) + _cycles(data) + _too_long(data) + _slips(data) + _drift(data)
-    return found or _missed_zero(data)
+    if found or not can_be_freed(data):
+        return found
+    # The stress at rest that the readings near it point to, where it is not zero.
+    return [suspect for rows in series_of(data) for suspect in _zero_of_series(data, rows)]
 
 
 def _break(data: StressTest) -> list[Suspect]:
@@ -201,13 +204,6 @@ def _drift(data: StressTest) -> list[Suspect]:
         )
         return [Suspect("drift", data.file, text, "--branch loading", size, unit)]
     return []
-
-
-def _missed_zero(data: StressTest) -> list[Suspect]:
-    """The stress at rest that the readings near it point to, where it is not zero."""
-    if not can_be_freed(data):
-        return []
-    return [suspect for rows in series_of(data) for suspect in _zero_of_series(data, rows)]
 
 
 def _zero_of_series(data: StressTest, rows: np.ndarray) -> list[Suspect]:

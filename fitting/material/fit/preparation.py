@@ -31,6 +31,8 @@ def prepared(
 
     Raises ValueError: branch or cycle are not allowed, or a test says nothing.
     """
+    if branch and branch not in ("all", "loading"):
+        raise ValueError(f"--branch {branch}: unknown; allowed: all, loading")
     used, notes, suspects = [], [], []
 
     def told(before: Dataset, after: Dataset, what: str) -> Dataset:
@@ -42,7 +44,10 @@ def prepared(
         what = "of unloading branches"
         if cycle != "all":
             what = f"outside of the {cycle} cycle's loading"
-        kept = told(data, _on_branch(in_cycle(data, cycle), branch or "all"), what)
+        kept = in_cycle(data, cycle)
+        if branch == "loading":
+            kept = kept.select(~branches(kept).unloading)
+        kept = told(data, kept, what)
         if cut_break:
             kept = told(kept, before_break(kept), "after the break")
         if "slack" in zero:
@@ -65,14 +70,6 @@ def prepared(
             )
         used.append(few)
     return used, [*notes, *contradictions(used)], suspects
-
-
-def _on_branch(data: Dataset, branch: str) -> Dataset:
-    if branch == "all":
-        return data
-    if branch != "loading":
-        raise ValueError(f"--branch {branch}: unknown; allowed: all, loading")
-    return data.select(~branches(data).unloading)
 
 
 def refuse_what_forgets(

@@ -221,9 +221,10 @@ class MaterialFit(FittedLaw):
             if not good or cost > allowed:
                 continue
             found = np.asarray(self.family.constants(jnp.asarray(theta), residuals.scales))
-            print_ = self._fingerprint(found)
-            if all(_apart(print_, other) > _DISTINCT for other in seen):
-                seen.append(print_)
+            own = self._fingerprint(found)
+            size = np.maximum(np.abs(own), 1e-300)
+            if all(np.max(np.abs(own - other) / size) > _DISTINCT for other in seen):
+                seen.append(own)
                 others.append(self.family.ordered(found))
         return others
 
@@ -232,7 +233,3 @@ class MaterialFit(FittedLaw):
         h = np.asarray(self.problem.residuals.scales.strain) * np.array([0.1, 0.4, 0.7])
         parts = [np.stack(mode_factors(path, np.exp(h))) for path in PATHS.values()]
         return self.stress(np.concatenate(parts, axis=1), constants)[0]
-
-
-def _apart(a: np.ndarray, b: np.ndarray) -> float:
-    return float(np.max(np.abs(a - b) / np.maximum(np.abs(a), 1e-300)))
