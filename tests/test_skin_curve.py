@@ -11,7 +11,7 @@ import pytest
 from fitting.material.data.errors import DataError
 from fitting.material.experiments.datasets import load_dataset
 from fitting.material.experiments.measurements import Dataset
-from fitting.material.experiments.skin_curve import predicted, specimen
+from fitting.material.experiments.skin_curve import _solved, specimen
 from fitting.material.experiments.skin_readings import DISPLACEMENT, PRESSURE
 from fitting.material.fit.fit import fit_material
 from fitting.material.fit.material_posterior import sample_material
@@ -32,7 +32,9 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     # The program that the fit compiles for itself makes the readings.
     force, channel = np.tile(np.linspace(3.0, 30.0, 10), 2), np.repeat([0, 1], 10)
     curve = specimen(load_scene(SCENE), force, channel, np.ones(20)).curve
-    exact = np.asarray(predicted(curve, MooneyRivlin(20.7e6, -4.4e6, 77e3))).reshape(2, 10)
+    exact = np.asarray(_solved(curve, MooneyRivlin(20.7e6, -4.4e6, 77e3)).readings).reshape(
+        2, 10
+    )
     rng = np.random.default_rng(4)
     lines = ["# noise: 1 %", "force_N,displacement_mm,oil_pressure_kPa", "0,0,0"]
     for newtons, (u, p) in zip(force, exact.T, strict=False):
@@ -57,7 +59,7 @@ def test_predicted_readings_are_those_of_a_fine_mesh() -> None:
     truth = truths["shell"]["case A"]
     channel = np.array([DISPLACEMENT, PRESSURE])
     curve = specimen(load_scene(SCENE), np.full(2, 24.4), channel, np.ones(2)).curve
-    found = np.asarray(predicted(curve, MooneyRivlin(20.7e6, -4.4e6, 77e3)))
+    found = np.asarray(_solved(curve, MooneyRivlin(20.7e6, -4.4e6, 77e3)).readings)
     wanted = [truth["loads"][0]["displacement_m"], truth["oil_pressure_Pa"]]
     np.testing.assert_allclose(found[:2], wanted, rtol=2e-3)
 

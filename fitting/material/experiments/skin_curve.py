@@ -97,11 +97,6 @@ def _program(curve: SkinCurve, law: AbstractLaw) -> _Solved:
     return _Solved(found.state, found.result, curve.read(problem, found), stretch)
 
 
-def predicted(curve: SkinCurve, law: AbstractLaw) -> Float[Array, " n"]:
-    """Readings of a law: displacements [m] and oil pressures [Pa]."""
-    return _solved(curve, law).readings
-
-
 @dataclasses.dataclass(frozen=True)
 class Specimen:
     """A skin curve with what its own material says about sizes."""
