@@ -198,21 +198,16 @@ def pose(
             f"{file}: --residual noise needs the noise: add a column such as "
             f'"sigma_MPa", a line "# sigma: 5 kPa", or --noise "2 %"'
         )
-    groups: list[tuple[Predictor, list[int]]] = []
+    groups: dict[Predictor, list[int]] = {}
     freed = [i for i, data in enumerate(sets) if zeros and can_be_freed(data)]
     if freed:
-        groups.append((lambda tests: free_zeros(tests, freed, zeros), freed))
+        groups[lambda tests: free_zeros(tests, freed, zeros)] = freed
     for i in (i for i in range(len(sets)) if i not in freed):
-        predictor = sets[i].predictor(estimate=estimate)
-        members = next((own for other, own in groups if other == predictor), None)
-        if members is None:
-            groups.append((predictor, [i]))
-        else:
-            members.append(i)
+        groups.setdefault(sets[i].predictor(estimate=estimate), []).append(i)
     predictions = []
     places: list[np.ndarray] = [np.zeros(0, dtype=int)] * len(sets)
     size = 0
-    for predictor, members in groups:
+    for predictor, members in groups.items():
         predictions.append(predictor([sets[i] for i in members]))
         begin = size
         for i in members:
