@@ -148,9 +148,10 @@ def constants_report(
     quantiles: Sequence[float],
     tree: Callable[[Any], dict[str, Any]],  # puts one value a constant under its name
 ) -> dict[str, Any]:
-    """Samples of constants in numbers, for JSON.
+    """Samples of constants [n, p], SI units, in numbers, for JSON.
 
-    `quantiles`: ends of the 95 %, of the 68 % interval, and the median, ascending [%].
+    `quantiles`: ends of the 95 %, of the 68 % interval, and the median, ascending [%]. `tree`:
+    puts one value a constant under its name.
     """
     low95, low, middle, high, high95 = np.percentile(constants, quantiles, axis=0)
     covariance = np.atleast_2d(np.cov(constants.T))

@@ -187,8 +187,8 @@ def _change(before: np.ndarray, after: np.ndarray) -> float:
 class _Chain:
     """A chain in memory and, if wanted, in a file that is only ever replaced whole.
 
-    HDF5 files that are cut off in writing can't be opened; so a kill loses the steps since
-    the last save, and no more.
+    HDF5 files that are cut off in writing can't be opened: a kill loses the steps since the
+    save.
     """
 
     def __init__(self, settings: Settings, names: Sequence[str], key: bytes) -> None:

@@ -54,18 +54,13 @@ PROGRAMS: dict[str, Program] = {
 
 
 def require_program(name: str) -> None:
-    """Refuse a program that there are no cards for. Raises CardError: names the programs."""
+    """Raise a CardError that names the programs, where there are no cards for one."""
     if name not in PROGRAMS:
         raise CardError(f"--export {name}: unknown program; allowed: {', '.join(PROGRAMS)}")
 
 
 def card(law: LawSpec, program: str, settings: CardSettings | None = None) -> str:
-    """The card of a law for a program.
-
-    `law`: the law; constants that were not given are left out. `program`: one of `PROGRAMS`.
-    `settings`: units, name, density and bulk modulus.
-    Raises CardError: the program is unknown or doesn't have this law.
-    """
+    """The card of a law for one of `PROGRAMS`. Raises CardError: there is none of this law."""
     require_program(program)
     chosen = settings or CardSettings()
     # The table of a skin has quantities with units, whatever the units.
@@ -99,10 +94,7 @@ def write_card(
 def write_cards(
     law: LawSpec, cards: Sequence[tuple[str, str]], settings: CardSettings
 ) -> list[dict[str, str]]:
-    """Write cards; one that a program can't have is reported, and stops nothing.
-
-    `cards`: program and file of each.
-    """
+    """Write cards, each a program and a file; one that a program can't have is reported."""
     found = []
     for program, file in cards:
         message = ""

@@ -84,10 +84,7 @@ def quantity_of(name: str) -> str | None:
 
 
 def size_of(name: str) -> str:
-    """Which size of a specimen a name is, with or without a unit; "" for others.
-
-    A cylinder's height is its length.
-    """
+    """Which size of a specimen a name is; "" for others. A cylinder's height is its length."""
     spelled = (understood(text) for text in (name, f"{name} [mm]", f"{name} [mm2]"))
     column = next((column for column in spelled if column is not None), None)
     if column is None:
@@ -97,10 +94,7 @@ def size_of(name: str) -> str:
 
 
 def split_specimen(name: str) -> tuple[str, str]:
-    """A name without the specimen that it belongs to, and that specimen; "" for none.
-
-    "Specimen 1 : Width" is the width of specimen "1".
-    """
+    """A name such as "Specimen 1 : Width" without its specimen, and that; "" for none."""
     found = _SPECIMEN.search(plain_words(name))
     if found is None:
         return name, ""

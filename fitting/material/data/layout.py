@@ -49,9 +49,8 @@ class TableLayout:
 
 
 def find_table(file: str, cells: Cells, *, named: bool) -> TableLayout:
-    """Find the table of readings.
+    """Find the table of readings; its columns need no known names where the user names them.
 
-    `named`: the user names the columns, so that none have to be known.
     Raises DataError: there is no table.
     """
     rows = cells.rows

@@ -240,8 +240,7 @@ def _off_at_rest(
 ) -> list[Suspect]:
     """Slack or an offset of the force, by the stress at rest that readings near it point to.
 
-    `near`: positions of the readings of a specimen near rest. `lowest`: of its stresses,
-    positive away from rest [Pa]. `largest`: size of its largest stress [Pa].
+    `lowest`, `largest`: of the specimen's stresses, positive away from rest [Pa].
     """
     # Neo-Hookean and Mooney's second term follow any rubber near rest, whatever the mode.
     part = data.select(np.isin(np.arange(data.size), near))
@@ -273,11 +272,7 @@ def _off_at_rest(
 
 
 def _zeros_off(data: StressTest, where: str, at_rest: float, slope: float) -> list[Suspect]:
-    """Both zeros that a curve off at rest may have: no curve tells them apart.
-
-    `at_rest`: stress at a stretch of one [Pa]. `slope`: of the stress there, by the strain
-    [Pa].
-    """
+    """Both zeros that a curve off by a stress [Pa] at rest, of this slope, may have."""
     size, unit = force_of(data, at_rest)
     lag, travel = travel_of(data, -at_rest / slope)
     preload = data.origin.preload

@@ -32,9 +32,8 @@ class Branches:
 def branches(data: Dataset) -> Branches:
     """Find unloading branches in a test whose rows are in the order of time.
 
-    A branch is a run of at least three steps towards the undeformed state that spans 5 %
-    of the test, after a branch that went out over the same states. Rows in no order of
-    time (turning at every fifth row or more) have no branches.
+    A branch is a run of at least three steps towards rest that spans 5 % of the test, after one
+    that went out over the same states. Rows in no order of time have no branches.
     """
     none = Branches(np.zeros(data.size, dtype=bool), 0.0)
     if not isinstance(data, StressTest) or not data.is_curve or data.size < 6:
@@ -62,10 +61,7 @@ def branches(data: Dataset) -> Branches:
 
 
 def refuse_without_information(data: Dataset) -> None:
-    """Refuse a test that no material could be told from.
-
-    Raises ValueError: every reading is at rest, or every reading is zero.
-    """
+    """Raise a ValueError where every reading is at rest, or every reading is zero."""
     deformed = np.ones(data.size, bool)
     if isinstance(data, StressTest):
         deformed = np.abs(data.deformation) > _AT_REST

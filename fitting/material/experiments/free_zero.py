@@ -147,10 +147,8 @@ _TOE_ENDS = 0.4
 def idle(x: np.ndarray, y: np.ndarray, largest: float) -> float | None:
     """Where a slack specimen begins to carry; None if it does so at once.
 
-    Before that, readings scatter about zero and do not rise; behind it they do.
-
-    `x`: logarithms of the stretches, positive away from rest [n]. `y`: stresses, likewise [n].
-    `largest`: size of the largest stress.
+    Before that, stresses y scatter about zero and do not rise; behind it they do. x: logarithms
+    of the stretches; both positive away from rest.
     """
     order = np.argsort(x, kind="stable")
     x, y = x[order], y[order]
@@ -172,9 +170,7 @@ def idle(x: np.ndarray, y: np.ndarray, largest: float) -> float | None:
 def toe_end(x: np.ndarray, y: np.ndarray) -> float | None:
     """Where a curve that grows steeper from rest is steepest; None if it does not.
 
-    Slopes of lines through an eighth of the early readings each.
-
-    `x`: logarithms of the stretches, positive away from rest [n]. `y`: stresses, likewise [n].
+    Slopes of lines through an eighth of the early readings each; x and y as for `idle`.
     """
     order = np.argsort(x, kind="stable")
     # Against the stretch itself rubber is steepest at rest, until its chains lock.

@@ -280,9 +280,8 @@ def thinned_history(test: HistoryTest, most: int) -> HistoryTest:
     """Fewer readings, each the mean of a run of them that follow each other, with its weight.
 
     Runs are short where the strain changes and where a hold begins, and end at the corners of
-    the strain's history. Times, strains and readings are averaged alike.
-
-    `most`: tests with more readings are averaged to about half as many; zero keeps all.
+    the strain's history. Tests with more than `most` readings get about half as many; zero
+    keeps all.
     """
     if not 0 < most < test.size:
         return test
@@ -322,10 +321,7 @@ def _way(test: HistoryTest, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _corners(clock: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Rows between which straight lines in time follow a history (Douglas and Peucker).
-
-    `clock`: times, shape [n]. `x`: the history over its span, shape [2, n].
-    """
+    """Rows between which straight lines in time follow a history [2, n]; Douglas and Peucker's."""
     found = np.zeros(len(clock), dtype=bool)
     found[[0, -1]] = True
     pieces = [(0, len(clock) - 1)]

@@ -141,9 +141,8 @@ def body_specimen(
 ) -> BodySpecimen:
     """The forward model of an indentation curve, and the sizes of its material.
 
-    `scene`: skin and body; its material is only where sizes come from. `travel`: of each
-    reading [m], shape [n]. `channel`: 0 for the force, 1 for oil pressure, shape [n]. `value`:
-    readings [N, Pa], shape [n].
+    The scene's own material is only where sizes come from. Each reading has its travel [m],
+    channel (0 for the force, 1 for oil pressure) and value [N, Pa], each [n].
     Raises DataError: the skin doesn't bear these travels with the scene's material.
     """
     levels, lane = np.unique(travel, return_inverse=True)

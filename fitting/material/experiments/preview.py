@@ -25,9 +25,8 @@ def preview(
     columns: Mapping[str, str] | None = None,
     specimen: Mapping[str, str] | None = None,
 ) -> tuple[dict[str, Any], Table, Dataset | None]:
-    """Read a file and say what was understood.
+    """Read a file as a test of a mode, and say what was understood.
 
-    `specimen`: sizes with units where the file doesn't state them.
     Returns the JSON of `suas data`, the table, and the test; None where something is missing
     for it, which the JSON says.
     Raises DataError: the file holds no table.

@@ -35,10 +35,9 @@ def series_of(data: Dataset) -> Iterator[np.ndarray]:
 
 
 def half_cycles(h: np.ndarray) -> list[HalfCycle]:
-    """Loading and unloading of a series in the order of time.
+    """Loading and unloading of a series in the order of time, by how far it is from rest [n].
 
-    `h`: how far each reading is from rest, shape [n].
-    Returns the half cycles; one that goes outward where the rows are in no order of time.
+    One that goes outward where the rows are in no order of time.
     """
     everything = [HalfCycle(np.arange(len(h)), True)]
     span = np.ptp(h) if len(h) else 0.0
@@ -156,12 +155,9 @@ def before_break(data: Dataset) -> Dataset:
 def thinned(data: Dataset, most: int) -> Dataset:
     """Fewer readings, each the mean of a run of them, with its weight.
 
-    Runs hold readings that follow each other along the test and differ by little in stretch
-    and stress, so that means lie on the curve; a run counts as often as it has readings,
-    so that nothing shifts.
-
-    `data`: a test; those that are no single curve stay as they are. `most`: tests with more
-    readings are averaged to half as many; zero keeps all.
+    Runs hold readings that follow each other along the test and differ by little, so that means
+    lie on the curve; each counts as often as it has readings, so that nothing shifts. Curves
+    with more than `most` readings get half as many; zero keeps all.
     """
     if not isinstance(data, StressTest) or not data.is_curve or not 0 < most < data.size:
         return data

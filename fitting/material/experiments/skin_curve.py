@@ -114,9 +114,9 @@ def specimen(
 ) -> Specimen:
     """The forward model of a skin's curve, and the sizes of its material.
 
-    `scene`: skin and pattern of loads; its material is only where sizes come from. `force`: sum
-    of the loads' magnitudes of each reading [N], shape [n]. `channel`: 0 for displacement, 1
-    for oil pressure, shape [n]. `value`: readings [m, Pa], shape [n].
+    The scene's own material is only where sizes come from. Each reading has its force, the sum
+    of the loads' magnitudes [N], channel (0 for displacement, 1 for oil pressure) and value [m,
+    Pa].
     Raises ValueError: the skin doesn't carry these forces with the scene's material.
     """
     scene.require_plane_strain("A skin as test specimen")

@@ -168,10 +168,9 @@ def indentation(reader: Reader, scene: SceneSpec) -> IndentationTest:
 def _test(
     kind: type[AnySkinTest], reader: Reader, scene: SceneSpec, drive: np.ndarray, read: str
 ) -> AnySkinTest:
-    """A test's readings: one of its own, and oil pressures.
+    """A test's readings, of the quantity `read` and of oil pressure, under what was set.
 
-    `scene`: the skin, with its loads. `drive`: what was set; rows without it say nothing.
-    `read`: quantity that was read beside oil pressure.
+    Rows without it, `drive`, say nothing.
     """
     idle = int(np.sum(drive == 0.0))
     if idle and read == "displacement":

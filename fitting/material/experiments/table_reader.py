@@ -88,10 +88,7 @@ class Reader(NamedColumns):
         return stretch
 
     def times(self, strain: np.ndarray) -> np.ndarray:
-        """Time of each row [s], NaN where neither a column nor a rate of strain states it.
-
-        `strain`: nominal strain, or amount of shear, of each row.
-        """
+        """Time of each row [s]; NaN where neither a column nor a rate of strain states it."""
         times = self.column("time")
         if times is not None:
             return times
@@ -181,8 +178,7 @@ class Reader(NamedColumns):
     def fields(self, values: np.ndarray, sigma: np.ndarray | None = None) -> dict[str, Any]:
         """What the readings of every kind of test share, one entry a row of the table.
 
-        `values`: readings [row]. `sigma`: standard deviation of their noise [row], if they are
-        no stresses.
+        `sigma`: of their noise, if they are no stresses.
         Raises DataError: a weight is negative, or a noise is not positive.
         """
         return {
@@ -199,9 +195,8 @@ class Reader(NamedColumns):
         }
 
     def kept(self, test: Kind, states: np.ndarray) -> Kind:
-        """A test without the rows that are masked or miss something.
+        """A test of one reading a row without rows that are masked or miss something.
 
-        `test`: one reading a row. `states`: what else a row must state [..., row].
         Raises DataError: no row is left.
         """
         missing = ~np.isfinite(test.value) | np.isnan(test.weight)

@@ -101,8 +101,7 @@ class Belief:
     def reading(self, factors: Float[np.ndarray, "4 n"], other: float) -> tuple[Rows, Rows]:
         """Mean and standard deviation of readings of homogeneous states [Pa], each [n].
 
-        `factors`: e₁, e₂, c₁, c₂ of each. `other`: by how much another test differs, relative;
-        `repeats` of one not measured.
+        `other`: by how much another test differs, relative; `repeats` of one not measured.
         """
         asked = States.of(factors)
         parts = [part for part in self.parts if reaches(part.first, asked.i1)]

@@ -46,9 +46,8 @@ class Comparison:
         """Number of independent readings: n (1 − ρ)/(1 + ρ).
 
         ρ is the correlation of neighbouring residuals of the law that follows the data most
-        closely; what correlation others have on top is their misfit. Where nothing but
-        misfit is left, as of a smooth curve that no law follows, ρ says little of the noise:
-        there are at least as many as give that law a finite AICc.
+        closely; what others have on top is their misfit. Where nothing but misfit is left, as
+        of a smooth curve, there are at least as many as give that law a finite AICc.
         """
         count = float(self.fits[0].problem.residuals.used.sum())
         closest = min(self.fits, key=lambda fit: fit.cost)

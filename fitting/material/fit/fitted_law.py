@@ -48,11 +48,7 @@ class FittedLaw:
     def stress(
         self, factors: np.ndarray, constants: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Readings of the law's homogeneous tests [Pa], and derivatives by its constants.
-
-        `factors`: e₁, e₂, c₁, c₂ of each reading, shape [4, n]. `constants`: SI units; None for
-        the fitted ones.
-        """
+        """Readings at e₁, e₂, c₁, c₂ [4, n] in Pa, with derivatives by the law's constants."""
         at = jnp.asarray(self.constants if constants is None else constants)
         found = []
         for first in range(0, factors.shape[1], _LANES):

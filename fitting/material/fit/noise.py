@@ -64,9 +64,8 @@ def noise_of(problem: MaterialProblem, constants: np.ndarray) -> Noise:
 
 
 def with_noise(sets: Sequence[Dataset], noise: Noise, sizes: list[np.ndarray]) -> list[Dataset]:
-    """The data sets with the estimated noise as their stated one.
+    """The data sets with the estimated noise of predicted readings as their stated one.
 
-    `sizes`: predicted readings of each data set.
     Raises ValueError: the noise of a data set can't be estimated.
     """
     found = []
@@ -87,8 +86,7 @@ def estimated_noise(
 ) -> NoiseModel | None:
     """The noise of a test that is one curve; None where it can't be estimated.
 
-    `error`: predicted less measured readings, shape [n]. `predicted`: readings, shape [n].
-    `inverse`: of the scale of each residual, shape [n].
+    `error`: predicted less measured readings. `inverse`: of the scale of each residual.
     """
     if not data.is_curve or np.any(inverse <= 0.0) or len(data.paths()) != 1:
         return None

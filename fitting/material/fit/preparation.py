@@ -78,10 +78,7 @@ def refuse_what_forgets(
     zero: Sequence[str],
     bounds: Mapping[str, tuple[float, float]] | None,
 ) -> None:
-    """Refuse options that leave out part of a history, or are not there for one.
-
-    Raises ValueError: names the option.
-    """
+    """Raise a ValueError for options that leave out part of a history, or have none."""
     for option, value in {"--branch": branch or "all", "--cycle": cycle}.items():
         if value != "all":
             raise ValueError(

@@ -134,11 +134,10 @@ def predicted_readings(problem: "MaterialProblem", constants: np.ndarray) -> lis
 
 
 def shared_error(error: np.ndarray) -> np.ndarray:
-    """A shared error as `Residuals.shared` holds it.
+    """A shared error as `Residuals.shared` holds it: d with I − d dᵀ = (I + e eᵀ)^(-1/2).
 
-    `error`: standard deviation of the shared error in units of each reading's noise, signed
-    alike for all; zero for readings that don't share it, shape [n].
-    Returns d with I − d dᵀ = (I + e eᵀ)^(-1/2), shape [n].
+    `error`: e, its standard deviation in units of each reading's noise, signed alike; zero for
+    readings that don't share it, shape [n].
     """
     square = float(error @ error)
     if square == 0.0:

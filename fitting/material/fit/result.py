@@ -119,10 +119,9 @@ class MaterialFit(FittedLaw):
         return Belief.of([self, *self.others])
 
     def predict(self, mode: str, stretch: np.ndarray, level: float = 0.95) -> Band:
-        """Stress of a mode, measured or not, with an interval that no law's form narrows.
+        """Stress of a mode, "uniaxial", "equibiaxial" or "pure_shear", with its interval.
 
-        `mode`: "uniaxial", "equibiaxial" or "pure_shear". `stretch`: λ > 0, shape [n]. `level`:
-        probability that the interval covers the stress.
+        Of stretches λ > 0; no law's form narrows it, and the mode may be measured or not.
         """
         stretch = np.asarray(stretch, float)
         middle, deviation = self.belief.stress(mode, stretch)

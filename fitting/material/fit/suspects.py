@@ -91,11 +91,10 @@ def fit_suspects(
     is_noise: Callable[[MaterialProblem, np.ndarray], bool],
     refit: Callable[[Sequence[Dataset]], float],  # cost of the law on other data
 ) -> list[Suspect]:
-    """Artefacts that explain a misfit.
+    """Artefacts that explain a misfit: those that leave only noise, the best first.
 
-    `is_noise`: whether the residuals of a problem at constants are no more than noise.
-    Returns those that leave only noise, the best first; none if the law fails for another
-    reason.
+    `is_noise`: whether the residuals of a problem at constants are no more than noise. `refit`:
+    cost of the law on other data.
     """
     family, sets = problem.residuals.family, problem.sets
     kind_posed = posed_kind(problem)
