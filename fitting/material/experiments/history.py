@@ -321,7 +321,7 @@ def _way(test: HistoryTest, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _corners(clock: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Rows between which straight lines in time follow a history [2, n]; Douglas and Peucker's."""
+    """Rows between which lines in time follow a history [2, n] (Douglas and Peucker)."""
     found = np.zeros(len(clock), dtype=bool)
     found[[0, -1]] = True
     pieces = [(0, len(clock) - 1)]
