@@ -13,14 +13,12 @@ from fitting.material.experiments.free_zero import can_be_freed, without_toe
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.bounded import minimise_in_box
 from fitting.material.fit.noise import (
-    Noise,
     judged_residuals,
     noise_of,
     noise_remark,
-    with_noise,
 )
 from fitting.material.fit.preparation import prepared, refuse_what_forgets, window_of
-from fitting.material.fit.problem import MaterialProblem, pose, predicted_readings
+from fitting.material.fit.problem import MaterialProblem
 from fitting.material.fit.result import MaterialFit
 from fitting.material.fit.search import (
     NoFit,
@@ -32,7 +30,6 @@ from fitting.material.fit.search import (
 from fitting.material.fit.specimens import has_several_specimens
 from fitting.material.fit.suspects import (
     fit_suspects,
-    posed_kind,
     with_zeros,
     zero_in_units,
     zeros_of,
@@ -41,7 +38,7 @@ from fitting.material.laws.blocks import ExtendedFamily, Relaxation, Softening
 from fitting.material.laws.parameters import AbstractFamily
 from fitting.material.laws.registry import family
 from fitting.statistics.identifiability import uncertainty
-from fitting.statistics.least_squares import Minima, minimise
+from fitting.statistics.least_squares import Minima
 from suas_jax.runtime.precision import require_float64
 
 _STARTS_IN_BOX = 5
@@ -210,7 +207,7 @@ def _fitted(
         )
     named = {suspect.kind for suspect in suspects}
     if doubt and misfit.significant and named <= _ZEROS and not bounds:
-        explaining = _explaining(problem, constants, noise)
+        explaining = fit_suspects(problem, constants, noise)
         suspects += [suspect for suspect in explaining if suspect.kind not in named]
         if not suspects and not zero:
             suspects += _toe(problem.sets, chosen, settings)
@@ -220,14 +217,14 @@ def _fitted(
         constants,
         judged,
         specimens,
+        at_bounds,
+        dict(bounds or {}),
         minima,
         misfit,
         starts,
         tuple(notes),
-        at_bounds,
         noise,
         tuple(suspects),
-        dict(bounds or {}),
     )
 
 
@@ -250,29 +247,6 @@ def _bounded(
             f"readings; widen the bounds, or choose another law"
         )
     return found
-
-
-def _explaining(problem: MaterialProblem, constants: np.ndarray, noise: Noise) -> list[Suspect]:
-    """Artefacts that leave nothing but noise."""
-    if any(not can_be_freed(data) for data in problem.sets):
-        return []
-    if problem.kind != "noise" and all(model is not None for model in noise.models):
-        # What is weighed by another noise shows other patterns than the artefact's.
-        sizes = predicted_readings(problem, constants)
-        posed = pose(with_noise(problem.sets, noise, sizes), problem.residuals.family, "noise")
-        problem = dataclasses.replace(posed, kind="estimated")
-
-    def is_noise(other: MaterialProblem, point: np.ndarray) -> bool:
-        found, known = noise_of(other, point), problem.kind == "noise"
-        return not judged_residuals(other, point, found, known_noise=known).significant
-
-    def refit(changed: Sequence[Dataset]) -> float:
-        family = problem.residuals.family
-        posed = pose(changed, family, posed_kind(problem))
-        points = family.random(np.random.default_rng(0), 16)
-        return float(minimise(posed.residuals, points).cost[0])
-
-    return fit_suspects(problem, constants, is_noise, refit)
 
 
 def _toe(sets: Sequence[Dataset], chosen: AbstractFamily, settings: _Settings) -> list[Suspect]:

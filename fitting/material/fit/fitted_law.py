@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from collections.abc import Mapping
 
 import equinox as eqx
 import jax
@@ -29,6 +30,8 @@ class FittedLaw:
     constants: np.ndarray
     uncertainty: Uncertainty
     specimens: Specimens | None
+    bounded: tuple[str, ...]
+    bounds: Mapping[str, tuple[float, float]]
 
     @property
     def sets(self) -> tuple[Dataset, ...]:

@@ -11,9 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from fitting.material.fit.fitted_law import FittedLaw
 from fitting.material.fit.problem import MaterialProblem
 from fitting.material.laws.parameters import AbstractFamily
-from fitting.statistics.identifiability import Uncertainty
 from fitting.statistics.profile import Linearised, Quantity, profile_end
 from fitting.statistics.residuals import constants_by_theta, sensitivity
 
@@ -45,20 +45,13 @@ class _Search:
     theta: np.ndarray
 
 
-def intervals_of(
-    problem: MaterialProblem,
-    constants: np.ndarray,
-    judged: Uncertainty,
-    level: float,  # probability that an interval covers the truth
-    held: tuple[str, ...] = (),
-    bounds: dict[str, tuple[float, float]] | None = None,
-) -> Intervals:
-    """Intervals of a level.
+def intervals_of(fit: FittedLaw, level: float) -> Intervals:
+    """Intervals that cover the truth with a probability, `level`.
 
     Where readings are expensive, or constants are held at bounds, the likelihood is taken
     as normal in the logarithm of constants of one sign, else in the constants themselves.
     """
-    family = problem.residuals.family
+    problem, constants, judged, family = fit.problem, fit.constants, fit.uncertainty, fit.family
     quantile = judged.quantile(level)
     value, slope = modulus_and_slope(family, jnp.asarray(constants))
     modulus, half = float(value), float(judged.spread_of(np.asarray(slope))) * quantile
@@ -70,9 +63,9 @@ def intervals_of(
     is_open = ~np.isfinite(ends)
     around = (modulus * np.exp(-_ratio(half, modulus)), modulus * np.exp(_ratio(half, modulus)))
     names = {type(test).__name__ for test in problem.residuals.experiments}
-    profiled = names <= set(_CAN_BE_PROFILED) and not held and not bounds and judged.dof > 0
-    if not profiled or not judged.noise > 0.0:
-        for name, (least, most) in (bounds or {}).items():
+    profiled = names <= set(_CAN_BE_PROFILED) and not fit.bounded and not fit.bounds
+    if not profiled or judged.dof <= 0 or not judged.noise > 0.0:
+        for name, (least, most) in fit.bounds.items():
             column = ends[:, family.names.index(name)]
             np.clip(column, least, most, out=column)
         return Intervals(ends, is_open, around, "normal")

@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-from collections.abc import Mapping
 from typing import Any
 
 import jax.numpy as jnp
@@ -55,10 +54,8 @@ class MaterialFit(FittedLaw):
     misfit: Misfit
     starts: int
     remarks: tuple[str, ...]
-    bounded: tuple[str, ...] = ()
     noise: Noise | None = None
     suspects: tuple[Suspect, ...] = ()
-    bounds: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
     others: tuple["MaterialFit", ...] = ()
     up_to: float | None = None
 
@@ -135,14 +132,7 @@ class MaterialFit(FittedLaw):
     def interval_ends(self, level: float) -> Intervals:
         """Intervals by profile likelihood, and which of their ends the data leave open."""
         if level not in self._known_intervals:
-            self._known_intervals[level] = intervals_of(
-                self.problem,
-                self.constants,
-                self.uncertainty,
-                level,
-                self.bounded,
-                dict(self.bounds),
-            )
+            self._known_intervals[level] = intervals_of(self, level)
         return self._known_intervals[level]
 
     @functools.cached_property

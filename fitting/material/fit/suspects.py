@@ -5,7 +5,7 @@ with its strains in percent; an artefact is named if what remains is noise.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,10 +15,11 @@ from fitting.material.experiments.artefacts import Suspect, force_of, percent_su
 from fitting.material.experiments.free_zero import KINDS, Zero, can_be_freed
 from fitting.material.experiments.measurements import PATHS, Dataset, StressTest
 from fitting.material.experiments.prediction import mode_factors
-from fitting.material.fit.problem import MaterialProblem, pose
+from fitting.material.fit.noise import Noise, judged_residuals, noise_of, with_noise
+from fitting.material.fit.problem import MaterialProblem, pose, predicted_readings
 from fitting.material.laws.blocks import ExtendedFamily, TestZeros, block_of
 from fitting.material.laws.parameters import AbstractFamily
-from fitting.statistics.least_squares import solved_by_scipy
+from fitting.statistics.least_squares import minimise, solved_by_scipy
 from fitting.statistics.residuals import by_theta, sensitivity
 
 _CHANCE = 1e-4
@@ -46,11 +47,6 @@ def zeros_of(sets: Sequence[Dataset], kinds: Sequence[str]) -> tuple[Zero, ...]:
             "--zero: uniaxial, equibiaxial or pure_shear tests have zeros that can be found"
         )
     return tuple(found)
-
-
-def posed_kind(problem: MaterialProblem) -> str:
-    """The kind to pose the same residuals again with; estimated noise is a stated one."""
-    return "noise" if problem.kind == "estimated" else problem.kind
 
 
 def with_zeros(
@@ -86,27 +82,28 @@ def _start(data: Dataset, zero: Zero) -> float:
 
 
 def fit_suspects(
-    problem: MaterialProblem,
-    constants: np.ndarray,
-    is_noise: Callable[[MaterialProblem, np.ndarray], bool],
-    refit: Callable[[Sequence[Dataset]], float],  # cost of the law on other data
+    problem: MaterialProblem, constants: np.ndarray, noise: Noise
 ) -> list[Suspect]:
-    """Artefacts that explain a misfit: those that leave only noise, the best first.
+    """Artefacts that explain a misfit: those that leave only noise, the best first."""
+    if any(not can_be_freed(data) for data in problem.sets):
+        return []
+    family, known = problem.residuals.family, problem.kind == "noise"
+    if not known and all(model is not None for model in noise.models):
+        # What is weighed by another noise shows other patterns than the artefact's.
+        weighed = with_noise(problem.sets, noise, predicted_readings(problem, constants))
+        problem = dataclasses.replace(pose(weighed, family, "noise"), kind="estimated")
+    sets, kind_posed = problem.sets, "noise" if problem.kind == "estimated" else problem.kind
 
-    `is_noise`: whether the residuals of a problem at constants are no more than noise. `refit`:
-    cost of the law on other data.
-    """
-    family, sets = problem.residuals.family, problem.sets
-    kind_posed = posed_kind(problem)
-    cost = np.inf
+    def refitted(changed: Sequence[Dataset]) -> float:
+        points = family.random(np.random.default_rng(0), 16)
+        return float(minimise(pose(changed, family, kind_posed).residuals, points).cost[0])
+
     found: list[tuple[float, Suspect]] = []
     for i, data in enumerate(sets):
-        if not isinstance(data, StressTest) or not can_be_freed(data):
-            continue
+        assert isinstance(data, StressTest)
         if _may_be_percent(data):
-            cost = refit(sets)
-            changed = [*sets[:i], _in_percent(data), *sets[i + 1 :]]
-            other = refit(changed)
+            cost = refitted(sets)
+            other = refitted([*sets[:i], _in_percent(data), *sets[i + 1 :]])
             if other * _PERCENT_BETTER < cost:
                 times = np.sqrt(cost / max(other, 1e-300))
                 text = f"the law follows the data {times:.3g} times closer then"
@@ -114,25 +111,26 @@ def fit_suspects(
                 continue
         if block_of(family, TestZeros) is not None:
             continue
-        zeros = zeros_of([data], KINDS)
-        zeros = tuple(zero._replace(test=i) for zero in zeros)
-        wider = with_zeros(family, sets, zeros)
-        free = pose(sets, wider, kind_posed, zeros=zeros)
+        zeros = tuple(zero._replace(test=i) for zero in zeros_of([data], KINDS))
+        free = pose(sets, with_zeros(family, sets, zeros), kind_posed, zeros=zeros)
         free = dataclasses.replace(free, kind=problem.kind)
         _, cost, _ = _refit_with(free, constants, np.zeros(len(zeros), dtype=bool))
+        size = len(constants)
         for kind in KINDS:
             part = np.array([zero.kind == kind for zero in zeros])
             point, lower, error = _refit_with(free, constants, part)
-            count = int(free.residuals.used.sum()) - len(constants) - int(part.sum())
+            count = int(free.residuals.used.sum()) - size - int(part.sum())
             if count < 3 or not lower < cost:
                 continue
             gain = (cost - lower) / part.sum() / max(lower / count, 1e-300)
-            if kind == "machine" and point[len(constants) :][part][0] <= 0.0:
+            if kind == "machine" and point[size:][part][0] <= 0.0:
                 continue  # nothing is stiffer than rigid
-            if stats.f.sf(gain, part.sum(), count) < _CHANCE and is_noise(free, point):
-                size = len(constants)
-                own = _named(kind, data, point[size:][part], error[size:][part])
-                found.append((lower, own))
+            if stats.f.sf(gain, part.sum(), count) >= _CHANCE:
+                continue
+            own = noise_of(free, point)
+            if not judged_residuals(free, point, own, known_noise=known).significant:
+                named = _named(kind, data, point[size:][part], error[size:][part])
+                found.append((lower, named))
     return [suspect for _, suspect in sorted(found, key=lambda pair: pair[0])]
 
 
