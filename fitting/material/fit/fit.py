@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -22,6 +21,7 @@ from fitting.material.fit.problem import MaterialProblem
 from fitting.material.fit.result import MaterialFit
 from fitting.material.fit.search import (
     NoFit,
+    SearchSettings,
     most_starts,
     refuse_without_stiffness,
     search_for_typical_specimen,
@@ -51,13 +51,6 @@ _TOES = (0.05, 0.1, 0.2, 0.3, 0.4)
 _FEWEST_BEHIND_TOE, _CLEAR = 12, 5.0
 # Zeros that are found with the law, of which one takes care of an artefact.
 _MENDS = {"slack": ("slack", "force"), "toe": ("slack",), "force offset": ("force", "slack")}
-
-
-class _Settings(NamedTuple):
-    residual: str
-    starts: int
-    seed: int
-    zero: tuple[str, ...]  # what is found with the law
 
 
 def fit_material(
@@ -112,7 +105,7 @@ def fit_material(
     unknown = [kind for kind in zero if kind not in ZERO_KINDS]
     if unknown:
         raise ValueError(f"--zero {unknown[0]}: unknown; allowed: {', '.join(ZERO_KINDS)}")
-    settings = _Settings(residual, starts, seed, tuple(dict.fromkeys(zero)))
+    settings = SearchSettings(residual, starts, seed, tuple(dict.fromkeys(zero)))
     remembers = prony > 0 or mullins
     if thin is None:
         thin = _THIN_HISTORY if remembers else _THIN
@@ -148,7 +141,7 @@ def _fitted(
     bounds: Mapping[str, tuple[float, float]] | None,
     notes: list[str],
     suspects: list[Suspect],
-    settings: _Settings,
+    settings: SearchSettings,
     *,
     doubt: bool = False,
 ) -> MaterialFit:
@@ -158,11 +151,11 @@ def _fitted(
     suspects = [s for s in suspects if not any(k in zero for k in _MENDS.get(s.kind, ()))]
     zeros = zeros_of(used, zero) if zero else ()
     wider = with_zeros(chosen, used, zeros) if zeros else chosen
-    problem, minima = weighed_search(used, wider, residual, starts, seed, zeros)
+    problem, minima = weighed_search(used, wider, settings, zeros)
     specimens = None
     if np.isfinite(minima.cost[0]) and not zeros and not bounds and has_several_specimens(used):
         specimens, problem, minima = search_for_typical_specimen(
-            wider, problem, minima, (residual, starts, seed)
+            wider, problem, minima, settings
         )
     if not np.isfinite(minima.cost[0]):
         raise NoFit(
@@ -249,7 +242,9 @@ def _bounded(
     return found
 
 
-def _toe(sets: Sequence[Dataset], chosen: AbstractFamily, settings: _Settings) -> list[Suspect]:
+def _toe(
+    sets: Sequence[Dataset], chosen: AbstractFamily, settings: SearchSettings
+) -> list[Suspect]:
     """A toe, if the law follows what is left without it, with the slack found."""
     if len(sets) > 1 or not can_be_freed(sets[0]):
         return []

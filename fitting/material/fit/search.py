@@ -7,6 +7,7 @@ the factors of their specimens, and the constants are sought again.
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -82,15 +83,23 @@ def most_starts(sets: Sequence[Dataset], starts: int) -> int:
     return min([starts, *(x.most_starts for x in sets if x.most_starts is not None)])
 
 
+class SearchSettings(NamedTuple):
+    """How constants are sought."""
+
+    kind: str  # of the residuals
+    starts: int  # number of starting points
+    seed: int  # of their draw
+    zero: tuple[str, ...]  # kinds of zeros of the tests that are found with the law
+
+
 def search(
     sets: Sequence[Dataset],
     chosen: AbstractFamily,
-    kind: str,
-    starts: int,
-    seed: int,
+    settings: SearchSettings,
     zeros: Sequence[Zero] = (),  # of tests that are found with the law
 ) -> tuple[MaterialProblem, Minima]:
     """Minima from many starts, the best one first."""
+    kind, starts, seed, _ = settings
     points = chosen.random(np.random.default_rng(seed), starts)
     problem = pose(sets, chosen, kind, zeros=zeros)
     most = most_starts(sets, starts)
@@ -157,19 +166,16 @@ def _with_effects(
 def weighed_search(
     sets: Sequence[Dataset],
     chosen: AbstractFamily,
-    kind: str,
-    starts: int,
-    seed: int,
-    zeros: Sequence[Zero],  # found with the law
+    settings: SearchSettings,
+    zeros: Sequence[Zero],
 ) -> tuple[MaterialProblem, Minima]:
     """The search, with readings weighed by their noise where it is to be estimated.
 
-    `kind`: of the residuals; "estimated" weighs them, and puts the noise beside the data of the
-    problem.
+    Residuals of the kind "estimated" are weighed; the noise stands beside the problem's data.
     """
-    if kind != "estimated":
-        return search(sets, chosen, kind, starts, seed, zeros)
-    problem, minima = search(sets, chosen, "relative", starts, seed, zeros)
+    if settings.kind != "estimated":
+        return search(sets, chosen, settings, zeros)
+    problem, minima = search(sets, chosen, settings._replace(kind="relative"), zeros)
     for _ in range(_NOISE_ROUNDS):
         if not np.isfinite(minima.cost[0]):
             break
@@ -184,14 +190,10 @@ def weighed_search(
 
 
 def search_for_typical_specimen(
-    chosen: AbstractFamily,
-    problem: MaterialProblem,  # residuals of all specimens alike
-    minima: Minima,
-    options: tuple[str, int, int],
+    chosen: AbstractFamily, problem: MaterialProblem, minima: Minima, settings: SearchSettings
 ) -> tuple[Specimens | None, MaterialProblem, Minima]:
     """The search for the typical specimen's constants, if the specimens differ.
 
-    `options`: kind of the residuals, number of starting points and seed of their draw.
     Returns the specimens' factors, the problem, of data over their factors where the specimens
     differ, and its minima.
     """
@@ -204,7 +206,7 @@ def search_for_typical_specimen(
     if found is None or not found.differ:
         return found, problem, minima
     typical = of_typical_specimen(problem.sets, found)
-    problem, minima = weighed_search(typical, chosen, *options, ())
+    problem, minima = weighed_search(typical, chosen, settings, ())
     return judged(found.factors) if np.isfinite(minima.cost[0]) else None, problem, minima
 
 
