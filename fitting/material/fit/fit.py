@@ -11,11 +11,7 @@ from fitting.material.experiments.free_zero import KINDS as ZERO_KINDS
 from fitting.material.experiments.free_zero import can_be_freed, without_toe
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.bounded import minimise_in_box
-from fitting.material.fit.noise import (
-    judged_residuals,
-    noise_of,
-    noise_remark,
-)
+from fitting.material.fit.noise import judged_residuals, noise_of, noise_remark
 from fitting.material.fit.preparation import prepared, refuse_what_forgets, window_of
 from fitting.material.fit.problem import MaterialProblem
 from fitting.material.fit.result import MaterialFit
@@ -28,12 +24,7 @@ from fitting.material.fit.search import (
     weighed_search,
 )
 from fitting.material.fit.specimens import has_several_specimens
-from fitting.material.fit.suspects import (
-    fit_suspects,
-    with_zeros,
-    zero_in_units,
-    zeros_of,
-)
+from fitting.material.fit.suspects import fit_suspects, with_zeros, zero_in_units, zeros_of
 from fitting.material.laws.blocks import ExtendedFamily, Relaxation, Softening
 from fitting.material.laws.parameters import AbstractFamily
 from fitting.material.laws.registry import family
