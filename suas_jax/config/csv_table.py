@@ -1,8 +1,7 @@
 """Tables of comma-separated values: `# key: value` lines, a line of names, rows.
 
-Load paths and files of known inputs are such tables. Logs have a reader of their own, which
-survives a file that was cut off, and so have the files of test machines, whose separators,
-decimal signs and units have to be found out.
+Load paths and files of known inputs are such tables. Logs and files of test machines have
+readers of their own.
 """
 
 import math
@@ -80,7 +79,7 @@ _NAME = re.compile(r"(?P<axis>[xyXY])(?:\s*\[|\s*\(|_|\s+)(?P<unit>[a-zµ]+)[\])
 
 
 def read_points(file: Path) -> list[tuple[str, str]]:
-    """Read points as quantities with units, as they would stand in a skin file.
+    """Points as quantities with units, as they would stand in a skin file.
 
     Args:
         file: comma-separated, with a line of names such as ``x_mm,y_mm`` or ``x [mm],y [mm]``.

@@ -16,9 +16,8 @@ class Mistake(NamedTuple):
     """One mistake in a configuration.
 
     Attributes:
-        file: the file that holds the mistake, as the user named it.
-        key: dotted path of the key inside the file, such as ``load.1.force``; empty when the
-            whole file is meant.
+        file: that holds it, as the user named it.
+        key: dotted path inside the file, such as ``load.1.force``; empty for the whole file.
         advice: what is allowed, and what to do.
         value: the offending value as it would stand in the file; None if there is none.
     """
@@ -37,7 +36,7 @@ class ConfigError(ValueError):
     """A configuration can't be used; the message lists every mistake, one on each line.
 
     Attributes:
-        mistakes: the mistakes found, in the order of the file's tables.
+        mistakes: in the order of the file's tables.
     """
 
     def __init__(self, mistakes: Iterable[Mistake]):
@@ -100,9 +99,6 @@ def unknown(word: str, known: Iterable[str], what: str, *, quoted: bool = False)
         known: all that are allowed.
         what: what kind of word it is.
         quoted: show the allowed words in quotes, as values stand in a file.
-
-    Returns:
-        The advice, with the nearest known word and all that are allowed.
     """
     names = list(known)
     near = nearest(word, names)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import TYPE_CHECKING, Annotated, Any, Self, Union
 
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from suas_jax.config.consistency import contradictions
 from suas_jax.config.fields import Spec
+from suas_jax.config.geometry import GeometrySpec
+from suas_jax.config.oil import OilSpec
 from suas_jax.config.schema_calibration import CalibrationSpec
-from suas_jax.config.schema_geometry import AnyGeometrySpec
 from suas_jax.config.schema_load import (
     BodyLoadSpec,
     EnvironmentSpec,
@@ -17,10 +18,38 @@ from suas_jax.config.schema_load import (
     ReferenceSpec,
 )
 from suas_jax.config.schema_material import MaterialSpec
-from suas_jax.config.schema_oil import AnyOilSpec
-from suas_jax.config.schema_skin import ElectrodesSpec
+from suas_jax.config.schema_skin import ElectrodesSpec, WallSpec
 from suas_jax.config.schema_solve import SolveSpec
-from suas_jax.config.schema_wall import WallSpec
+from suas_jax.runtime.registry import model_classes
+
+OILS: dict[str, type[OilSpec]] = model_classes("suas_jax.config.oils", OilSpec)
+"""The declarations by name, one for each file of `suas_jax.config.oils`."""
+
+if TYPE_CHECKING:
+    AnyOilSpec = OilSpec
+else:
+    AnyOilSpec = Annotated[Union[tuple(OILS.values())], Field(discriminator="model")]  # noqa: UP007
+
+SECTIONS: dict[str, type[GeometrySpec]] = model_classes(
+    "suas_jax.config.sections", GeometrySpec
+)
+"""The declarations by name, one for each file of the folder."""
+
+DEFAULT_SECTION = "circle"
+
+
+def _section(table: Any) -> str:
+    given = table.get("section") if isinstance(table, dict) else getattr(table, "section", None)
+    return given if isinstance(given, str) else DEFAULT_SECTION
+
+
+if TYPE_CHECKING:
+    AnyGeometrySpec = GeometrySpec
+else:
+    AnyGeometrySpec = Annotated[
+        Union[tuple(Annotated[spec, Tag(name)] for name, spec in SECTIONS.items())],  # noqa: UP007
+        Discriminator(_section),
+    ]
 
 
 class SkinSpec(Spec):
@@ -47,10 +76,7 @@ class SkinSpec(Spec):
     calibration: CalibrationSpec | None = None
 
     def require_plane_strain(self, what: str) -> None:
-        """Refuse a skin whose curved ends are clamped.
-
-        Args:
-            what: works in plane strain alone; begins the message.
+        """Refuse a skin whose curved ends are clamped for `what`, which begins the message.
 
         Raises:
             ValueError: the skin is three-dimensional.
@@ -86,10 +112,7 @@ class SceneSpec(SkinSpec):
         return tuple(load for load in self.loads if load.kind == "body")
 
     def require_no_bodies(self, what: str) -> None:
-        """Refuse a scene with rigid bodies.
-
-        Args:
-            what: knows dead forces alone; begins the message.
+        """Refuse rigid bodies for `what`, which begins the message.
 
         Raises:
             ValueError: the scene has a body.

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
+from pydantic import BeforeValidator, ValidationInfo, field_validator
 
-from suas_jax.config.fields import AsList, Count, Spec, quantity, whole_number
+from suas_jax.config.fields import AsList, Count, Spec, file_key, quantity, whole_number
 
 
 def _one_count_or_two(value: Any) -> Any:
@@ -44,18 +44,16 @@ class SolveSpec(Spec):
         symmetry: whether a half or a quarter is solved where the scene has it.
     """
 
-    model: Literal["auto", "shell", "solid"] = Field(default="auto", examples=['"auto"'])
-    rtol: Annotated[float, quantity("number", above=0.0, below=1.0)] | None = Field(
-        default=None, examples=["1e-3"]
+    model: Literal["auto", "shell", "solid"] = file_key('"auto"', "auto")
+    rtol: Annotated[float, quantity("number", above=0.0, below=1.0)] | None = file_key(
+        "1e-3", None
     )
-    oil_pressure: Annotated[float, quantity("pressure", nonzero=True)] | None = Field(
-        default=None, examples=['"10 kPa"']
+    oil_pressure: Annotated[float, quantity("pressure", nonzero=True)] | None = file_key(
+        '"10 kPa"', None
     )
-    elements: Elements | None = Field(default=None, examples=["16"])
-    mesh: Annotated[tuple[Count, ...], AsList] | None = Field(
-        default=None, examples=["[600, 4]"]
-    )
-    symmetry: bool = Field(default=True, examples=["true"])
+    elements: Elements | None = file_key("16", None)
+    mesh: Annotated[tuple[Count, ...], AsList] | None = file_key("[600, 4]", None)
+    symmetry: bool = file_key("true", True)
 
     @field_validator("mesh", mode="before")
     @classmethod
