@@ -1,9 +1,8 @@
 """Baselines: what each taxel reads while nothing touches the skin.
 
-They are kept apart from the data, which stays raw, and are refused unless the skin was at
-rest. A log shows by itself that a taxel drifts or jumps. A load that was on from the first
-frame to the last it can't show; for that it is held against what the taxels read at rest
-before (an earlier baseline), or against the pattern that the skin's model gives.
+They are kept apart from the data, and refused unless the skin was at rest: a log shows by
+itself that a taxel drifts or jumps, an earlier baseline or the skin's model that a load was on
+from the first frame to the last.
 """
 
 import json
@@ -188,9 +187,8 @@ def rest_of(baseline: Baseline, like: Baseline) -> NDArray[np.float64]:
 def _statistics(so: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
     """Of one module's counts [frame, taxel]: what a baseline is judged by and made of.
 
-    Returns:
-        Means of the parts [part, taxel]; standard deviation of the differences of
-        neighbouring frames, mean and standard deviation, each [taxel].
+    Means of the parts [part, taxel]; standard deviation of the differences of neighbouring
+    frames, mean and standard deviation, each [taxel].
     """
     size = len(so) // _PARTS
     means = np.stack([mean(so[k * size : (k + 1) * size]) for k in range(_PARTS)])

@@ -18,14 +18,11 @@ _SAME_OFFSET = 1e-6  # [s]
 
 
 class DeviceClock:
-    """The clock of one module's readings.
+    """The clock of one module's readings; `period` [s] is from frame to frame, NaN while unknown.
 
     Args:
         modulus: the clock starts again after this [s]; None if unknown, then a usual one is
             recognised.
-
-    Attributes:
-        period: from frame to frame [s]; NaN while unknown.
     """
 
     def __init__(self, modulus: float | None) -> None:
@@ -79,15 +76,7 @@ class DeviceClock:
     def follow(
         self, last: Reading, reading: Reading, step: int, t_device: float, jumped: bool
     ) -> None:
-        """Keep what the next reading's clock is judged by.
-
-        Args:
-            last: the last good reading.
-            reading: the next one, which is good, too.
-            step: frames from the one to the other.
-            t_device: its time, as `time_of` found it [s].
-            jumped: whether the clock jumped there.
-        """
+        """Keep what the next reading's clock is judged by; the time is that of `time_of`."""
         offset = t_device - reading.t_device
         if math.isnan(offset):
             return

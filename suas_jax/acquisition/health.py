@@ -5,7 +5,7 @@ Stuck and saturated readings are those that calibration and estimation leave out
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -181,23 +181,23 @@ def health_json(health: Health) -> dict[str, Any]:
         "duration_s": health.duration,
         "faulty": len(health.faulty),
         "taxels": [
-            {
-                "module": taxel.module,
-                "taxel": taxel.taxel,
-                "mean_counts": taxel.mean,
-                "noise_counts": taxel.noise,
-                "stuck_share": taxel.stuck,
-                "saturated_share": taxel.saturated,
-                "lost_share": taxel.lost,
-                "drift_counts_per_min": taxel.drift,
-                "follows_neighbours": taxel.follows,
-                "noise_coupling": taxel.coupling,
-                "faults": list(taxel.faults),
-            }
+            {_JSON_KEYS.get(key, key): value for key, value in asdict(taxel).items()}
             for taxel in health.taxels
         ],
         "notes": list(health.notes),
     }
+
+
+_JSON_KEYS = {
+    "mean": "mean_counts",
+    "noise": "noise_counts",
+    "stuck": "stuck_share",
+    "saturated": "saturated_share",
+    "lost": "lost_share",
+    "drift": "drift_counts_per_min",
+    "follows": "follows_neighbours",
+    "coupling": "noise_coupling",
+}
 
 
 def _counts(frames: Frames) -> tuple[NDArray[np.float64], list[tuple[int, int]]]:
@@ -223,17 +223,14 @@ def _lost(
     log: SoLog, frames: Frames, so: NDArray[np.float64], names: list[tuple[int, int]]
 ) -> NDArray[np.float64]:
     """Share of the device's frames without a count [taxel]."""
-    expected = {}
+    gone = dict.fromkeys(frames.modules.tolist(), 0)
     flag = log.flags.get("lost")
-    for module in frames.modules.tolist():
-        gone = 0
-        if flag is not None and flag.dtype.kind in "iu":
+    if flag is not None and flag.dtype.kind in "iu":
+        for module in gone:
             own = (log.module == module) & ~flagged(log, "duplicate")
-            gone = int(flag[own].sum())
-        expected[module] = gone
-    present = np.isfinite(so).sum(0)
-    total = np.array([len(so) + expected[module] for module, _ in names])
-    return 1.0 - present / np.maximum(total, 1)
+            gone[module] = int(flag[own].sum())
+    total = np.array([len(so) + gone[module] for module, _ in names])
+    return 1.0 - np.isfinite(so).sum(0) / np.maximum(total, 1)
 
 
 def _drift(

@@ -68,8 +68,7 @@ class Integrity:
     """Follows every module of a stream.
 
     Args:
-        clock_modulus: the device clock starts again after this [s]; None if unknown, then a
-            usual one is recognised.
+        clock_modulus: see `DeviceClock`.
         checked: a checksum vouches for the readings, so no row is held to be damaged.
         taxels: how many a module has, by module, as the skin file says; what a module sends
             first, where that is unknown.
@@ -160,12 +159,7 @@ class Integrity:
 
 
 class _Module:
-    """The last good reading of one module, and what follows from it.
-
-    Args:
-        clock_modulus: as for `Integrity`.
-        taxels: how many counts a reading has.
-    """
+    """The last good reading of one module of so many taxels, and what follows from it."""
 
     def __init__(self, clock_modulus: float | None, taxels: int) -> None:
         self.taxels = taxels

@@ -2,6 +2,7 @@
 
 import contextlib
 import signal
+import threading
 from collections.abc import Iterator
 from types import FrameType
 
@@ -9,11 +10,11 @@ from suas_jax.acquisition.stream import Stream
 
 
 @contextlib.contextmanager
-def ended_by_signal(stream: Stream) -> Iterator[None]:
-    """Ctrl-C, SIGTERM and a closed terminal end the stream instead of the process."""
+def set_by_signal(stop: threading.Event) -> Iterator[None]:
+    """Ctrl-C, SIGTERM and a closed terminal set an event instead of ending the process."""
 
     def end(_signal: int, _frame: FrameType | None) -> None:
-        stream.stop.set()
+        stop.set()
 
     names = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")  # not every system has all
     known = [getattr(signal, name) for name in names if hasattr(signal, name)]
@@ -23,3 +24,8 @@ def ended_by_signal(stream: Stream) -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def ended_by_signal(stream: Stream) -> contextlib.AbstractContextManager[None]:
+    """Signals end the stream; see `set_by_signal`."""
+    return set_by_signal(stream.stop)

@@ -25,23 +25,14 @@ _PILED_UP = 5  # readings at the very end of a range that make it a full scale
 
 
 def full_scale(so: NDArray[np.float64]) -> float:
-    """Count at which the converter is full: 65535, or a smaller one that readings pile up at.
-
-    Args:
-        so: all counts of a log; NaN where missing.
-    """
+    """Count at which the converter is full: 65535, or a smaller one where readings pile up."""
     largest = np.nanmax(so) if np.isfinite(so).any() else 0.0
     piled_up = largest in _FULL_SCALES and np.sum(so == largest) >= _PILED_UP
     return float(largest) if piled_up else float(MAX_COUNT)
 
 
 def saturated(so: NDArray[np.float64], full: float = MAX_COUNT) -> NDArray[np.bool_]:
-    """Which counts are at an end of the converter's range.
-
-    Args:
-        so: counts; NaN where missing.
-        full: count at which the converter is full.
-    """
+    """Which counts are at an end of the converter's range, 0 or `full`."""
     return np.asarray((so >= full) | (so <= 0))
 
 
@@ -75,12 +66,7 @@ def typical_noise(so: NDArray[np.float64]) -> float:
 
 
 def repeats_needed(noise: float, taxels: int) -> int:
-    """Equal counts in a row beyond which a taxel is stuck.
-
-    Args:
-        noise: standard deviation of a reading [counts].
-        taxels: how many are watched.
-    """
+    """Equal counts in a row beyond which a taxel of this noise [counts] is stuck."""
     if not noise >= _LEAST_NOISE:
         return STUCK_AFTER
     # Two readings of Gaussian noise s round to the same count with about this chance.
@@ -114,10 +100,9 @@ def stuck_taxels(so: NDArray[np.float64], noise: float) -> NDArray[np.bool_]:
 
 
 def _equal_runs(values: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Runs of equal neighbouring values; what is missing (NaN) is a run of its own.
+    """Runs of equal neighbouring values, each as first index and index after the last [run, 2].
 
-    Returns:
-        First index of each run, and the index after its last [run, 2].
+    What is missing (NaN) is a run of its own.
     """
     edges = np.flatnonzero(~(np.diff(values) == 0)) + 1
     begin = np.concatenate([[0], edges])
@@ -125,12 +110,7 @@ def _equal_runs(values: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 class StuckWatch:
-    """`stuck_taxels` frame by frame, for a stream.
-
-    Args:
-        noise: standard deviation of a reading [counts].
-        taxels: their number.
-    """
+    """`stuck_taxels` frame by frame, for a stream of so many taxels of a noise [counts]."""
 
     def __init__(self, noise: float, taxels: int) -> None:
         self._needed = repeats_needed(noise, taxels)

@@ -17,12 +17,7 @@ _REFRESH = 0.25  # between two tables [s]
 
 
 class View(LiveTerminal):
-    """Messages on stderr; on a terminal also a table of rates and losses.
-
-    Args:
-        title: what is recorded.
-        live: show the table; by default where stderr is a terminal.
-    """
+    """Messages on stderr; on a terminal (or `live`) also a table of rates and losses."""
 
     def __init__(self, title: str, live: bool | None = None) -> None:
         super().__init__(sys.stderr.isatty() if live is None else live, _REFRESH)

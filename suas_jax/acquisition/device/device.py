@@ -1,7 +1,4 @@
-"""A simulated device: plays readings on a pseudo-terminal, as a skin's electronics would.
-
-With faults on demand, so that a logger can be shown to survive them.
-"""
+"""A simulated device: plays readings on a pseudo-terminal, with faults on demand."""
 
 import contextlib
 import errno
@@ -81,16 +78,13 @@ def repeated(readings: Iterable[Reading]) -> Iterator[Reading]:
 
 
 class Device:
-    """A device on a pseudo-terminal.
+    """A device on a pseudo-terminal; `played` is what it has sent so far.
 
     Args:
         format_name: frame format, a key of `ENCODERS`.
         faults: what goes wrong.
         link: symbolic link to keep pointing at the pseudo-terminal, whose own name changes
             when it is plugged in again.
-
-    Attributes:
-        played: what was sent so far.
     """
 
     def __init__(
@@ -168,16 +162,13 @@ class Device:
         duration: float | None = None,
         stopped: Callable[[], bool] = lambda: False,
     ) -> Played:
-        """Send readings at the pace of their device times.
+        """Send readings at the pace of their device times; returns what was sent.
 
         Args:
             readings: in order of time; those of equal time are sent together.
             speed: times faster than their clock.
             duration: end after this long [s].
             stopped: asked between frames whether to end.
-
-        Returns:
-            What was sent.
         """
         start, first, stalled = time.monotonic(), math.nan, False
         for t_device, together in groupby(readings, key=lambda reading: reading.t_device):

@@ -1,18 +1,17 @@
 """`suas simulate --live`: play readings as a device on a pseudo-terminal, for a person."""
 
 import json
-import signal
 import threading
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from types import FrameType
 
 from suas_jax.acquisition.device.device import Device, log_readings, repeated
 from suas_jax.acquisition.device.faults import Faults
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.frames.registry import ENCODERS
 from suas_jax.acquisition.log.log_file import read_log
+from suas_jax.acquisition.signals import set_by_signal
 from suas_jax.acquisition.terminal import say
 
 
@@ -51,50 +50,35 @@ class LiveOptions:
 
 
 def play_log(path: Path, options: LiveOptions) -> None:
-    """Play a log.
-
-    Raises:
-        LogFileError: it is none.
-    """
+    """Play a log; LogFileError where it is none."""
     play_live(log_readings(read_log(path)), options)
 
 
 def play_live(readings: Iterable[Reading], options: LiveOptions) -> None:
-    """Wait for a host, then play until the readings end, Ctrl-C or SIGTERM.
-
-    Args:
-        readings: in order of time.
-        options: how to play.
-    """
+    """Wait for a host, then play readings, in order of time, until their end or a signal."""
     stop = threading.Event()
-
-    def end(_signal: int, _frame: FrameType | None) -> None:
-        stop.set()
-
-    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        with Device(options.format_name, options.faults, options.link) as device:
-            name = options.format_name.removesuffix("-checked")
-            if options.as_json:
-                say(json.dumps({"port": device.port, "format": name}))
-            else:
-                say(device.port)
-                say(
-                    f"suas: waiting for a host: suas log {device.port} --format {name} -o "
-                    "LOG.csv; Ctrl-C ends",
-                    err=True,
-                )
-            device.wait_for_host(stop.is_set)
-            played = device.play(
-                repeated(readings) if options.loop else readings,
-                speed=options.speed,
-                duration=options.duration,
-                stopped=stop.is_set,
+    with (
+        set_by_signal(stop),
+        Device(options.format_name, options.faults, options.link) as device,
+    ):
+        name = options.format_name.removesuffix("-checked")
+        if options.as_json:
+            say(json.dumps({"port": device.port, "format": name}))
+        else:
+            say(device.port)
+            say(
+                f"suas: waiting for a host: suas log {device.port} --format {name} -o "
+                "LOG.csv; Ctrl-C ends",
+                err=True,
             )
-            device.let_host_finish(stop.is_set)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        device.wait_for_host(stop.is_set)
+        played = device.play(
+            repeated(readings) if options.loop else readings,
+            speed=options.speed,
+            duration=options.duration,
+            stopped=stop.is_set,
+        )
+        device.let_host_finish(stop.is_set)
     if options.as_json:
         say(json.dumps(asdict(played)))
     else:

@@ -1,4 +1,4 @@
-"""A reading of one module, and what every frame format offers."""
+"""A reading of one module, and what every frame format offers and shares."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -68,6 +68,85 @@ class Decoder(Protocol):
 
     def finish(self) -> list[Reading]:
         """End the stream (closed, lost): return what was held back, forget the rest."""
+
+
+class SplitDecoder:
+    """A decoder of frames that end with a mark which no frame contains.
+
+    A kind says whether they are `lines` (else a zero byte ends them) and the `longest` of them,
+    and reads one frame in `_frame`; `_too_long` counts one that goes on beyond that, which is
+    given up until its end comes.
+    """
+
+    lines = True
+    longest: int
+    clock_modulus: float | None = None
+    checked = False
+    extra_columns: tuple[str, ...] = ()
+
+    def __init__(self) -> None:
+        self.tally = Tally()
+        self._restart()
+
+    def _restart(self) -> None:
+        self._buffer, self._overlong = b"", False
+        self._opening = True  # nothing was understood since the port was opened
+
+    def feed(self, data: bytes, t_host: float) -> list[Reading]:
+        """See `Decoder`."""
+        self.tally.bytes += len(data)
+        *frames, rest = self._split(self._buffer + data)
+        readings: list[Reading] = []
+        for frame in frames:
+            if self._overlong:  # the end of a frame already given up
+                self._overlong = False
+                self.tally.discarded += len(frame) + 1
+            elif frame:
+                readings += self._frame(frame, t_host)
+        if len(rest) > self.longest:
+            if not self._overlong:
+                self._too_long()
+            self.tally.discarded += len(rest)
+            self._overlong, rest = True, b""
+        self._buffer = rest
+        self.tally.readings += len(readings)
+        return readings
+
+    def finish(self) -> list[Reading]:
+        """See `Decoder`."""
+        self.tally.discarded += len(self._buffer)
+        self._restart()
+        return []
+
+    def _split(self, data: bytes) -> list[bytes]:
+        return data.replace(b"\r", b"\n").split(b"\n") if self.lines else data.split(b"\0")
+
+    def _frame(self, frame: bytes, t_host: float) -> list[Reading]:
+        raise NotImplementedError
+
+    def _too_long(self) -> None:
+        self.tally.malformed += 1
+
+
+def _crc_of_byte(byte: int) -> int:
+    remainder = byte << 8
+    for _ in range(8):
+        remainder = (remainder << 1) ^ (0x1021 if remainder & 0x8000 else 0)
+    return remainder & 0xFFFF
+
+
+_CRC_TABLE = tuple(_crc_of_byte(byte) for byte in range(256))
+
+
+def crc16(data: bytes) -> int:
+    """CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, no reflection, no final xor.
+
+    As firmware computes it; decoders take the standard library's, and each proves the other.
+    """
+    crc = 0xFFFF
+    for byte in data:
+        crc = (crc << 8 & 0xFFFF) ^ _CRC_TABLE[crc >> 8 ^ byte]
+    return crc
 
 
 class FrameFormat(NamedTuple):

@@ -83,11 +83,7 @@ class Frames:
         return so
 
     def mean(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Mean over a frame's rows of a column of the log [frame]; NaN where all is missing.
-
-        Args:
-            values: of the column [row of the log].
-        """
+        """Mean over a frame's rows of a column of the log [frame]; NaN where all is missing."""
         own = np.asarray(values, float)[self.row]
         known = np.isfinite(own)
         total = np.bincount(self.frame[known], own[known], len(self))
@@ -165,13 +161,10 @@ def without_other_taxels(log: SoLog) -> SoLog:
     kept = ~flagged(log, "other_taxels")
     if kept.all():
         return log
+    names = ("t_host", "t_device", "seq", "module", "so")
     return dataclasses.replace(
         log,
-        t_host=log.t_host[kept],
-        t_device=log.t_device[kept],
-        seq=log.seq[kept],
-        module=log.module[kept],
-        so=log.so[kept],
+        **{name: getattr(log, name)[kept] for name in names},
         flags={name: values[kept] for name, values in log.flags.items()},
     )
 

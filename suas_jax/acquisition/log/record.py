@@ -95,7 +95,7 @@ def record_port(
     report: Callable[[str], None],
     header: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
-    """Record an open port to a new log for some time.
+    """Record an open port to a new log for some time; returns what `record` does.
 
     Args:
         source: the open port, which is closed in the end.
@@ -103,11 +103,8 @@ def record_port(
         format_name: the format's name.
         path: of the log.
         duration: [s].
-        report: called with a sentence about anything a person should know.
+        report: see `Stream`.
         header: of the log; None for what every log has.
-
-    Returns:
-        As `record`.
     """
     started = time.monotonic()
     try:
