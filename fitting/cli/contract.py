@@ -11,13 +11,16 @@ import io
 import os
 import sys
 import traceback
-from collections.abc import Callable, Iterator
-from typing import Annotated, Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import new_console, printable, say
+
+if TYPE_CHECKING:
+    from fitting.report.description import Part
 
 BAD_INPUT = 2
 NO_SOLUTION = 3
@@ -42,6 +45,21 @@ def bad_input() -> Iterator[None]:
             raise
         _tell(*_in_words(error))
         raise typer.Exit(BAD_INPUT) from None
+
+
+def answer(as_json: bool, report: Any, show: Callable[[], None]) -> None:
+    """Print a result: as JSON for programs, else what is shown to a person."""
+    if as_json:
+        say(json_text(report))
+    else:
+        show()
+
+
+def print_report(parts: "Sequence[Part]") -> None:
+    """Print a report's parts for a person."""
+    from fitting.report.description import print_parts
+
+    print_parts(new_console(), parts)
 
 
 def run(program: Callable[[], Any]) -> int:

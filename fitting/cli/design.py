@@ -6,12 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fitting.cli.contract import Overwrite, bad_input
-from fitting.cli.options import AsJson, Plot, TrustNetwork, Workers, check_figures, executor
-from fitting.cli.progress import spinner
-from fitting.json_text import json_text
-from suas_jax.acquisition.terminal import new_console, say
-from suas_jax.files.writing import check_outputs, write_text
+from fitting.cli.contract import Overwrite, answer, bad_input, print_report
+from fitting.cli.options import AsJson, Plot, TrustNetwork, Workers, check_files, computing
+from suas_jax.acquisition.terminal import say
+from suas_jax.files.writing import write_text
 
 if TYPE_CHECKING:
     from fitting.design.choice import Choice
@@ -51,15 +49,8 @@ def design(
         wanted = load_want(want)
         if starts is not None:
             wanted = dataclasses.replace(wanted, starts=starts)
-        check_outputs([output, plot], overwrite=overwrite)
-        check_figures(plot)
-        with (
-            executor(workers, trust_network) as processes,
-            spinner("designing") as show,
-        ):
-            from suas_jax.runtime.settings import configure
-
-            configure()
+        check_files(plot, others=[output], overwrite=overwrite)
+        with computing("designing", workers, trust_network) as (show, processes):
             designed: Choice | Design
             if wanted.keep is not None:
                 from fitting.design.choice import choose_taxels
@@ -79,11 +70,6 @@ def design(
                 from suas_jax.figures.style import written
 
                 written(designed.drawn(), plot)
-    if as_json:
-        say(json_text(designed.report()))
-        return
-    from fitting.report.description import print_parts
-
-    print_parts(new_console(), designed.described())
-    if output is not None:
+    answer(as_json, designed.report(), lambda: print_report(designed.described()))
+    if output is not None and not as_json:
         say(f"{output}: suas datasheet {output} -o sheet.html", err=True)

@@ -6,12 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fitting.cli.contract import Overwrite, bad_input
+from fitting.cli.contract import Overwrite, answer, bad_input
 from fitting.cli.log import FORMAT_NAMES
-from fitting.cli.options import Plot, check_figures
-from fitting.json_text import json_text
+from fitting.cli.options import Plot, check_files
 from suas_jax.acquisition.terminal import new_console, say
-from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
     from suas_jax.acquisition.health import Health
@@ -45,8 +43,7 @@ def health(
     Exit status: 0 judged, whatever was found; 2 bad input, or nothing came.
     """
     with bad_input():
-        check_outputs([plot], overwrite=overwrite)
-        check_figures(plot)
+        check_files(plot, overwrite=overwrite)
         from suas_jax.acquisition.health import health_json, log_health
         from suas_jax.acquisition.log.log_file import read_log
 
@@ -60,10 +57,7 @@ def health(
             from suas_jax.figures.health import plot_health
 
             plot_health(found, plot)
-    if as_json:
-        say(json_text(health_json(found)))
-    else:
-        _print(found)
+    answer(as_json, health_json(found), lambda: _print(found))
 
 
 def _listened(port: str, format_name: str, baud: int, duration: float) -> "SoLog":

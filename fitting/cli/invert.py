@@ -8,8 +8,14 @@ import typer
 
 from fitting.cli.contract import Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES
-from fitting.cli.options import TrustNetwork, Workers, executor, material_note, pad_settings
-from fitting.cli.progress import spinner
+from fitting.cli.options import (
+    SkinFile,
+    TrustNetwork,
+    Workers,
+    computing,
+    material_note,
+    pad_settings,
+)
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_outputs
 
@@ -22,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def invert(
-    skin: Annotated[Path, typer.Argument(metavar="SKIN", help="Skin file (TOML).")],
+    skin: SkinFile,
     log: Annotated[
         Path | None,
         typer.Argument(
@@ -139,18 +145,15 @@ def invert(
 
             require_mcap()
         on_pad = pad_settings(diameter, pressure_noise)
-        from suas_jax.runtime.settings import configure
-
         spec = _spec_of(skin, zero)
-        configure()
 
         def prepare(spec: "SkinSpec" = spec) -> "LoadEstimator":
             from fitting.inverse_load.memory.series import assumed_of_memory
             from fitting.inverse_load.zero.skin_estimator import estimator_of
 
-            with (
-                executor(workers, trust_network) as processes,
-                spinner("preparing the estimate") as show,
+            with computing("preparing the estimate", workers, trust_network) as (
+                show,
+                processes,
             ):
                 estimator = estimator_of(
                     spec,

@@ -1,13 +1,15 @@
 """Options that several commands share, and what is read of their values."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fitting.cli.progress import spinner
 from suas_jax.acquisition.terminal import say
+from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -18,6 +20,11 @@ if TYPE_CHECKING:
 Plot = Annotated[Path | None, typer.Option(help="Write a figure (PNG, PDF, SVG).")]
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
+SkinFile = Annotated[Path, typer.Argument(metavar="SKIN", help="Skin file (TOML).")]
+Noise = Annotated[
+    float | None,
+    typer.Option(help="Standard deviation of a reading, in counts; default: the skin file's."),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, SI units in the keys.")]
 Model = Annotated[
     str | None, typer.Option(help='"auto", "shell" or "solid"; overrides the scene.')
@@ -57,15 +64,37 @@ def quantity_option(option: str, text: str, dimension: "DimensionName") -> float
         raise ValueError(f'{option} "{text}": {error}') from None
 
 
-def check_figures(*files: Path | None) -> None:
-    """Refuse endings that no figure can have.
-
-    Args:
-        files: of figures; those that are None are not wanted.
+def check_files(
+    *figures: Path | None, others: Iterable[Path | None] = (), overwrite: bool
+) -> None:
+    """Refuse figures of no known kind, and files that exist unless they may be replaced.
 
     Raises:
         ValueError: names the file.
+        OSError: it exists, or can't be written.
     """
+    check_figures(*figures)
+    check_outputs([*figures, *others], overwrite=overwrite)
+
+
+@contextlib.contextmanager
+def computing(
+    what: str, workers: str | None = None, trust_network: bool = False
+) -> "Iterator[tuple[Callable[[str], None], Executor | None]]":
+    """Set JAX up, and show on a terminal what is being done.
+
+    Yields:
+        A function that shows something else, and what `--workers` names.
+    """
+    with executor(workers, trust_network) as processes, spinner(what) as show:
+        from suas_jax.runtime.settings import configure
+
+        configure()
+        yield show, processes
+
+
+def check_figures(*files: Path | None) -> None:
+    """Refuse endings that no figure can have, with a ValueError; None is no figure."""
     for file in files:
         if file is not None:
             from suas_jax.figures.style import check_figure_file
@@ -128,19 +157,16 @@ def named_bounds(text: str) -> tuple[str, tuple[float, float]]:
 def pad_settings(diameter: str | None, pressure_noise: str | None) -> dict[str, float | None]:
     """What options say of contacts and pressure, in SI units; those given alone.
 
-    Args:
-        diameter: a length, or "free", which is None in the result.
-        pressure_noise: a pressure.
+    A diameter is a length, or "free", which is None in the result.
 
     Raises:
         ValueError: an option can't be understood.
     """
     settings: dict[str, float | None] = {}
-    if diameter is not None:
-        free = diameter == "free"
-        settings["diameter"] = (
-            None if free else quantity_option("--diameter", diameter, "length")
-        )
+    if diameter == "free":
+        settings["diameter"] = None
+    elif diameter is not None:
+        settings["diameter"] = quantity_option("--diameter", diameter, "length")
     if pressure_noise is not None:
         noise = quantity_option("--pressure-noise", pressure_noise, "pressure")
         settings["pressure_noise"] = noise
@@ -157,12 +183,7 @@ def material_note(spec: "SkinSpec") -> dict[str, str]:
 
 
 def scene_of(path: Path, model: str | None, rtol: float | None) -> "SceneSpec":
-    """The scene of a file, with what the options override.
-
-    Args:
-        path: the file.
-        model: of the membrane; None leaves the file's.
-        rtol: wanted relative error; None leaves the file's.
+    """The scene of a file; a model or a relative error that is given overrides the file's.
 
     Raises:
         ConfigError: the file or an option can't be understood.

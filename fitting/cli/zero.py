@@ -5,10 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fitting.cli.contract import Overwrite, bad_input
-from fitting.cli.options import AsJson
-from fitting.cli.progress import spinner
-from fitting.json_text import json_text
+from fitting.cli.contract import Overwrite, answer, bad_input
+from fitting.cli.options import AsJson, SkinFile, computing
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.reading import read_bytes
 from suas_jax.files.writing import check_output, write_text
@@ -18,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def zero(
-    skin: Annotated[Path, typer.Argument(metavar="SKIN", help="Skin file (TOML).")],
+    skin: SkinFile,
     log: Annotated[
         Path, typer.Argument(metavar="LOG", help="SO log: some seconds at rest, then presses.")
     ],
@@ -60,19 +58,14 @@ def zero(
         if known and inputs is not None:
             raise ValueError("--known, --inputs: both say what the presses were; leave one out")
         from suas_jax.config import load_skin
-        from suas_jax.runtime.settings import configure
 
         spec = load_skin(skin)
-        configure()
-        from fitting.inverse_load.zero.from_log import zero_from_log
+        with computing("updating the inputs by the known presses"):
+            from fitting.inverse_load.zero.from_log import zero_from_log
 
-        with spinner("updating the inputs by the known presses"):
             found = zero_from_log(spec, log, known or (), inputs)
         write_text(target, zero_text(found, skin, log))
-    if as_json:
-        say(json_text(_report(found, target)))
-    else:
-        _print(found, target)
+    answer(as_json, _report(found, target), lambda: _print(found, target))
 
 
 def _wrote(path: Path, mark: str) -> bool:

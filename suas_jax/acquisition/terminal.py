@@ -5,6 +5,7 @@ marks that turn the direction of writing. All of it is shown escaped, as `\x1b`.
 """
 
 import time
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Self
 
 import typer
@@ -42,6 +43,18 @@ def new_console(**options: Any) -> "Console":
     # What Rich takes out of every text that is no sequence of its own: a bell, but no escape.
     control._CONTROL_STRIP_TRANSLATE.update(_OF_LINES)
     return Console(**options)
+
+
+def print_table(
+    names: Iterable[str], rows: Iterable[Sequence[str]], caption: str | None = None
+) -> None:
+    """Print a table of texts as they are."""
+    from rich.table import Table
+
+    table = Table(*names, caption=caption)
+    for row in rows:
+        table.add_row(*row)
+    new_console(markup=False, highlight=False).print(table)
 
 
 class LiveTerminal:
