@@ -13,10 +13,10 @@ _ZONE = ("contact_from_m", "contact_to_m")
 
 
 def draw_loads(axes: Axes, drawn: Outline, outer: np.ndarray, angle: np.ndarray) -> None:
-    """Draw every line load as an arrow that ends at the outer face.
+    """Draw every line load as an arrow that ends at the outer face, on axes in millimetres.
 
     Args:
-        axes: in millimetres.
+        axes: to draw in.
         drawn: the section and its loads.
         outer: points of the deformed outer face [2, point] [mm].
         angle: of those points [rad].
@@ -38,14 +38,9 @@ def draw_loads(axes: Axes, drawn: Outline, outer: np.ndarray, angle: np.ndarray)
 def draw_bodies(
     axes: Axes, solution: Solution, drawn: Outline, outer: np.ndarray, angle: np.ndarray
 ) -> None:
-    """Draw the bodies of a section, and on them the zones where the skin touches them.
+    """Draw the bodies of a solved section, and the zones where the skin touches them.
 
-    Args:
-        axes: in millimetres.
-        solution: says how far they have come, and where they touch.
-        drawn: the section and its bodies.
-        outer: points of the deformed outer face [2, point] [mm].
-        angle: of those points [rad].
+    The other arguments are those of `draw_loads`.
     """
     found = [load for load in solution.report["loads"] if load["kind"] == "body"]
     reports = zip(found, drawn.bodies, drawn.body_way, strict=False)

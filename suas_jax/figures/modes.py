@@ -20,10 +20,6 @@ _AMPLITUDE = 0.035
 def plot_modes(found: Modes, file: Path | None = None) -> Figure:
     """Draw every mode, displacements enlarged: of a section at both ends of its swing.
 
-    Args:
-        found: the modes; at least one.
-        file: where to write the figure; its ending chooses the format.
-
     Raises:
         ValueError: there are no modes to draw.
     """

@@ -26,11 +26,11 @@ _LABEL = {"boxstyle": "round,pad=0.15", "facecolor": "w", "edgecolor": "none", "
 
 
 class _Grid(NamedTuple):
-    """The deformed pad on a grid [arc, axial, 1].
+    """The deformed pad on a grid [arc, axial, 1]; positions have components first [m].
 
     Attributes:
-        inner: positions of the inner face [m], components leading.
-        outer: positions of the outer face.
+        inner: face.
+        outer: face.
         height: of the inner face over the undeformed one [m].
         angle: of the normal through it [rad].
     """

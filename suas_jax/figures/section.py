@@ -43,12 +43,7 @@ class Deformed(NamedTuple):
 
 
 def deformed(solution: Solution, drawn: Outline) -> Deformed:
-    """The faces of a solved section.
-
-    Args:
-        solution: a solution with the lumped shell.
-        drawn: the outline of its scene.
-    """
+    """The faces of a section that was solved with the lumped shell."""
     shape = solution.read(_profile)
     angle = np.asarray(shape.angle)[..., 0].T.ravel()
 
@@ -70,9 +65,6 @@ def plot_section(solution: Solution) -> Figure:
     """Draw the deformed section over the undeformed one, and its gap with the taxels' counts.
 
     The membrane has the colours of its strain energy, as in the paper's Fig. 18.
-
-    Args:
-        solution: a solution with the lumped shell.
     """
     drawn = outline(solution.scene)
     angle, inner, outer, energy = deformed(solution, drawn)

@@ -27,9 +27,6 @@ def plot_solid(solution: Solution) -> Figure:
     """Draw energy and hoop stretch over the deformed section, and the stretch across it.
 
     The counterpart of the paper's Fig. 18, resolved through the thickness.
-
-    Args:
-        solution: a solution with the solid model.
     """
     fields, bearings = solution.read(solid_fields)
     drawn, report = outline(solution.scene), solution.report
@@ -77,13 +74,8 @@ def _across(
 ) -> None:
     """Plot the hoop stretch through the thickness under every line load, or at the crown.
 
-    Args:
-        axes: to draw in.
-        solution: the solid's.
-        drawn: its section.
-        values: hoop stretch and distance from the inner face [mm] at the nodes
-            [element, layer, node, 2].
-        spread: angles of every element's ends and middle [rad].
+    `values` are hoop stretch and distance from the inner face [mm] at the nodes
+    [element, layer, node, 2], `spread` angles of every element's ends and middle [rad].
     """
     kinds = [load for load in solution.report["loads"] if load["kind"] not in _NO_FORCES]
     loads = [load["angle_deg"] for load in kinds]

@@ -19,10 +19,5 @@ FIGURES: dict[int, dict[str, Callable[[Solution], Figure]]] = {
 
 
 def plot_solution(solution: Solution, file: Path | None = None) -> Figure:
-    """Draw the deformed membrane.
-
-    Args:
-        solution: what to draw.
-        file: where to write the figure; its ending chooses the format.
-    """
+    """Draw the deformed membrane; a file's ending chooses the format."""
     return written(FIGURES[solution.plan.dimension][solution.plan.model](solution), file)

@@ -25,14 +25,10 @@ _PAD_SAMPLES = 3  # quadrilaterals along either side of a pad's element
 
 
 def write_vtu(solution: Solution, file: Path) -> None:
-    """Write the undeformed membrane with its displacement and other fields, in SI units.
+    """Write the undeformed membrane with its displacement and other fields (.vtu), in SI units.
 
     "Warp By Vector" with the displacement shows it deformed. The solid's section comes with
     the fields through its thickness, the pad as its inner face.
-
-    Args:
-        solution: a solution with the solid model, or in three dimensions.
-        file: where to write; the name ends in .vtu.
 
     Raises:
         ValueError: the solution is a section's shell, or the name has another ending.

@@ -9,13 +9,7 @@ from suas_jax.scene.solve import Solution
 
 
 def draw_wall(axes: Axes, solution: Solution, drawn: Outline) -> None:
-    """Draw the wall, and on it the zone where the inner face lies.
-
-    Args:
-        axes: in millimetres.
-        solution: says whether something touches it, and where.
-        drawn: the section.
-    """
+    """Draw the wall, on axes in millimetres, and on it the zone where the inner face lies."""
     wall = solution.report["wall"]
     # Beneath all else: a membrane beyond it stays visible.
     axes.fill(*(1e3 * drawn.wall), color=WALL, lw=0, zorder=0)

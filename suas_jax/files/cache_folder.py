@@ -97,12 +97,7 @@ class CacheFolder:
 
     @contextlib.contextmanager
     def making(self, name: str, wait: Callable[[str], None]) -> Iterator[None]:
-        """Be the only process that makes an entry.
-
-        Args:
-            name: of the entry.
-            wait: called with the name of a process that makes it, whose end is waited for.
-        """
+        """Be the only process that makes an entry; `wait` is called with the name of one that is."""
         with owned(self._file(name), wait=wait) if self._open() else contextlib.nullcontext():
             yield
 

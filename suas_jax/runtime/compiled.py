@@ -114,12 +114,9 @@ class Compiled:
         return found
 
     def run_or_trace(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Run a program, or make it part of the one that is being traced.
+        """Run a program made by `equinox.filter_jit`, or make it part of the one being traced.
 
-        Args:
-            function: made by `equinox.filter_jit`.
-            arguments: its arguments; numbers run it, tracers (of `jax.grad`, `jax.vmap`, a
-                function that is compiled) don't.
+        Numbers run it, tracers (of `jax.grad`, `jax.vmap`, a function that is compiled) don't.
         """
         if any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(arguments)):
             return function(*arguments)

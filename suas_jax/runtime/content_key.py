@@ -43,9 +43,8 @@ class NoContentKeyError(ValueError):
 def content_key(value: Any) -> str:
     """Digest of a value, the same in every process.
 
-    Args:
-        value: plain values, NumPy arrays, containers, data classes and modules of them, and
-            functions and classes that their module knows by name.
+    It may consist of plain values, NumPy arrays, containers, data classes and modules of them,
+    and functions and classes that their module knows by name.
 
     Raises:
         NoContentKeyError: part of it can't be told from its content.

@@ -26,12 +26,7 @@ def count_holes(frame: Any) -> int:
 
 
 def filled_by(call: Callable[..., Any], frame: Any) -> Callable[..., Any]:
-    """The program that puts the arrays of a call in their places.
-
-    Args:
-        call: returns a sequence of arrays.
-        frame: what is to be returned, with a `Hole` for each of them.
-    """
+    """The program that puts the arrays of a call in the places of the `Hole`s of a frame."""
     leaves, structure = jax.tree.flatten(frame)
 
     def filled(*arrays: Array) -> Any:

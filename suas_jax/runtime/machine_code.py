@@ -16,12 +16,7 @@ from suas_jax.runtime.program_store import circumstances_of_machine
 
 
 def keep_machine_code(folder: CacheFolder, path: Path) -> None:
-    """Let JAX keep what it compiles; without a folder that can be trusted, it keeps nothing.
-
-    Args:
-        folder: where it is kept.
-        path: what JAX is told about it.
-    """
+    """Let JAX keep what it compiles in a folder that can be trusted, or nowhere."""
     jax.config.update("jax_enable_compilation_cache", False)
     with contextlib.suppress(ImportError, AttributeError):
         # Not public; without it the cache stays off.

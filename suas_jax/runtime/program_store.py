@@ -1,10 +1,9 @@
 """Compiled programs kept between runs, ready to call.
 
-JAX's own cache is found by the lowered program, so every run traces and lowers anew to look
-it up: most of what a command waits for. Here a program is found by what it is made from: the
-function, its static arguments, the shapes of its arrays, and the source code itself. What is
-kept is its portable form (StableHLO, see `jax.export`) and the frame of its results as JSON;
-the machine code is kept by JAX's own cache, see `machine_code`.
+JAX's own cache is found by the lowered program, so every run traces and lowers anew: most of
+what a command waits for. Here a program is found by its function, static arguments, shapes of
+arrays, and the source code. What is kept is its portable form (StableHLO, see `jax.export`) and
+the frame of its results as JSON; the machine code is kept by JAX's own cache.
 """
 
 import contextlib
@@ -36,12 +35,7 @@ _LENGTH = struct.Struct("<q")
 
 
 class KeptProgram(NamedTuple):
-    """A program in its portable form.
-
-    Attributes:
-        exported: a function of arrays that returns a tuple of arrays.
-        frame: what a call returns, with a `Hole` for each of them.
-    """
+    """A program in its portable form, from arrays to arrays; its frame says what they are of."""
 
     exported: jax.export.Exported
     frame: Any

@@ -193,14 +193,7 @@ def under_bodies(
 def error_beyond_first_order(
     parts: SceneParts, problem: Problem, state: State, report: dict[str, Any]
 ) -> Lanes:
-    """Relative error that the size of the first-order effect doesn't tell.
-
-    Args:
-        parts: of the scene.
-        problem: on the whole membrane.
-        state: the equilibrium.
-        report: what is observed with the effect.
-    """
+    """Relative error that the size of the first-order effect doesn't tell."""
     mechanics = problem.mechanics
     floor = mechanics.omitted_floor + error_beyond_wall(
         problem, state, report["min_gap_m"], report["max_displacement_m"]
@@ -221,10 +214,6 @@ def error_by_squeezing(problem: Problem, state: State) -> Lanes:
     Between a body and the wall beneath it the membrane is thinner by f / (2 pi G), with the
     force f per length that passes through it. The wall's own law says what that much travel
     is worth: nothing on a soft layer, everything on a rigid wall.
-
-    Args:
-        problem: membrane with its bodies, wall, oil and loads.
-        state: the equilibrium.
     """
     mechanics, largest = problem.mechanics, jnp.zeros_like(state.pressure)
     if mechanics.wall is None:
@@ -259,14 +248,7 @@ def _between(place: Array, of: Array, gap: Array, margin: Lanes) -> Bool[Array, 
 def body_change(
     parts: SceneParts, problem: Problem, state: State, report: dict[str, Any]
 ) -> Lanes:
-    """Largest relative change of a body's force by what is left out.
-
-    Args:
-        parts: of the scene.
-        problem: membrane with its bodies, oil and loads.
-        state: the equilibrium.
-        report: what is observed with the change.
-    """
+    """Largest relative change of a body's force by what is left out, as a report has it."""
     mechanics, largest = problem.mechanics, jnp.zeros_like(state.pressure)
     shown = [load["force_N"] for load in report["loads"] if "depth_m" in load]
     width = parts.skin.geometry.width if mechanics.per_width else 1.0
@@ -284,13 +266,8 @@ def error_beyond_wall(
     """Relative error where the effect of what is left out passes a wall that the state misses.
 
     Just below the load at which the equilibrium itself reaches the wall nothing holds back the
-    first-order effect, which would touch before.
-
-    Args:
-        problem: membrane with its wall, oil and loads.
-        state: the equilibrium.
-        shown_gap: smallest gap of the state that is reported [m].
-        displacement: its largest displacement [m].
+    first-order effect, which would touch before: by its smallest gap `shown_gap` [m], relative
+    to the largest `displacement` [m].
     """
     mechanics = problem.mechanics
     if mechanics.wall is None:

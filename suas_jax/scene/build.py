@@ -40,11 +40,7 @@ def plan_for(
 def problem_of(parts: SceneParts, plan: AbstractPlan, *, wall: bool = False) -> Problem:
     """The discrete problem of a scene's parts on a mesh.
 
-    Args:
-        parts: of the scene.
-        plan: the mesh.
-        wall: whether the skin's wall is there; it changes nothing of a state whose gap is
-            open everywhere, and costs.
+    The skin's `wall` changes nothing of a state whose gap is open everywhere, and costs.
     """
     skin = parts.skin
     model = MODELS[plan.dimension][plan.model]
@@ -60,14 +56,14 @@ def build_problem(
     *,
     wall: bool = False,
 ) -> Problem:
-    """The discrete problem of a scene as a function of its continuous inputs.
+    """The same as a function of the scene's continuous inputs.
 
     Args:
         scene: says which law, oil and loads; its numbers are not used where `inputs` has
             them.
         plan: the mesh.
         inputs: SI values by TOML path, see `suas_jax.config.continuous_inputs`.
-        wall: whether the wall is there, see `problem_of`.
+        wall: see `problem_of`.
     """
     return problem_of(scene_parts(scene, inputs), plan, wall=wall)
 

@@ -294,14 +294,9 @@ def _at_travels_of(
 
 
 def difference(scene: SceneSpec, a: dict[str, Any], b: dict[str, Any]) -> float:
-    """Relative error of the finer of two meshes, from what they say of bodies and oil.
+    """Relative error of the finer of two meshes by what both say of bodies and oil.
 
     Errors of forces fall with the square of the elements' length at least.
-
-    Args:
-        scene: with bodies.
-        a: what is observed on the coarser mesh.
-        b: on the finer one.
     """
     largest = number(b["max_displacement_m"])
     pairs = [(a["oil_pressure_Pa"], b["oil_pressure_Pa"], number(b["oil_pressure_Pa"]))]

@@ -21,11 +21,9 @@ Grid = Float[Array, "along line lane"]
 
 
 def contact_zone(contact: ContactState, geometry: SkinGeometry) -> dict[str, Any]:
-    """Force, area and extent of contact; the extent means something only where there is one.
+    """Force, area and extent of contact of the inner face at its contact points.
 
-    Args:
-        contact: the inner face at its contact points.
-        geometry: of the skin.
+    The extent means something only where there is contact.
     """
     force = jnp.sum(contact.area * contact.pressure, (0, 1))
     if contact.axial is None:  # a section: point after point along the arc

@@ -8,8 +8,7 @@
 
 With the default 32 elements of a section SO is within 1e-3 of the converged shell at the load
 and 5e-5 in the mean over the pad (`benchmarks/sensing_accuracy.py`), which is the shell's own
-model error. States carry the first-order effect of transverse shear, which the thin shell
-leaves out.
+model error. States carry the first-order effect of transverse shear.
 """
 
 import dataclasses
@@ -187,13 +186,7 @@ def _read(
 
 
 def _at_wall(skin: Skin, found: Corrected, mechanics: AbstractMechanics) -> tuple[Lanes, Lanes]:
-    """Smallest gap [m], and the force that the wall carries [N].
-
-    Args:
-        skin: the skin.
-        found: its state.
-        mechanics: in whose wall's terms the equilibrium is.
-    """
+    """Smallest gap [m], and the force that the wall of some mechanics carries [N]."""
     root, shown, seen = found
     force, contact = jnp.zeros_like(shown.pressure), None
     if skin.wall is not None:
@@ -212,20 +205,12 @@ def load_jacobian(
 ) -> tuple[SensorOutput, Float[Array, "kind load taxel lane"]]:
     """Sensor output and its exact derivatives by angle, force and turn of every load.
 
-    All columns share one factorisation of the tangent. Compiled as `forward` is.
-
-    Args:
-        skin: the skin.
-        loads: what acts on it.
-        start: state of a neighbouring equilibrium.
+    All columns share one factorisation of the tangent. Arguments, errors and compilation are
+    those of `forward`.
 
     Returns:
         The output, and the derivatives of SO by (angle [rad], force [N], turn [rad]); of
         patches also by axial position [m], tilt [rad] and diameter [m].
-
-    Raises:
-        ValueError: see `forward`.
-        Float64Error: float64 is off.
     """
     require_float64()
     skin = _meshed(skin, loads)

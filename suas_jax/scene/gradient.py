@@ -118,7 +118,7 @@ def require_known(path: str, allowed: list[str]) -> None:
 
 
 def gradient(solution: Solution, path: str) -> dict[str, float]:
-    """Differentiate one reported quantity by every continuous input.
+    """Differentiate one reported quantity of a converged solution by every continuous input.
 
     Costs one linear solve with the tangent at the equilibrium, whatever the number of
     inputs. Stations move with clamps and loads, as they do when the scene is solved again.
@@ -126,7 +126,7 @@ def gradient(solution: Solution, path: str) -> dict[str, float]:
     the load at which a point just touches, it is that of the open side.
 
     Args:
-        solution: a converged solution.
+        solution: of the scene.
         path: of the quantity in the report, such as ``oil_pressure_Pa`` or
             ``loads.0.displacement_m``.
 

@@ -28,16 +28,11 @@ _STEP = 1e-3  # of the inputs
 
 
 def gradient_error_estimate(solution: Solution, path: str) -> float | None:
-    """Estimate the relative error of a gradient, in the norm of D grad.
+    """Estimate the relative error of a gradient, in the norm of D grad, by mesh and model.
 
-    Args:
-        solution: a converged solution.
-        path: of the quantity that was differentiated. Oil pressure and displacement under a
-            line or patch have estimates of their own; others take the largest of these.
-
-    Returns:
-        The estimate, by mesh and model together; None where it is unknown, as under bodies,
-        whose errors are told by another solve.
+    Oil pressure and displacement under a line or patch have estimates of their own; the
+    gradients of others take the largest of these. None where it is unknown, as under bodies,
+    whose errors are told by another solve.
     """
     if unloaded(solution.scene) or solution.scene.bodies:
         return None

@@ -49,12 +49,12 @@ class Loads(eqx.Module):
 
     @classmethod
     def line(cls, angle: ArrayLike, force: ArrayLike, turn: ArrayLike = 0.0) -> "Loads":
-        """Line loads: one a lane, or several.
+        """Line loads: each argument one value, one a lane, or [load, lane].
 
         Args:
-            angle: one value, one a lane, or [load, lane] [rad].
-            force: likewise [N].
-            turn: likewise, from the inward radial [rad].
+            angle: [rad].
+            force: [N].
+            turn: from the inward radial [rad].
 
         Raises:
             Float64Error: float64 is off.
@@ -72,15 +72,15 @@ class Loads(eqx.Module):
         turn: ArrayLike = 0.0,
         tilt: ArrayLike = 0.0,
     ) -> "Loads":
-        """Round patches on a pad: one a lane, or several.
+        """Round patches on a pad: each argument one value, one a lane, or [patch, lane].
 
         Args:
-            angle: one value, one a lane, or [patch, lane] [rad].
-            axial: likewise [m].
-            force: likewise [N].
-            diameter: likewise [m].
-            turn: likewise, from the inward radial [rad].
-            tilt: likewise, out of the section's plane towards +axial [rad].
+            angle: [rad].
+            axial: [m].
+            force: [N].
+            diameter: [m].
+            turn: from the inward radial [rad].
+            tilt: out of the section's plane towards +axial [rad].
 
         Raises:
             Float64Error: float64 is off.
@@ -99,11 +99,7 @@ class Loads(eqx.Module):
         return jax.tree.map(lambda x: jnp.broadcast_to(x, (*x.shape[:-1], lanes)), self)
 
     def points(self, breaks: Float[Array, "break #lane"], geometry: SkinGeometry) -> LoadPoints:
-        """Line loads as points inside elements of a section.
-
-        Args:
-            breaks: angles of the stations [rad].
-            geometry: dimensions.
+        """Line loads as points inside elements of a section between breaks [rad].
 
         Raises:
             ValueError: these are patches.
@@ -150,9 +146,7 @@ def _rows(x: ArrayLike) -> Array:
 
 
 def loads_of(scene: SceneSpec, inputs: Mapping[str, ArrayLike] | None = None) -> Loads:
-    """The loads of a scene as `forward` takes them.
-
-    Loads that are spread over an arc become a few points of one direction.
+    """The loads of a scene as `forward` takes them; one that is spread becomes a few points.
 
     Args:
         scene: its [[load]] tables: lines of a section, or discs of a pad, and pressures.

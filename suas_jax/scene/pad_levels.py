@@ -52,15 +52,8 @@ def _with_shear(
 ) -> tuple[State, BorderedVector, Bool[Array, " lane"]]:
     """Newton's method from a state nearby, and the first-order effect of the omitted energy.
 
-    The last correction's factors serve the omitted energy, too.
-
-    Args:
-        problem: membrane, oil and loads; one lane.
-        y: a state near the equilibrium.
-        level: factor on the loads.
-
-    Returns:
-        The state with what the shell leaves out, the shell's own, and whether it was found.
+    The last correction's factors serve the omitted energy, too. Returns the state with what
+    the shell leaves out, the shell's own, and whether it was found.
     """
     mechanics = problem.mechanics
 
@@ -149,13 +142,7 @@ def _across(skin: Skin, loads: Loads, y: BorderedVector, state: State) -> Array:
 
     With K the tangent and w_T the work of a force of 1 N, dq/dT = K^-1 dw_T/dq; readings are
     taken at q + e dq/dT, e a thousandth of the load, whose search for the point over each taxel
-    is dear to differentiate.
-
-    Args:
-        skin: the pad, meshed.
-        loads: one patch in one lane.
-        y: the shell's state.
-        state: the same with what the shell leaves out.
+    is dear to differentiate. `y` is the shell's state, `state` has what the shell leaves out.
     """
     one, zero = jnp.ones_like(loads.force), jnp.zeros_like(loads.force)
     quarter = jnp.pi / 2 * one

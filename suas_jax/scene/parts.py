@@ -49,11 +49,7 @@ class SkinParts(NamedTuple):
     wall: Wall | None
 
     def sensing(self) -> Electrodes:
-        """The electrodes of a skin that has to have them.
-
-        Raises:
-            ValueError: it has none.
-        """
+        """The electrodes; ValueError where the skin has none."""
         if self.electrodes is None:
             raise ValueError(
                 "the skin has no [electrodes], so there is nothing to sense: add them to the "
@@ -122,12 +118,9 @@ def skin_parts(spec: SkinSpec, inputs: Mapping[str, ArrayLike]) -> SkinParts:
 def scene_parts(
     scene: SceneSpec, inputs: Mapping[str, ArrayLike], law: AbstractLaw | None = None
 ) -> SceneParts:
-    """Make a scene's objects.
+    """Make a scene's objects, as `skin_parts` does a skin's.
 
-    Args:
-        scene: says which classes; its numbers are not used where `inputs` has them.
-        inputs: SI values by TOML path, see `suas_jax.config.continuous_inputs`.
-        law: the membrane's material, its constants with a lane axis, if not the scene's own.
+    The membrane's `law`, its constants with a lane axis, may be another than the scene's own.
     """
     numbers = _all_numbers(scene, inputs)
     skin = _skin(scene, numbers, law)

@@ -85,9 +85,8 @@ def run_program(
 ) -> tuple[dict[str, Any], State, State, State, dict[str, Any]]:
     """The program of a scene from a start; from rest where that leads nowhere.
 
-    Where nothing acts on the skin nothing is solved: the report is that of the undeformed skin.
-    Bodies that are pressed by a force take the travel at which they carry it, unless the inputs
-    give it.
+    Where nothing acts on the skin the report is that of the undeformed skin. Bodies that are
+    pressed by a force take the travel at which they carry it, unless the inputs give it.
 
     Returns:
         What is observed; the equilibrium, the state to report and that of the part solved; how
@@ -136,7 +135,7 @@ class Prepared(NamedTuple):
 def prepared(
     scene: SceneSpec, name: str, counts: Counts, slid: tuple[float, ...] = ()
 ) -> Prepared:
-    """Mesh, inputs and start of a scene's program.
+    """Mesh of a model and a size, inputs and start of a scene's program.
 
     Args:
         scene: what to solve.

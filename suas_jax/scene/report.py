@@ -105,12 +105,8 @@ def wall_force_error(report: dict[str, Any], error: float) -> float:
     """Estimated error of the force on the wall [N]: that of the loads at first contact.
 
     Beyond first contact nearly all further load goes into the wall, so its force misses what
-    the load at first contact misses. That load is as wrong as displacements and pressure are,
-    and the share of it, whatever the wall carries.
-
-    Args:
-        report: of a state in contact.
-        error: estimated, relative.
+    the load at first contact misses. That load is as wrong as displacements and pressure are
+    (`error`, relative), and the share of it, whatever the wall carries.
     """
     loads = sum(abs(load.get("force_N", 0.0)) for load in report["loads"])
     return error * max(loads, report["wall"]["force_N"])
@@ -145,12 +141,7 @@ def _remarks(scene: SceneSpec, report: dict[str, Any], error: float | None) -> l
 
 
 def _sway(stable: bool, factor: float | None) -> list[str]:
-    """What became of a state that is not stable, or was not.
-
-    Args:
-        stable: whether the state that is reported is.
-        factor: on the loads, at which the path from rest stops being stable.
-    """
+    """What became of a state that is not stable, or was not, beyond a factor on the loads."""
     share = "" if factor is None else f" from {100 * factor:.3g} % of the load on"
     if not stable:
         return [f"The equilibrium is unstable{share}: a real membrane leaves it."]

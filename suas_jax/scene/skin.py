@@ -77,9 +77,6 @@ class Skin(eqx.Module):
     def around(self, loads: Loads) -> "Skin":
         """The pad with meshes graded around its loads, one a lane; a section as it is.
 
-        Args:
-            loads: patches with known places.
-
         Raises:
             ValueError: a pad's dimensions or its loads' places are traced.
         """

@@ -1,8 +1,8 @@
 """Skins that sway: where a symmetric equilibrium is unstable, the branch that a membrane takes.
 
-A symmetric skin under symmetric loads has a symmetric equilibrium, which half a mesh finds. It
-can be unstable: a tall arch leaves it sideways, one way or the other. The branch is reached as
-a real skin reaches it, by loads a little off their places, and followed to where they belong.
+Half a mesh finds the symmetric equilibrium of a symmetric scene, which can be unstable: a tall
+arch leaves it sideways. The branch is reached as a real skin reaches it, by loads a little off
+their places, and followed to where they belong.
 """
 
 from collections.abc import Mapping
@@ -24,12 +24,7 @@ Inputs = Mapping[str, np.ndarray]
 
 
 def can_sway(scene: SceneSpec, meshes: Meshes) -> bool:
-    """Whether symmetry was taken for granted, and loads can be moved off it.
-
-    Args:
-        scene: what was solved.
-        meshes: of the solve.
-    """
+    """Whether symmetry was taken for granted, and loads can be moved off it."""
     placed = any(load.kind != "pressure" for load in scene.loads)
     return meshes.solved.symmetric and placed and scene.solve.oil_pressure is None
 

@@ -85,10 +85,10 @@ def sweep(
     oil_pressures: Sequence[float] | None = None,
     depths: Sequence[float] | None = None,
 ) -> Sweep:
-    """Follow a scene's equilibrium through rising loads.
+    """Follow a scene's equilibrium through rising loads, whose pattern is the scene's.
 
     Args:
-        scene: the scene; its loads give the pattern, which is kept.
+        scene: the scene.
         forces: sums of the line loads' magnitudes, in the order to visit [N].
         oil_pressures: instead of forces: all loads are scaled until the oil reaches these
             pressures above ambient, all of one sign, in the order to visit [Pa].
@@ -120,11 +120,7 @@ def sweep(
 
 
 def force_sweep(scene: SceneSpec, forces: Sequence[float]) -> Sweep:
-    """Scale the line loads through given total forces, their pattern kept.
-
-    Args:
-        scene: the scene; its loads give the pattern.
-        forces: sums of the loads' magnitudes, in the order to visit [N].
+    """Scale the line loads through given total forces, see `sweep`.
 
     Raises:
         SweepError: the scene has no force to scale, or forces aren't finite and >= 0.
@@ -145,11 +141,7 @@ def force_sweep(scene: SceneSpec, forces: Sequence[float]) -> Sweep:
 
 
 def pressure_sweep(scene: SceneSpec, pressures: Sequence[float]) -> Sweep:
-    """Scale all loads so that the oil goes through given pressures.
-
-    Args:
-        scene: the scene; its loads give the pattern.
-        pressures: of the oil above ambient, all of one sign, in the order to visit [Pa].
+    """Scale all loads so that the oil goes through given pressures, see `sweep`.
 
     Raises:
         SweepError: the oil is vented, no load is there to scale, or signs differ.
@@ -165,14 +157,10 @@ def pressure_sweep(scene: SceneSpec, pressures: Sequence[float]) -> Sweep:
 
 
 def depth_sweep(scene: SceneSpec, depths: Sequence[float]) -> Sweep:
-    """Press bodies through given travels, all other loads kept: indentation curves.
+    """Press bodies through given travels, all other loads kept, see `sweep`.
 
     Every point starts from the one before. Model and mesh are those that the deepest point
     needs; errors are told by a second curve on a coarser mesh.
-
-    Args:
-        scene: the scene; its bodies with a depth give the pattern.
-        depths: travels of the body that is pressed in most, in the order to visit [m].
 
     Raises:
         SweepError: no body has a depth, or depths aren't finite.

@@ -34,16 +34,11 @@ _PLACES = (
 
 
 def uncertainty(solution: Solution, errors: InputErrors) -> dict[str, float]:
-    """Standard deviations of what a solution reports.
-
-    Args:
-        solution: a converged solution.
-        errors: of the scene's inputs.
+    """Standard deviations of what a converged solution reports, by its inputs' errors.
 
     Returns:
-        Standard deviations in the units of the keys, by path of the quantity in the report,
-        such as ``oil_pressure_Pa`` or ``taxels.3.so``; NaN where a changed skin has no
-        solution.
+        In the units of the keys, by path of the quantity in the report, such as
+        ``oil_pressure_Pa`` or ``taxels.3.so``; NaN where a changed skin has no solution.
     """
     known = continuous_inputs(solution.scene)
     own = dict(_quantities(report_with(solution, {}) or {}))

@@ -126,10 +126,7 @@ def _loads(path: LoadPath, time: NDArray[np.float64], section: AbstractSection) 
 
 
 def static_state(scene: SceneSpec) -> tuple[NDArray[np.float64], list[float]]:
-    """A scene at rest under its loads.
-
-    Returns:
-        Capacitance of every taxel [taxel] [F], and the force of every load [N].
+    """Capacitance of every taxel at rest under a scene's loads [F], and each load's force [N].
 
     Raises:
         NoSolutionError: the scene has no equilibrium.

@@ -1,8 +1,7 @@
 """Frames of a load path on a pad: each continues the equilibrium of the frame before.
 
-Every frame has a mesh graded around its loads. Places of loads count in steps of a
-millimetre or two there, so most frames share the mesh of the one before and start from its
-state; a frame with another mesh starts from rest.
+Meshes are graded around loads, whose places count in steps of a millimetre or two there: most
+frames share the mesh of the one before; a frame with another mesh starts from rest.
 """
 
 import dataclasses
@@ -53,14 +52,9 @@ def pad_capacitances(
     time: NDArray[np.float64],
     progress: Callable[[int], None] = lambda done: None,
 ) -> NDArray[np.float64]:
-    """Capacitance of every taxel along a load path [frame, taxel] [F].
+    """The same as `capacitances`, of a pad.
 
     NaN where the membrane touches a taxel that no further dielectric covers.
-
-    Args:
-        path: loads over time, of a scene in three dimensions with electrodes.
-        time: of the frames [s].
-        progress: called with the number of frames done.
 
     Raises:
         ConfigError: a load leaves the pad.

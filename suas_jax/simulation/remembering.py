@@ -141,18 +141,7 @@ def followed_pad(
     moved: dict[str, NDArray[np.float64]],
     progress: Callable[[int], None],
 ) -> NDArray[np.float64]:
-    """Capacitances of a pad along a path [frame, taxel] [F].
-
-    Args:
-        scene: that remembers, with the instantaneous response.
-        plan: the mesh.
-        time: of the frames [s].
-        moved: inputs by path [frame].
-        progress: called with the number of frames done.
-
-    Raises:
-        NoSolutionError: a load has no equilibrium.
-    """
+    """The same of a pad on a mesh, whose inputs are `moved` by path [frame]."""
     inputs = inputs_of(scene)
 
     def run(rows: Rows, start: Moment | Values, *, held: bool) -> Any:

@@ -11,9 +11,7 @@ from suas_jax.acquisition.baseline import Baseline
 def rest_pattern(skin: Path, like: Baseline) -> NDArray[np.float64]:
     """Model counts at rest [module, taxel], arranged as in a baseline; NaN where unknown.
 
-    Args:
-        skin: skin file, scene file or load path, whose loads are left out.
-        like: names the modules.
+    The skin is that of a skin file, a scene or a load path; loads are left out.
 
     Raises:
         ConfigError: the file can't be used.

@@ -205,13 +205,7 @@ def simulate_log(
 
 
 def write_simulated_log(log: SimulatedLog, output: Path, source: Path) -> None:
-    """Write a simulated log as the logger would, with its true loads, whole or not at all.
-
-    Args:
-        log: what was simulated.
-        output: the file to write.
-        source: scene or load path, named in the header.
-    """
+    """Write a log as the logger would, with its true loads and source, whole or not at all."""
     judge = Integrity(None, checked=True)
     header = log_header(
         skin=str(source),
