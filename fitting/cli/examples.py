@@ -86,15 +86,10 @@ PANELS = {
 
 
 class Command(NamedTuple):
-    """A command of the program.
+    """A command of the program."""
 
-    Attributes:
-        words: that follow `suas`.
-        registered: what the parser keeps about it.
-    """
-
-    words: str
-    registered: typer.models.CommandInfo
+    words: str  # that follow `suas`
+    registered: typer.models.CommandInfo  # what the parser keeps about it
 
 
 def commands_of(app: typer.Typer, group: str = "") -> Iterator[Command]:

@@ -18,11 +18,7 @@ _MEMBRANE, _FILM, _TAXEL = "#4c78a8", "#f6e3ae", "#c44e00"
 
 @styled
 def plot_skin(spec: SkinSpec) -> Figure:
-    """Draw a skin to scale, with dimensions.
-
-    Args:
-        spec: the skin, with electrodes.
-    """
+    """Draw a skin with electrodes to scale, with dimensions."""
     drawn = outline(scene_of(spec))
     drawn = drawn._replace(**{k: 1e3 * getattr(drawn, k) for k in ("inner", "outer", "wall")})
     parts = skin_parts(spec, continuous_inputs(spec))

@@ -36,57 +36,33 @@ _DISTANCES = 60  # of two contacts that are tried
 
 
 class Cases(NamedTuple):
-    """Readings of contacts at places, [taxel, *skin, place] where they have taxels.
+    """Readings of contacts at places, [taxel, *skin, place] where they have taxels."""
 
-    Attributes:
-        rest: without force.
-        half: at half of the rated force.
-        rated: at the rated force.
-        touch: close to first contact with the wall.
-        force: of those [*skin, place] [N].
-    """
-
-    rest: Readings
-    half: Readings
-    rated: Readings
-    touch: Readings
-    force: Any
+    rest: Readings  # without force
+    half: Readings  # at half of the rated force
+    rated: Readings  # at the rated force
+    touch: Readings  # close to first contact with the wall
+    force: Any  # of those [*skin, place] [N]
 
 
 class Figures(NamedTuple):
-    """Figures at places, [*skin, place] each.
+    """Figures at places, [*skin, place] each."""
 
-    Attributes:
-        first_contact: force at which the membrane reaches the wall [N].
-        min_gap: smallest to the wall under the rated force [m].
-        sensitivity: of all taxels together, at rest [counts/N].
-        detection_limit: force [N].
-        force_resolution: least standard deviation of the force in one frame [N].
-        place_resolution: of the place on the outer face [m].
-        nonlinearity: at half of the rated force, over the reading at the rated force.
-        crosstalk: of far taxels, over the largest change; NaN where none is far.
-    """
-
-    first_contact: Array
-    min_gap: Array
-    sensitivity: Array
-    detection_limit: Array
-    force_resolution: Array
-    place_resolution: Array
-    nonlinearity: Array
-    crosstalk: Array
+    first_contact: Array  # force at which the membrane reaches the wall [N]
+    min_gap: Array  # smallest to the wall under the rated force [m]
+    sensitivity: Array  # of all taxels together, at rest [counts/N]
+    detection_limit: Array  # force [N]
+    force_resolution: Array  # least standard deviation of the force in one frame [N]
+    place_resolution: Array  # of the place on the outer face [m]
+    nonlinearity: Array  # at half of the rated force, over the reading at the rated force
+    crosstalk: Array  # of far taxels, over the largest change; NaN where none is far
 
 
 class Accuracy(NamedTuple):
-    """How readings are weighed.
+    """How readings are weighed."""
 
-    Attributes:
-        noise: standard deviation of a reading [counts].
-        model_error: of the model, a share of the reading's change from rest.
-    """
-
-    noise: float
-    model_error: float
+    noise: float  # standard deviation of a reading [counts]
+    model_error: float  # of the model, a share of the reading's change from rest
 
     @property
     def variance(self) -> float:
@@ -97,13 +73,7 @@ class Accuracy(NamedTuple):
 def figures_at(
     cases: Cases, accuracy: Accuracy, far: Bool[np.ndarray, "taxel place"]
 ) -> Figures:
-    """The figures of places.
-
-    Args:
-        cases: readings there.
-        accuracy: of a reading.
-        far: taxels that a contact at a place should leave alone.
-    """
+    """The figures of places, `far` being the taxels that a contact there should leave alone."""
     rest, light = cases.rest.so, cases.rest.slope[-1]
     slope = jax.lax.stop_gradient(cases.touch.gap_slope)
     sensitivity = _norm(light)
@@ -153,12 +123,7 @@ def unlike(columns: Float[Array, "coordinate taxel *place"]) -> Array:
 
 
 def told(cases: Cases, accuracy: Accuracy, change: Any) -> Float[Array, "coordinate *place"]:
-    """What a change of the readings is taken for, by the best weighted fit.
-
-    Args:
-        cases: readings as the model has them.
-        accuracy: of a reading.
-        change: that it knows nothing of [taxel, *place] [counts].
+    """What a change of readings [taxel, *place] [counts] is taken for, by the best fit.
 
     Returns:
         Changes of the place's coordinates [m] and of the force [N].

@@ -13,28 +13,17 @@ _RATED = 0.3  # of the smallest first contact
 
 
 class Measured(NamedTuple):
-    """Readings of a skin and its neighbours, and where they were taken.
+    """Readings of a skin and its neighbours, and where they were taken."""
 
-    Attributes:
-        cases: the readings [taxel, skin, place].
-        coordinates: of the places by key, as a person states them [place].
-        arc: along the outer face [place] [m].
-        region: whether a place counts for the figures of the whole skin [place].
-        far: taxels that count as crosstalk [taxel, place].
-        rated: the rated force [N].
-        accuracy: of a reading.
-        grid: places along the arc and along the axis.
-        missing: why figures have no value on such a skin, by key.
-    """
-
-    cases: Cases
-    coordinates: dict[str, Floats]
-    arc: Floats
-    region: np.ndarray
-    far: np.ndarray
-    rated: float
-    accuracy: Accuracy
-    grid: tuple[int, int]
+    cases: Cases  # the readings [taxel, skin, place]
+    coordinates: dict[str, Floats]  # of the places by key, as a person states them [place]
+    arc: Floats  # along the outer face [place] [m]
+    region: np.ndarray  # whether a place counts for the figures of the whole skin [place]
+    far: np.ndarray  # taxels that count as crosstalk [taxel, place]
+    rated: float  # the rated force [N]
+    accuracy: Accuracy  # of a reading
+    grid: tuple[int, int]  # places along the arc and along the axis
+    # why figures have no value on such a skin, by key
     missing: Mapping[str, str] = MappingProxyType({})
 
 

@@ -149,12 +149,7 @@ def _readings(
 
 
 def _moved(own: Floats, slopes: Floats) -> Floats:
-    """Values of the pad itself, then of each change downwards and upwards.
-
-    Args:
-        own: its values [taxel, place].
-        slopes: by the changes [taxel, change, place].
-    """
+    """Values of the pad itself [taxel, place], then of each change downwards and upwards."""
     sides = np.tile([-STEP, STEP], slopes.shape[1])[:, None]
     steps = np.repeat(slopes, 2, axis=1) * sides
     return np.concatenate([own[:, None], own[:, None] + steps], 1)

@@ -10,20 +10,10 @@ from fitting.datasheet.figures import FAR, Accuracy, Cases
 from fitting.datasheet.measured import Measured, rated_force
 from fitting.datasheet.readings import Readings, read_all, skins_in_lanes
 from fitting.datasheet.variants import Variants
-from fitting.force_range.bound import first_contacts
+from fitting.force_range.bound import angles_over, first_contacts
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import MODEL_ERROR
 from suas_jax import Skin, skin_of
-
-_CLOSEST = 2.0  # thicknesses from a clamp within which no contact is put
-
-
-def angles_over(skin: Skin, places: int) -> Floats:
-    """Angles evenly from clamp to clamp [rad]."""
-    geometry = skin.geometry
-    closest = _CLOSEST * geometry.thickness[0] / geometry.mid_size[0]
-    edge = float(geometry.half_angle[0] - closest)
-    return np.linspace(-edge, edge, places)
 
 
 def between_taxels(skin: Skin, angle: Floats) -> np.ndarray:

@@ -27,19 +27,12 @@ _AXIALS = 7  # places along a pad's axis, as in its data sheet
 
 
 class Choice(NamedTuple):
-    """Taxels that are kept, and what they tell.
+    """Taxels that are kept, and what they tell."""
 
-    Attributes:
-        want: what was wanted.
-        measured: readings of the skin.
-        places: that count, by their numbers in `measured`.
-        selection: of the taxels.
-    """
-
-    want: Want
-    measured: Measured
-    places: np.ndarray
-    selection: Selection
+    want: Want  # what was wanted
+    measured: Measured  # readings of the skin
+    places: np.ndarray  # that count, by their numbers in `measured`
+    selection: Selection  # of the taxels
 
     @property
     def kept(self) -> list[int]:

@@ -18,19 +18,12 @@ from suas_jax.config import continuous_inputs
 
 
 class Design(NamedTuple):
-    """A design with the data sheets of both skins.
+    """A design with the data sheets of both skins."""
 
-    Attributes:
-        problem: what was wanted.
-        found: the search.
-        before: sheet of the skin file.
-        after: of the design.
-    """
-
-    problem: Problem
-    found: Found
-    before: DataSheet
-    after: DataSheet
+    problem: Problem  # what was wanted
+    found: Found  # the search
+    before: DataSheet  # sheet of the skin file
+    after: DataSheet  # of the design
 
     def report(self) -> dict[str, Any]:
         """What `suas design --json` prints."""

@@ -21,12 +21,9 @@ _QUANTITY = re.compile(r"\s*([+-]?[\d.]+(?:[eE][+-]?\d+)?)(.*)", re.DOTALL)
 
 
 def designed_skin(want: Want, x: Floats, output: Path) -> str:
-    """Text of the skin file of a design.
+    """Text of the skin file of a design, by its variables x between 0 and 1.
 
-    Args:
-        want: what was wanted.
-        x: variables of the design, between 0 and 1.
-        output: where the file is to lie; a table of points that it names is found from there.
+    A table of points that it names is found from where the output is to lie.
 
     Raises:
         ValueError: an input is not in the file itself.
@@ -53,13 +50,7 @@ def designed_skin(want: Want, x: Floats, output: Path) -> str:
 
 
 def skin_with_taxels(want: Want, kept: Sequence[int], output: Path) -> str:
-    """Text of the skin file with some of its taxels, as a list in their order.
-
-    Args:
-        want: what was wanted.
-        kept: taxels by their places in the layout, rising.
-        output: see `designed_skin`.
-    """
+    """Text of the skin file with some of its taxels, by their places in the layout, rising."""
     document = _copied(want, output)
     electrodes, spec = document["electrodes"], want.spec.electrodes
     assert spec is not None

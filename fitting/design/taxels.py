@@ -29,21 +29,14 @@ _SMALLEST = 1e-6  # weight of a taxel, so that the information can be inverted
 
 
 class Selection(NamedTuple):
-    """A choice of taxels.
+    """A choice of taxels."""
 
-    Attributes:
-        kept: whether a taxel is [taxel].
-        every: the figure at the places with all taxels [place].
-        chosen: with those that are kept [place].
-        bound: no choice of as many is below it at its worst place.
-        costs: what the place that suffers most loses without each taxel that is kept, a
-            share; NaN of others [taxel].
-    """
-
-    kept: NDArray[np.bool_]
-    every: Floats
-    chosen: Floats
-    bound: float
+    kept: NDArray[np.bool_]  # whether a taxel is [taxel]
+    every: Floats  # the figure at the places with all taxels [place]
+    chosen: Floats  # with those that are kept [place]
+    bound: float  # no choice of as many is below it at its worst place
+    # what the place that suffers most loses without each taxel that is kept, a share; NaN of
+    # others [taxel]
     costs: Floats
 
 
@@ -102,11 +95,7 @@ class Variances:
 
 
 def select(variances: Variances, keep: int) -> Selection:
-    """Choose taxels.
-
-    Args:
-        variances: of the figure, finite with all of them.
-        keep: how many.
+    """Choose so many taxels by variances of a figure, finite with all of them.
 
     Raises:
         ValueError: there are not more taxels than that, or they are too few to tell the figure.
@@ -190,8 +179,7 @@ def _exchanged(
 ) -> tuple[NDArray[np.bool_], Floats]:
     """Exchange one taxel for another as long as the worst place gains by it.
 
-    Returns:
-        The taxels that are kept, and the variances with them [place].
+    Returns the taxels that are kept, and the variances with them [place].
     """
     most, even = np.inf, False  # of the worst variance, once all places count alike
     for _ in range(_EXCHANGES):

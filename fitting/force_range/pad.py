@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fitting.arrays import Floats
 from fitting.force_range.bound import LADDER, TOLD, least_errors
+from fitting.force_range.inputs import reading_noise
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
 from fitting.inverse_load.pad.interpolant import MOST, PadInterpolant
@@ -29,36 +30,25 @@ _REFERENCE = 0.3  # force of the map of errors in terms of the smallest first co
 
 @dataclass(frozen=True)
 class PadForceRange:
-    """The range of one round contact over a pad.
+    """The range of one round contact over a pad."""
 
-    Attributes:
-        angle: of the contact [angle] [rad], see `suas_jax.skin.section`.
-        axial: of the contact [axial] [m].
-        diameter: of the contact [m].
-        along: what scenes call places.
-        first_contact: force at which the membrane reaches the wall [angle, axial] [N]; NaN
-            where it is far beyond the table.
-        oil_pressure: there [angle, axial] [Pa]; NaN beyond the table.
-        force: at which the bound is evaluated [angle, axial, force] [N]; the last one is the
-            same everywhere.
-        error: least standard deviations of angle [rad], axial position [m] and force [N]
-            [parameter, angle, axial, force].
-        saturated: taxels at the converter's limit [angle, axial, force].
-        noise: standard deviation of a reading, rounding included [counts].
-        taxels: angle [rad] and axial position [m] [taxel, 2].
-    """
-
-    angle: Floats
-    axial: Floats
-    diameter: float
-    along: ContactPlaces
+    angle: Floats  # of the contact [angle] [rad], see `suas_jax.skin.section`
+    axial: Floats  # of the contact [axial] [m]
+    diameter: float  # of the contact [m]
+    along: ContactPlaces  # what scenes call places
+    # force at which the membrane reaches the wall [angle, axial] [N]; NaN where it is far
+    # beyond the table
     first_contact: Floats
-    oil_pressure: Floats
+    oil_pressure: Floats  # there [angle, axial] [Pa]; NaN beyond the table
+    # at which the bound is evaluated [angle, axial, force] [N]; the last one is the same
+    # everywhere
     force: Floats
+    # least standard deviations of angle [rad], axial position [m] and force [N] [parameter,
+    # angle, axial, force]
     error: Floats
-    saturated: NDArray[np.int64]
-    noise: float
-    taxels: Floats
+    saturated: NDArray[np.int64]  # taxels at the converter's limit [angle, axial, force]
+    noise: float  # standard deviation of a reading, rounding included [counts]
+    taxels: Floats  # angle [rad] and axial position [m] [taxel, 2]
 
     @property
     def reference(self) -> float:
@@ -165,9 +155,7 @@ def pad_force_range(
             f"diameter = {diameter:g} m: a length above zero and below a quarter of the pad's "
             "width is needed"
         )
-    deviation = spec.electrodes.noise if noise is None else noise
-    if not (np.isfinite(deviation) and deviation >= 0):
-        raise ValueError(f"noise = {deviation}: zero or more counts are needed")
+    deviation = reading_noise(spec, noise)
     skin, table = table_of_pad(spec, diameter, progress, workers)
     progress("what the taxels tell")
     own = skin.electrodes.taxels

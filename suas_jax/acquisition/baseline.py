@@ -38,21 +38,14 @@ class NotAtRestError(ValueError):
 
 @dataclass(frozen=True)
 class Baseline:
-    """Rest values.
+    """Rest values."""
 
-    Attributes:
-        modules: module numbers, ascending [module].
-        so: mean raw counts [module, taxel]; NaN where there is no taxel or it was silent.
-        noise: standard deviation of one frame [module, taxel], counts.
-        frames: number of frames averaged.
-        header: skin, scale and start time of the log.
-    """
-
-    modules: NDArray[np.int64]
+    modules: NDArray[np.int64]  # module numbers, ascending [module]
+    # mean raw counts [module, taxel]; NaN where there is no taxel or it was silent
     so: NDArray[np.float64]
-    noise: NDArray[np.float64]
-    frames: int
-    header: Mapping[str, str]
+    noise: NDArray[np.float64]  # standard deviation of one frame [module, taxel], counts
+    frames: int  # number of frames averaged
+    header: Mapping[str, str]  # skin, scale and start time of the log
 
 
 def take_baseline(log: SoLog, *, tolerance: float | None = None) -> Baseline:

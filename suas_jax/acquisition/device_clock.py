@@ -18,7 +18,7 @@ _SAME_OFFSET = 1e-6  # [s]
 
 
 class DeviceClock:
-    """The clock of one module's readings; `period` [s] is from frame to frame, NaN while unknown.
+    """The clock of one module's readings; `period` [s], from frame to frame, is NaN at first.
 
     Args:
         modulus: the clock starts again after this [s]; None if unknown, then a usual one is

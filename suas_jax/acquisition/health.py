@@ -47,51 +47,30 @@ _COUPLED = 0.9  # correlation of its noise with a neighbour's that noise never h
 
 @dataclass(frozen=True)
 class TaxelHealth:
-    """What a log says about one taxel.
+    """What a log says about one taxel."""
 
-    Attributes:
-        module: number of its module.
-        taxel: number in it, from 1.
-        mean: of its counts; NaN where it is silent.
-        noise: standard deviation from frame to frame [counts].
-        stuck: share of the frames in which it is stuck.
-        saturated: share at zero or at full scale.
-        lost: share of the device's frames without a count of it.
-        drift: steady change [counts/min].
-        follows: correlation of its slow changes with those of its neighbours; NaN where those
-            don't move.
-        coupling: largest correlation of its noise with a neighbour's.
-        faults: among `FAULTS`.
-    """
-
-    module: int
-    taxel: int
-    mean: float
-    noise: float
-    stuck: float
-    saturated: float
-    lost: float
-    drift: float
+    module: int  # number of its module
+    taxel: int  # number in it, from 1
+    mean: float  # of its counts; NaN where it is silent
+    noise: float  # standard deviation from frame to frame [counts]
+    stuck: float  # share of the frames in which it is stuck
+    saturated: float  # share at zero or at full scale
+    lost: float  # share of the device's frames without a count of it
+    drift: float  # steady change [counts/min]
+    # correlation of its slow changes with those of its neighbours; NaN where those don't move
     follows: float
-    coupling: float
-    faults: tuple[str, ...]
+    coupling: float  # largest correlation of its noise with a neighbour's
+    faults: tuple[str, ...]  # among `FAULTS`
 
 
 @dataclass(frozen=True)
 class Health:
-    """What a log says about its taxels.
+    """What a log says about its taxels."""
 
-    Attributes:
-        frames: how many were looked at.
-        duration: from the first to the last [s].
-        taxels: by module and number.
-        notes: what a person should know of the log.
-    """
-
-    frames: int
-    duration: float
-    taxels: tuple[TaxelHealth, ...]
-    notes: tuple[str, ...] = field(default=())
+    frames: int  # how many were looked at
+    duration: float  # from the first to the last [s]
+    taxels: tuple[TaxelHealth, ...]  # by module and number
+    notes: tuple[str, ...] = field(default=())  # what a person should know of the log
 
     @property
     def faulty(self) -> tuple[TaxelHealth, ...]:

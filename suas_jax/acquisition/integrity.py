@@ -22,30 +22,23 @@ _MOST_SENTENCES = 5
 
 
 class Flags(NamedTuple):
-    """The flag columns of a log row.
+    """The flag columns of a log row."""
 
-    Attributes:
-        lost: frames of this module missing just before this row.
-        duplicate: 1 if the device sent this frame before (same seq).
-        repeat: 1 if it is a new frame with the counts of the one before: the sensor had not
-            refreshed.
-        restart: 1 if the device's counter, or the recording (`suas log --append`), began again.
-        suspect: 1 if the counter and the clock disagree about how far this row is from the
-            one before; without a checksum that is a damaged row more often than not.
-        stuck: the stuck taxels, bit k - 1 for so_k.
-        clock_jump: 1 if the device's clock jumped, forwards or back, or came back from a jump;
-            the device time goes on at its rate.
-        other_taxels: number of counts in this row where that is not its module's; which taxels
-            they are of is unknown.
-    """
-
-    lost: int = 0
-    duplicate: int = 0
+    lost: int = 0  # frames of this module missing just before this row
+    duplicate: int = 0  # 1 if the device sent this frame before (same seq)
+    # 1 if it is a new frame with the counts of the one before: the sensor had not refreshed
     repeat: int = 0
+    # 1 if the device's counter, or the recording (`suas log --append`), began again
     restart: int = 0
+    # 1 if the counter and the clock disagree about how far this row is from the one before;
+    # without a checksum that is a damaged row more often than not
     suspect: int = 0
-    stuck: int = 0
+    stuck: int = 0  # the stuck taxels, bit k - 1 for so_k
+    # 1 if the device's clock jumped, forwards or back, or came back from a jump; the device
+    # time goes on at its rate
     clock_jump: int = 0
+    # number of counts in this row where that is not its module's; which taxels they are of is
+    # unknown
     other_taxels: int = 0
 
 

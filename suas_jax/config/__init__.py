@@ -15,7 +15,6 @@ from suas_jax.config.load import load_scene, load_skin, scene_from_dict
 from suas_jax.config.oil import OilSpec
 from suas_jax.config.presets import load_preset, preset_names
 from suas_jax.config.quantities import format_quantity, parse_quantity
-from suas_jax.config.schema_scene import SECTIONS
 from suas_jax.config.schema_load import (
     BodyLoadSpec,
     EnvironmentSpec,
@@ -26,16 +25,16 @@ from suas_jax.config.schema_load import (
     ReferenceSpec,
 )
 from suas_jax.config.schema_material import LAWS, MaterialSpec
-from suas_jax.config.schema_scene import OILS
-from suas_jax.config.schema_scene import SceneSpec, SkinSpec
+from suas_jax.config.schema_scene import OILS, SECTIONS, SceneSpec, SkinSpec
 from suas_jax.config.schema_skin import (
     ElectrodesSpec,
     LayerSpec,
     ModuleSpec,
+    SoftLayerSpec,
     TaxelSpec,
+    WallSpec,
 )
 from suas_jax.config.schema_solve import SolveSpec
-from suas_jax.config.schema_skin import SoftLayerSpec, WallSpec
 from suas_jax.config.tolerance import UncertainQuantity
 
 __all__ = [

@@ -16,18 +16,12 @@ _MOST_BYTES = 64 * MEGABYTE
 
 
 class CsvTable(NamedTuple):
-    """A table as it stands in a file.
+    """A table as it stands in a file."""
 
-    Attributes:
-        header: `# key: value` lines above the names.
-        line: number of the line of names, from one; zero in a file without names.
-        names: of the columns.
-        rows: line number and fields of each row, as many fields as names.
-    """
-
-    header: dict[str, str]
-    line: int
-    names: tuple[str, ...]
+    header: dict[str, str]  # `# key: value` lines above the names
+    line: int  # number of the line of names, from one; zero in a file without names
+    names: tuple[str, ...]  # of the columns
+    # line number and fields of each row, as many fields as names
     rows: tuple[tuple[int, tuple[str, ...]], ...]
 
 

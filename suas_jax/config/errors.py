@@ -13,18 +13,12 @@ _LONGEST_WORD = 100  # characters; longer ones are no slip of the finger
 
 
 class Mistake(NamedTuple):
-    """One mistake in a configuration.
+    """One mistake in a configuration."""
 
-    Attributes:
-        file: that holds it, as the user named it.
-        key: dotted path inside the file, such as ``load.1.force``; empty for the whole file.
-        advice: what is allowed, and what to do.
-        value: the offending value as it would stand in the file; None if there is none.
-    """
-
-    file: str
-    key: str
-    advice: str
+    file: str  # that holds it, as the user named it
+    key: str  # dotted path inside the file, such as ``load.1.force``; empty for the whole file
+    advice: str  # what is allowed, and what to do
+    # the offending value as it would stand in the file; None if there is none
     value: str | None = None
 
     def __str__(self) -> str:

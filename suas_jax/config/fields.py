@@ -55,13 +55,10 @@ class Quantity(PlainValidator):
     """Validator of a quantity, as `quantity` builds it.
 
     It is a plain one: the library's own validation of a float would drop the deviation.
-
-    Attributes:
-        dimension: the kind of quantity.
-        rules: what is allowed, in words, such as ``"must be greater than zero"``.
     """
 
-    dimension: DimensionName = "number"
+    dimension: DimensionName = "number"  # the kind of quantity
+    # what is allowed, in words, such as ``"must be greater than zero"``
     rules: tuple[str, ...] = ()
 
 

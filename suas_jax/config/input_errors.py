@@ -60,22 +60,15 @@ _LEAST_VARIANCE = 1e-9  # of a direction that is kept, relative to its constants
 
 
 class InputErrors(NamedTuple):
-    """Independent errors of a skin's inputs.
+    """Independent errors of a skin's inputs."""
 
-    Attributes:
-        paths: TOML paths of the inputs, as `continuous_inputs` lists them.
-        directions: change of the inputs by each error of one standard deviation
-            [error, path], SI.
-        names: a path, `STIFFNESS`, or which direction of a material or of a calibration.
-        assumed: those of them that are `DEFAULTS`.
-        spec: the skin, which names every path.
-    """
-
-    paths: tuple[str, ...]
+    paths: tuple[str, ...]  # TOML paths of the inputs, as `continuous_inputs` lists them
+    # change of the inputs by each error of one standard deviation [error, path], SI
     directions: NDArray[np.float64]
+    # a path, `STIFFNESS`, or which direction of a material or of a calibration
     names: tuple[str, ...]
-    assumed: tuple[str, ...]
-    spec: SkinSpec
+    assumed: tuple[str, ...]  # those of them that are `DEFAULTS`
+    spec: SkinSpec  # the skin, which names every path
 
     def __len__(self) -> int:
         return len(self.names)

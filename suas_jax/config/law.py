@@ -23,24 +23,18 @@ from suas_jax.config.tolerance import text_of
 
 @dataclasses.dataclass(frozen=True)
 class Constant:
-    """One constant of a law; stands in the annotation of its key.
+    """One constant of a law; stands in the annotation of its key."""
 
-    Attributes:
-        dimension: ``"stress"`` [Pa] or ``"number"``.
-        positive: whether it must be greater than zero.
-        degree: (i, j) of the product (I1 - 3)^i (I2 - 3)^j that a stress multiplies. It sets
-            the constant's natural size in a fit, and its place in a polynomial law.
-        since: smallest number of terms (or degree) of the law that has this constant.
-        limits_i1: whether I1 - 3 can't exceed it, so that a fit keeps it above all data.
-        start: range of the dimensionless parameter that a fit starts from: the logarithm of
-            a positive constant, else the constant over its natural size.
-    """
-
-    dimension: Literal["stress", "number"] = "stress"
-    positive: bool = False
+    dimension: Literal["stress", "number"] = "stress"  # ``"stress"`` [Pa] or ``"number"``
+    positive: bool = False  # whether it must be greater than zero
+    # (i, j) of the product (I1 - 3)^i (I2 - 3)^j that a stress multiplies. It sets the
+    # constant's natural size in a fit, and its place in a polynomial law.
     degree: tuple[int, int] = (1, 0)
-    since: int = 1
+    since: int = 1  # smallest number of terms (or degree) of the law that has this constant
+    # whether I1 - 3 can't exceed it, so that a fit keeps it above all data
     limits_i1: bool = False
+    # range of the dimensionless parameter that a fit starts from: the logarithm of a positive
+    # constant, else the constant over its natural size
     start: tuple[float, float] | None = None
 
     @property

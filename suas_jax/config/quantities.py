@@ -31,19 +31,13 @@ DimensionName = Literal[
 
 
 class Dimension(NamedTuple):
-    """What kind of quantity a key holds.
+    """What kind of quantity a key holds."""
 
-    Attributes:
-        article: the name as it stands in a sentence, such as ``"a length"``.
-        si: the SI unit that values are stored in (``""`` for a pure number).
-        units: that messages may show: name and size in SI units, from small to large.
-        usual: the unit that an example in a message carries.
-    """
-
-    article: str
-    si: str
+    article: str  # the name as it stands in a sentence, such as ``"a length"``
+    si: str  # the SI unit that values are stored in (``""`` for a pure number)
+    # that messages may show: name and size in SI units, from small to large
     units: tuple[tuple[str, float], ...]
-    usual: str
+    usual: str  # the unit that an example in a message carries
 
 
 _PRESSURES = (("Pa", 1.0), ("kPa", 1e3), ("MPa", 1e6), ("GPa", 1e9))

@@ -115,15 +115,10 @@ def _registry() -> pint.UnitRegistry:
 
 
 class Unit(NamedTuple):
-    """What a unit is worth.
+    """What a unit is worth."""
 
-    Attributes:
-        size: in SI base units.
-        dimensionality: what it measures; equal for units of one kind.
-    """
-
-    size: float
-    dimensionality: Any
+    size: float  # in SI base units
+    dimensionality: Any  # what it measures; equal for units of one kind
 
 
 @functools.lru_cache

@@ -22,31 +22,18 @@ _BODY_REACH = (
 
 
 class Outline(NamedTuple):
-    """Curves [2, point] in metres, and where their points are.
+    """Curves [2, point] in metres, and where their points are."""
 
-    Attributes:
-        angle: as sections define it [rad].
-        given: as scenes tell it [deg].
-        arc: along the inner face from its middle [m].
-        inner: face of the membrane.
-        outer: face of the membrane.
-        wall: beneath the film.
-        load_angle: of the dead loads, in the order of the file [rad].
-        load_push: unit vectors of their forces in the section's plane [load, 2].
-        bodies: their surfaces at first touch, in the order of the file [body, 2, point].
-        body_way: unit vectors along which they come in [body, 2].
-    """
-
-    angle: Any
-    given: Any
-    arc: Any
-    inner: Any
-    outer: Any
-    wall: Any
-    load_angle: Any
-    load_push: Any
-    bodies: Any
-    body_way: Any
+    angle: Any  # as sections define it [rad]
+    given: Any  # as scenes tell it [deg]
+    arc: Any  # along the inner face from its middle [m]
+    inner: Any  # face of the membrane
+    outer: Any  # face of the membrane
+    wall: Any  # beneath the film
+    load_angle: Any  # of the dead loads, in the order of the file [rad]
+    load_push: Any  # unit vectors of their forces in the section's plane [load, 2]
+    bodies: Any  # their surfaces at first touch, in the order of the file [body, 2, point]
+    body_way: Any  # unit vectors along which they come in [body, 2]
 
 
 def outline(scene: SceneSpec) -> Outline:

@@ -26,19 +26,12 @@ _LABEL = {"boxstyle": "round,pad=0.15", "facecolor": "w", "edgecolor": "none", "
 
 
 class _Grid(NamedTuple):
-    """The deformed pad on a grid [arc, axial, 1]; positions have components first [m].
+    """The deformed pad on a grid [arc, axial, 1]; positions have components first [m]."""
 
-    Attributes:
-        inner: face.
-        outer: face.
-        height: of the inner face over the undeformed one [m].
-        angle: of the normal through it [rad].
-    """
-
-    inner: Array
-    outer: Array
-    height: Array
-    angle: Array
+    inner: Array  # face
+    outer: Array  # face
+    height: Array  # of the inner face over the undeformed one [m]
+    angle: Array  # of the normal through it [rad]
 
 
 def _grid(problem: Problem, state: State, shown: State) -> _Grid:

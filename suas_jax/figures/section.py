@@ -27,19 +27,12 @@ def _profile(problem: Problem, state: State, shown: State) -> Profile:
 
 
 class Deformed(NamedTuple):
-    """A deformed membrane as curves.
+    """A deformed membrane as curves."""
 
-    Attributes:
-        angle: of their points on the undeformed section [rad].
-        inner: face [2, point] [mm].
-        outer: face [2, point] [mm].
-        energy: strain energy per volume, mean over the thickness [J/m^3].
-    """
-
-    angle: np.ndarray
-    inner: np.ndarray
-    outer: np.ndarray
-    energy: np.ndarray
+    angle: np.ndarray  # of their points on the undeformed section [rad]
+    inner: np.ndarray  # face [2, point] [mm]
+    outer: np.ndarray  # face [2, point] [mm]
+    energy: np.ndarray  # strain energy per volume, mean over the thickness [J/m^3]
 
 
 def deformed(solution: Solution, drawn: Outline) -> Deformed:

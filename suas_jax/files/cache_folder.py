@@ -97,7 +97,7 @@ class CacheFolder:
 
     @contextlib.contextmanager
     def making(self, name: str, wait: Callable[[str], None]) -> Iterator[None]:
-        """Be the only process that makes an entry; `wait` is called with the name of one that is."""
+        """Be the only process that makes an entry; `wait` is told who makes it instead."""
         with owned(self._file(name), wait=wait) if self._open() else contextlib.nullcontext():
             yield
 

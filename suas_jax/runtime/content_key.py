@@ -21,13 +21,9 @@ LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", "lineax", "optimistix", "built
 
 
 class Keyed:
-    """A static argument of a program that is compared by its key alone.
+    """A static argument of a program that is compared by its key alone."""
 
-    Attributes:
-        key: what decides the compiled program; hashable, and of plain values.
-    """
-
-    key: Any
+    key: Any  # what decides the compiled program; hashable, and of plain values
 
     def __hash__(self) -> int:
         return hash(self.key)

@@ -35,7 +35,7 @@ _LENGTH = struct.Struct("<q")
 
 
 class KeptProgram(NamedTuple):
-    """A program in its portable form, from arrays to arrays; its frame says what they are of."""
+    """A program in its portable form, and what the arrays that it returns are parts of."""
 
     exported: jax.export.Exported
     frame: Any

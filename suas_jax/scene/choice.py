@@ -44,29 +44,17 @@ class Tried(NamedTuple):
 
 
 class Attempt(NamedTuple):
-    """One model on one mesh, in arrays.
+    """One model on one mesh, in arrays."""
 
-    Attributes:
-        report: what is observed, errors included.
-        state: the equilibrium on the whole membrane.
-        shown: the state that the report describes, see `Solution`.
-        outcome: how it was found.
-        plan: its mesh.
-        wall: whether the wall was there.
-        part: the equilibrium on the part of the mesh that is solved.
-        coarsest: the smallest mesh tried, with or without the wall as this one.
-        scene: what was solved: on the whole mesh where the skin sways.
-    """
-
-    report: dict[str, Any]
-    state: State
-    shown: State
-    outcome: dict[str, Any]
-    plan: AbstractPlan
-    wall: bool
-    part: State
-    coarsest: Tried
-    scene: SceneSpec
+    report: dict[str, Any]  # what is observed, errors included
+    state: State  # the equilibrium on the whole membrane
+    shown: State  # the state that the report describes, see `Solution`
+    outcome: dict[str, Any]  # how it was found
+    plan: AbstractPlan  # its mesh
+    wall: bool  # whether the wall was there
+    part: State  # the equilibrium on the part of the mesh that is solved
+    coarsest: Tried  # the smallest mesh tried, with or without the wall as this one
+    scene: SceneSpec  # what was solved: on the whole mesh where the skin sways
 
     @property
     def stable(self) -> bool:

@@ -148,15 +148,11 @@ def model_changes(solved: Corrected, loads: list[DeadLoad]) -> list[Lanes]:
 
 
 class Bounded(NamedTuple):
-    """How far the model can be trusted at a state.
+    """How far the model can be trusted at a state."""
 
-    Attributes:
-        error: bound of its relative error.
-        result: index of the outcome: `beyond_model` where the error exceeds `MODEL_LIMIT`,
-            or the wall's share of it `WALL_LIMIT`.
-    """
-
-    error: Lanes
+    error: Lanes  # bound of its relative error
+    # index of the outcome: `beyond_model` where the error exceeds `MODEL_LIMIT`, or the wall's
+    # share of it `WALL_LIMIT`
     result: Int[Array, " lane"]
 
 

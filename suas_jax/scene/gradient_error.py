@@ -63,17 +63,12 @@ def gradient_error_estimate(solution: Solution, path: str) -> float | None:
 
 
 class _KeyQuantities(NamedTuple):
-    """What errors are judged by.
+    """What errors are judged by."""
 
-    Attributes:
-        values: of the quantities [quantity].
-        errors: by each mesh compared, the correction's and the model [cause, quantity].
-        floor: relative error that no input changes.
-    """
-
-    values: NDArray[np.float64]
+    values: NDArray[np.float64]  # of the quantities [quantity]
+    # by each mesh compared, the correction's and the model [cause, quantity]
     errors: NDArray[np.float64]
-    floor: float
+    floor: float  # relative error that no input changes
 
 
 def _moved(

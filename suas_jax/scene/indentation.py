@@ -32,21 +32,13 @@ class Point(NamedTuple):
 
 
 class IndentationCurve(NamedTuple):
-    """A scene whose bodies travel.
+    """A scene whose bodies travel."""
 
-    Attributes:
-        scene: pressed in most.
-        shares: of the largest travel, by the path of every body's own.
-        model: it is solved with.
-        plan: the mesh.
-        wall: whether the wall is touched where the bodies are in most.
-    """
-
-    scene: SceneSpec
-    shares: Mapping[str, float]
-    model: AbstractModel
-    plan: AbstractPlan
-    wall: bool
+    scene: SceneSpec  # pressed in most
+    shares: Mapping[str, float]  # of the largest travel, by the path of every body's own
+    model: AbstractModel  # it is solved with
+    plan: AbstractPlan  # the mesh
+    wall: bool  # whether the wall is touched where the bodies are in most
 
     @classmethod
     def of(cls, scene: SceneSpec, shares: Mapping[str, float]) -> Self:

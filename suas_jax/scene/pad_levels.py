@@ -29,21 +29,15 @@ _SMALL = 1e-3  # tangential force of differences, in terms of the loads'
 
 
 class PadReadings(NamedTuple):
-    """What a pad says about its loads at several levels of them.
+    """What a pad says about its loads at several levels of them."""
 
-    Attributes:
-        so: continuous sensor output [counts]; NaN where the membrane touches the electrode.
-        pressure: of the oil, above ambient [Pa].
-        min_gap: smallest between membrane and wall [m].
-        found: whether the equilibrium was found.
-        across: derivatives of `so` and, last, of the pressure by a force on the same patch
-            along growing angles, and by one along the axis [1/N]; NaN where not asked for.
-    """
-
+    # continuous sensor output [counts]; NaN where the membrane touches the electrode
     so: Float[Array, "level taxel"]
-    pressure: Float[Array, " level"]
-    min_gap: Float[Array, " level"]
-    found: Bool[Array, " level"]
+    pressure: Float[Array, " level"]  # of the oil, above ambient [Pa]
+    min_gap: Float[Array, " level"]  # smallest between membrane and wall [m]
+    found: Bool[Array, " level"]  # whether the equilibrium was found
+    # derivatives of `so` and, last, of the pressure by a force on the same patch along growing
+    # angles, and by one along the axis [1/N]; NaN where not asked for
     across: Float[Array, "level 2 channel"]
 
 

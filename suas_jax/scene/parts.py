@@ -32,21 +32,14 @@ from suas_jax.skin.wall import RigidLimit, Wall
 
 
 class SkinParts(NamedTuple):
-    """A skin's objects; arrays have a lane axis.
+    """A skin's objects; arrays have a lane axis."""
 
-    Attributes:
-        geometry: dimensions.
-        law: the membrane's material.
-        oil: how the oil answers.
-        electrodes: taxels and the converter's scale; None where nothing is sensed.
-        wall: what may hold the membrane; None where it passes through.
-    """
-
-    geometry: SkinGeometry
-    law: AbstractLaw
-    oil: AbstractOil
+    geometry: SkinGeometry  # dimensions
+    law: AbstractLaw  # the membrane's material
+    oil: AbstractOil  # how the oil answers
+    # taxels and the converter's scale; None where nothing is sensed
     electrodes: Electrodes | None
-    wall: Wall | None
+    wall: Wall | None  # what may hold the membrane; None where it passes through
 
     def sensing(self) -> Electrodes:
         """The electrodes; ValueError where the skin has none."""
@@ -59,25 +52,16 @@ class SkinParts(NamedTuple):
 
 
 class SceneParts(NamedTuple):
-    """A scene's objects; arrays have a lane axis.
+    """A scene's objects; arrays have a lane axis."""
 
-    Attributes:
-        skin: the skin's objects.
-        forces: the dead loads, in the order of the file.
-        bodies: that are pressed on the skin, in the order of the file.
-        pressures: of the uniform pressure loads, in the order of the file [Pa].
-        oil_pressure: wanted oil pressure [Pa]; None where loads are given as they are.
-        ambient_pressure: of the water around [Pa]; None where no depth is given.
-        scene: the specification, which says how to solve and what to call things.
-    """
-
-    skin: SkinParts
-    forces: list[DeadLoad]
-    bodies: list[Body]
-    pressures: list[Lanes]
+    skin: SkinParts  # the skin's objects
+    forces: list[DeadLoad]  # the dead loads, in the order of the file
+    bodies: list[Body]  # that are pressed on the skin, in the order of the file
+    pressures: list[Lanes]  # of the uniform pressure loads, in the order of the file [Pa]
+    # wanted oil pressure [Pa]; None where loads are given as they are
     oil_pressure: Lanes | None
-    ambient_pressure: Lanes | None
-    scene: SceneSpec
+    ambient_pressure: Lanes | None  # of the water around [Pa]; None where no depth is given
+    scene: SceneSpec  # the specification, which says how to solve and what to call things
 
     @property
     def external_pressure(self) -> Lanes:

@@ -217,15 +217,10 @@ def _sweep(scene: SceneSpec, levels: np.ndarray) -> Sweep:
 
 
 class _Attempt(NamedTuple):
-    """A load-displacement curve on one mesh.
+    """A load-displacement curve on one mesh."""
 
-    Attributes:
-        curve: the mesh and the states found.
-        points: reports at the levels.
-    """
-
-    curve: Curve
-    points: list[dict[str, Any]]
+    curve: Curve  # the mesh and the states found
+    points: list[dict[str, Any]]  # reports at the levels
 
     @classmethod
     def of(cls, scene: SceneSpec, model: str, counts: Counts, levels: np.ndarray) -> Self:

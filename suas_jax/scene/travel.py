@@ -30,17 +30,11 @@ Solved = tuple[dict[str, Any], State, State, State, dict[str, Any]]
 
 
 class Driven(NamedTuple):
-    """A force that a scene gives a body, and the travel that is found for it.
+    """A force that a scene gives a body, and the travel that is found for it."""
 
-    Attributes:
-        load: index of the body.
-        force: key of the force; its value in the report ends in ``_N``.
-        travel: key of the travel; in the report it ends in ``_m``.
-    """
-
-    load: int
-    force: str
-    travel: str
+    load: int  # index of the body
+    force: str  # key of the force; its value in the report ends in ``_N``
+    travel: str  # key of the travel; in the report it ends in ``_m``
 
     @property
     def across(self) -> bool:

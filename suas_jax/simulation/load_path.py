@@ -40,17 +40,11 @@ _ON_PADS = ("axial_m", "tilt_deg")
 
 @dataclass(frozen=True)
 class LoadPath:
-    """Loads over time.
+    """Loads over time."""
 
-    Attributes:
-        scene: whose loads move.
-        time: of the rows [s].
-        columns: values by name, in the units of the names [row].
-    """
-
-    scene: SceneSpec
-    time: NDArray[np.float64]
-    columns: dict[str, NDArray[np.float64]]
+    scene: SceneSpec  # whose loads move
+    time: NDArray[np.float64]  # of the rows [s]
+    columns: dict[str, NDArray[np.float64]]  # values by name, in the units of the names [row]
 
     def at(self, time: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
         """Values at some times [s], linear between rows, constant beyond them."""

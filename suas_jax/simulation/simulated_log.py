@@ -100,16 +100,11 @@ _MOST_FRAMES = 1_000_000
 
 @dataclass(frozen=True)
 class LogFaults:
-    """What goes wrong between skin and log.
+    """What goes wrong between skin and log."""
 
-    Attributes:
-        drop: probability that a frame is lost.
-        missing: probability that a single count is missing.
-        stuck: time from which a taxel (module, number) keeps its count [s].
-    """
-
-    drop: float = 0.0
-    missing: float = 0.0
+    drop: float = 0.0  # probability that a frame is lost
+    missing: float = 0.0  # probability that a single count is missing
+    # time from which a taxel (module, number) keeps its count [s]
     stuck: Mapping[tuple[int, int], float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -120,27 +115,18 @@ class LogFaults:
 
 @dataclass(frozen=True)
 class SimulatedLog:
-    """Sensor outputs of a simulation.
+    """Sensor outputs of a simulation."""
 
-    Attributes:
-        scene: with the electrodes.
-        converter: of capacitance to counts.
-        sample: the converter's counts.
-        capacitance: of the taxels [frame, taxel] [F]; NaN where the membrane touches one.
-        readings: as a device would send them, less what was lost.
-        true_loads: columns of the loads [frame]; empty where there are none.
-        untold: why there are none, in words.
-        origin: seed and settings, in words.
-    """
-
-    scene: SceneSpec
-    converter: Converter
-    sample: Sample
+    scene: SceneSpec  # with the electrodes
+    converter: Converter  # of capacitance to counts
+    sample: Sample  # the converter's counts
+    # of the taxels [frame, taxel] [F]; NaN where the membrane touches one
     capacitance: NDArray[np.float64]
-    readings: list[Reading]
-    origin: str
+    readings: list[Reading]  # as a device would send them, less what was lost
+    origin: str  # seed and settings, in words
+    # columns of the loads [frame]; empty where there are none
     true_loads: Columns = field(default_factory=dict)
-    untold: str = ""
+    untold: str = ""  # why there are none, in words
 
 
 def simulate_log(

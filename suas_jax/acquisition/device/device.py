@@ -28,23 +28,14 @@ _SETTLE = 0.05
 
 @dataclass
 class Played:
-    """What a device has done: the truth that a log can be held against.
+    """What a device has done: the truth that a log can be held against."""
 
-    Attributes:
-        rows: rows sent, the damaged ones included.
-        damaged: rows with at least one changed byte.
-        dropped: rows left out on purpose.
-        duplicated: rows sent twice.
-        stalled: rows among them that no host took: none there, too slow, or unplugged.
-        bytes: bytes sent.
-    """
-
-    rows: int = 0
-    damaged: int = 0
-    dropped: int = 0
-    duplicated: int = 0
-    stalled: int = 0
-    bytes: int = 0
+    rows: int = 0  # rows sent, the damaged ones included
+    damaged: int = 0  # rows with at least one changed byte
+    dropped: int = 0  # rows left out on purpose
+    duplicated: int = 0  # rows sent twice
+    stalled: int = 0  # rows among them that no host took: none there, too slow, or unplugged
+    bytes: int = 0  # bytes sent
 
 
 def log_readings(log: SoLog) -> Iterator[Reading]:

@@ -19,34 +19,24 @@ _ALLOWED = (
 
 @dataclass(frozen=True)
 class Faults:
-    """What goes wrong, on demand.
+    """What goes wrong, on demand."""
 
-    Attributes:
-        corrupt: probability that a byte is changed to another one.
-        drop: probability that a row is not sent.
-        duplicate: probability that a row is sent twice.
-        unplug_at: the port vanishes this long after the start [s]; None: never.
-        unplug_for: and comes back after this long [s].
-        wrap_clock_at: the device's clock starts so that it wraps after this long [s].
-        clock_jump: time after which the device's clock jumps, by how much, and for how long
-            [s].
-        restart_at: counter and clock begin again after this long [s].
-        taxels_at: time after which every module sends so many counts only [s].
-        stuck: taxels (module, taxel from 1) that keep their first count.
-        seed: of all random faults.
-    """
-
-    corrupt: float = 0.0
-    drop: float = 0.0
-    duplicate: float = 0.0
+    corrupt: float = 0.0  # probability that a byte is changed to another one
+    drop: float = 0.0  # probability that a row is not sent
+    duplicate: float = 0.0  # probability that a row is sent twice
+    # the port vanishes this long after the start [s]; None: never
     unplug_at: float | None = None
-    unplug_for: float = 1.0
+    unplug_for: float = 1.0  # and comes back after this long [s]
+    # the device's clock starts so that it wraps after this long [s]
     wrap_clock_at: float | None = None
+    # time after which the device's clock jumps, by how much, and for how long [s]
     clock_jump: tuple[float, float, float] | None = None
-    restart_at: float | None = None
+    restart_at: float | None = None  # counter and clock begin again after this long [s]
+    # time after which every module sends so many counts only [s]
     taxels_at: tuple[float, int] | None = None
+    # taxels (module, taxel from 1) that keep their first count
     stuck: tuple[tuple[int, int], ...] = ()
-    seed: int = 0
+    seed: int = 0  # of all random faults
 
     def __post_init__(self) -> None:
         for name in ("corrupt", "drop", "duplicate"):

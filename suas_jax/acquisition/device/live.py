@@ -19,26 +19,17 @@ from suas_jax.acquisition.terminal import say
 class LiveOptions:
     """How to play.
 
-    Attributes:
-        format_name: frame format, as `suas log --format` takes it, or text-checked.
-        link: symbolic link to the pseudo-terminal.
-        faults: what goes wrong.
-        speed: times faster than the readings' clock.
-        duration: end after this long [s].
-        loop: play over and over.
-        as_json: print the port, and at the end what was played, as JSON lines.
-
     Raises:
         ValueError: an unknown format, or a speed that is none.
     """
 
-    format_name: str = "text"
-    link: Path | None = None
-    faults: Faults = field(default_factory=Faults)
-    speed: float = 1.0
-    duration: float | None = None
-    loop: bool = False
-    as_json: bool = False
+    format_name: str = "text"  # frame format, as `suas log --format` takes it, or text-checked
+    link: Path | None = None  # symbolic link to the pseudo-terminal
+    faults: Faults = field(default_factory=Faults)  # what goes wrong
+    speed: float = 1.0  # times faster than the readings' clock
+    duration: float | None = None  # end after this long [s]
+    loop: bool = False  # play over and over
+    as_json: bool = False  # print the port, and at the end what was played, as JSON lines
 
     def __post_init__(self) -> None:
         if self.format_name not in ENCODERS:

@@ -76,18 +76,12 @@ def log_of(
 
 @dataclasses.dataclass(frozen=True)
 class Column:
-    """A column of a file; its methods raise `LogFileError` at a value that is not allowed.
+    """A column of a file; its methods raise `LogFileError` at a value that is not allowed."""
 
-    Attributes:
-        path: the file, for messages.
-        name: of the column.
-        values: its fields: texts, as a CSV file has them, or an array.
-        lines: numbers of the lines that texts are in; None for an array.
-    """
-
-    path: Path
-    name: str
-    values: Any
+    path: Path  # the file, for messages
+    name: str  # of the column
+    values: Any  # its fields: texts, as a CSV file has them, or an array
+    # numbers of the lines that texts are in; None for an array
     lines: Sequence[int] | None = None
 
     def floats(self, low: float = -np.inf, high: float = np.inf) -> NDArray[np.float64]:

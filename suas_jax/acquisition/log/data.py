@@ -51,26 +51,16 @@ class Frames:
     """A log by frames: the rows of equal seq side by side.
 
     Counts are kept by rows: a module may be in few of the frames.
-
-    Attributes:
-        t_host: host time of the frame's first row [frame, s].
-        t_device: device time of the frame's first row [frame, s].
-        seq: frame number [frame].
-        modules: module numbers, ascending [module].
-        counts: raw counts [row, taxel]; NaN where missing.
-        frame: which frame a row is of [row].
-        slot: index of a row's module in `modules` [row].
-        row: number of a row in the log, from zero [row].
     """
 
-    t_host: NDArray[np.float64]
-    t_device: NDArray[np.float64]
-    seq: NDArray[np.int64]
-    modules: NDArray[np.int64]
-    counts: NDArray[np.float64]
-    frame: NDArray[np.int64]
-    slot: NDArray[np.int64]
-    row: NDArray[np.int64]
+    t_host: NDArray[np.float64]  # host time of the frame's first row [frame, s]
+    t_device: NDArray[np.float64]  # device time of the frame's first row [frame, s]
+    seq: NDArray[np.int64]  # frame number [frame]
+    modules: NDArray[np.int64]  # module numbers, ascending [module]
+    counts: NDArray[np.float64]  # raw counts [row, taxel]; NaN where missing
+    frame: NDArray[np.int64]  # which frame a row is of [row]
+    slot: NDArray[np.int64]  # index of a row's module in `modules` [row]
+    row: NDArray[np.int64]  # number of a row in the log, from zero [row]
 
     def __len__(self) -> int:
         return len(self.seq)

@@ -16,27 +16,16 @@ _MOST_PARTS = 100_000
 
 @dataclass(frozen=True)
 class LogEnd:
-    """The end of a log, or of the last part of a rotated one.
+    """The end of a log, or of the last part of a rotated one."""
 
-    Attributes:
-        path: the file.
-        part: which part it is, from 1.
-        header: its `# key: value` lines.
-        start_time: from which `t_host_s` counts.
-        columns: their names; None where they are not named yet.
-        whole_bytes: length without a last line that was cut off.
-        cut_off: that line.
-        last_time: `t_host_s` of the last row, 0 where there is none [s].
-    """
-
-    path: Path
-    part: int
-    header: dict[str, str]
-    start_time: datetime
-    columns: tuple[str, ...] | None
-    whole_bytes: int
-    cut_off: bytes
-    last_time: float
+    path: Path  # the file
+    part: int  # which part it is, from 1
+    header: dict[str, str]  # its `# key: value` lines
+    start_time: datetime  # from which `t_host_s` counts
+    columns: tuple[str, ...] | None  # their names; None where they are not named yet
+    whole_bytes: int  # length without a last line that was cut off
+    cut_off: bytes  # that line
+    last_time: float  # `t_host_s` of the last row, 0 where there is none [s]
 
     @property
     def taxels(self) -> int | None:
