@@ -215,7 +215,7 @@ def baseline(
             refuse_loaded(taken, rest, tolerance=reference_tolerance, source=str(reference))
         skin = skin_of_log(log) if skin is None else skin
         if skin is not None:
-            from suas_jax.simulation.rest_pattern import rest_pattern
+            from suas_jax.simulation.capacitances import rest_pattern
 
             refuse_loaded(
                 taken,

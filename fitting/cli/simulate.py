@@ -118,8 +118,8 @@ def simulate(
 
         on_air = None
         if live:
+            from suas_jax.acquisition.device.device import LiveOptions, play_live, play_log
             from suas_jax.acquisition.device.faults import parse_faults
-            from suas_jax.acquisition.device.live import LiveOptions, play_live, play_log
 
             on_air = LiveOptions(
                 frame_format, port, parse_faults(fault or ()), speed, duration, loop, as_json

@@ -100,8 +100,7 @@ def _complete(solution: "Solution", errors: "InputErrors", quantity: str | None)
 
     report["uncertainty"] = uncertainty(solution, errors)
     if quantity is not None:
-        from suas_jax.scene.gradient import gradient
-        from suas_jax.scene.gradient_error import gradient_error_estimate
+        from suas_jax.scene.gradient import gradient, gradient_error_estimate
 
         report["gradient"] = gradient(solution, quantity)
         report["gradient_error_estimate"] = gradient_error_estimate(solution, quantity)

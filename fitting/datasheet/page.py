@@ -10,8 +10,7 @@ from importlib.metadata import version
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from fitting.datasheet.curves import plot_places, plot_tolerances
-from fitting.datasheet.drawing import plot_skin
+from fitting.datasheet.pictures import plot_places, plot_skin, plot_tolerances
 from fitting.datasheet.sheet import DataSheet
 from fitting.datasheet.sheet import Figure as SheetFigure
 from fitting.datasheet.words import WORDS

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from fitting.datasheet.drawing import plot_skin
 from fitting.datasheet.page import figure_text, place_text
+from fitting.datasheet.pictures import plot_skin
 from fitting.datasheet.sheet import DataSheet, data_sheet
 from fitting.datasheet.words import WORDS
 from fitting.design.problem import Problem

@@ -19,8 +19,7 @@ import numpy as np
 from fitting.arrays import Floats
 from fitting.datasheet.figures import Accuracy, Cases, figures_at
 from fitting.datasheet.in_time import buckling_mismatch, motion_figures, scene_of
-from fitting.datasheet.measured import rated_force
-from fitting.datasheet.readings import Readings, read
+from fitting.datasheet.readings import Readings, rated_force, read
 from fitting.datasheet.section import far_taxels
 from fitting.datasheet.variants import named
 from fitting.datasheet.words import PLACED

@@ -8,10 +8,8 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from suas_jax.equilibrium.balance import Problem, State
-from suas_jax.figures.load_arrows import draw_bodies, draw_loads
-from suas_jax.figures.outline import Outline, outline
+from suas_jax.figures.outline import Outline, draw_bodies, draw_loads, draw_wall, outline
 from suas_jax.figures.style import FILM, FIRST, SECOND, styled
-from suas_jax.figures.wall import draw_wall
 from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.section import section_of
 from suas_jax.scene.solve import Solution

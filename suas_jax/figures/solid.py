@@ -1,17 +1,27 @@
 """Figure of a solved solid: fields over the section, stretch through the thickness."""
 
 import numpy as np
+from jaxtyping import Array
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from suas_jax.figures.load_arrows import draw_bodies, draw_loads
-from suas_jax.figures.outline import Outline, outline
-from suas_jax.figures.solid_fields import solid_fields
+from suas_jax.equilibrium.balance import Problem, State
+from suas_jax.figures.outline import Outline, draw_bodies, draw_loads, draw_wall, outline
 from suas_jax.figures.style import styled
-from suas_jax.figures.wall import draw_wall
 from suas_jax.mechanics.solid.element import NODES
+from suas_jax.mechanics.solid.fields import Fields, nodal_fields
+from suas_jax.mechanics.solid.solid import Solid
 from suas_jax.scene.solve import Solution
+
+
+def solid_fields(problem: Problem, state: State, shown: State) -> tuple[Fields, Array]:
+    """Fields at the nodes, and the angles of the stations [rad]: for `Solution.read`."""
+    del shown
+    solid = problem.mechanics
+    assert isinstance(solid, Solid)
+    return nodal_fields(solid, state.q), solid.angles[:, 0]
+
 
 _NO_FORCES = ("pressure", "body")  # loads that are no dead forces at a place
 # Four small quadrilaterals cover the nine nodes of an element.

@@ -6,11 +6,13 @@ follow one another, see `pad_frames`.
 
 import dataclasses
 from collections.abc import Callable
+from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from suas_jax.acquisition.baseline import Baseline
 from suas_jax.config import SceneSpec
 from suas_jax.equilibrium.outcomes import NAMES, advice
 from suas_jax.runtime.jit import jit
@@ -136,3 +138,31 @@ def static_state(scene: SceneSpec) -> tuple[NDArray[np.float64], list[float]]:
         raise NoSolutionError(f"{report['status']}. {report['message']}")
     forces = [load.get("force_N", 0.0) for load in report["loads"]]
     return np.array([taxel["capacitance_F"] for taxel in report["taxels"]]), forces
+
+
+def rest_pattern(skin: Path, like: Baseline) -> NDArray[np.float64]:
+    """Model counts at rest [module, taxel], arranged as in a baseline; NaN where unknown.
+
+    The skin is that of a skin file, a scene or a load path; loads are left out.
+
+    Raises:
+        ConfigError: the file can't be used.
+        ValueError: it has no electrodes.
+    """
+    from suas_jax.config.schema_scene import SceneSpec
+    from suas_jax.runtime.settings import configure
+    from suas_jax.scene.solve import solve
+    from suas_jax.simulation.load_path import skin_behind
+
+    configure()
+    spec = skin_behind(skin)
+    tables = {name: getattr(spec, name) for name in type(spec).model_fields}
+    report = solve(SceneSpec(**{k: v for k, v in tables.items() if v is not None})).report
+    rest = np.full_like(like.so, np.nan)
+    if not report.get("taxels"):
+        raise ValueError(f"{skin}: no [electrodes]: nothing to compare with")
+    for taxel in report["taxels"]:
+        row = np.flatnonzero(like.modules == taxel["module"])
+        if row.size and taxel["taxel"] <= rest.shape[1]:
+            rest[int(row[0]), taxel["taxel"] - 1] = taxel["so"]
+    return rest
