@@ -15,6 +15,8 @@ slopes by x and F, each over s::
                          the gap is closed already, which makes its derivatives exact
 """
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import jax
@@ -33,6 +35,7 @@ CURRIE = 3.29
 FAR = 4.0
 """Films and membranes between a contact and a taxel that counts as crosstalk."""
 _DISTANCES = 60  # of two contacts that are tried
+_RATED = 0.3  # of the smallest first contact
 
 
 class Cases(NamedTuple):
@@ -174,3 +177,24 @@ def two_point(
 def _norm(columns: Array) -> Array:
     square = jnp.sum(columns**2, 0)
     return jnp.sqrt(jnp.where(square == 0, 1e-300, square))
+
+
+class Measured(NamedTuple):
+    """Readings of a skin and its neighbours, and where they were taken."""
+
+    cases: Cases  # the readings [taxel, skin, place]
+    coordinates: dict[str, Floats]  # of the places by key, as a person states them [place]
+    arc: Floats  # along the outer face [place] [m]
+    region: np.ndarray  # whether a place counts for the figures of the whole skin [place]
+    far: np.ndarray  # taxels that count as crosstalk [taxel, place]
+    rated: float  # the rated force [N]
+    accuracy: Accuracy  # of a reading
+    grid: tuple[int, int]  # places along the arc and along the axis
+    # why figures have no value on such a skin, by key
+    missing: Mapping[str, str] = MappingProxyType({})
+
+
+def rated_force(first_contact: Floats) -> float:
+    """30 % of the smallest first contact, to one significant digit [N]; 1 N where none is."""
+    known = first_contact[np.isfinite(first_contact)]
+    return float(f"{_RATED * known.min():.0e}") if known.size else 1.0

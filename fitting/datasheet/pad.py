@@ -11,8 +11,8 @@ from concurrent.futures import Executor
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.datasheet.figures import FAR, Accuracy, Cases
-from fitting.datasheet.readings import Measured, Readings, rated_force
+from fitting.datasheet.figures import FAR, Accuracy, Cases, Measured, rated_force
+from fitting.datasheet.readings import Readings
 from fitting.datasheet.variants import DEEPER, STEP, WARMER, Variants, why_constant
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
 from fitting.inverse_load.fit.explanation import Explanations

@@ -1,13 +1,11 @@
 """Readings of a skin under single contacts, with their slopes, many skins and places at once.
 
-This file asks the model for readings, and says where they were taken. A lane is one contact on
-one skin; all lanes of a skin, and of its neighbours with changed inputs, go through one
-program.
+The one file of this folder that asks the model for readings. A lane is one contact on one skin;
+all lanes of a skin, and of its neighbours with changed inputs, go through one program.
 """
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -16,8 +14,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from fitting.arrays import Floats
-from fitting.datasheet.figures import Accuracy, Cases
 from suas_jax import Loads, Skin, forward, skin_of
 from suas_jax.config import SkinSpec
 from suas_jax.numerics.array_types import Lanes
@@ -106,27 +102,3 @@ def _mapped(function: Callable[[Array], Array], skin: Skin) -> Skin:
 def _joined(parts: Sequence[Readings], count: int) -> Readings:
     columns = zip(*parts, strict=True)
     return Readings(*(np.concatenate(x, -1)[..., :count] for x in columns))
-
-
-_RATED = 0.3  # of the smallest first contact
-
-
-class Measured(NamedTuple):
-    """Readings of a skin and its neighbours, and where they were taken."""
-
-    cases: Cases  # the readings [taxel, skin, place]
-    coordinates: dict[str, Floats]  # of the places by key, as a person states them [place]
-    arc: Floats  # along the outer face [place] [m]
-    region: np.ndarray  # whether a place counts for the figures of the whole skin [place]
-    far: np.ndarray  # taxels that count as crosstalk [taxel, place]
-    rated: float  # the rated force [N]
-    accuracy: Accuracy  # of a reading
-    grid: tuple[int, int]  # places along the arc and along the axis
-    # why figures have no value on such a skin, by key
-    missing: Mapping[str, str] = MappingProxyType({})
-
-
-def rated_force(first_contact: Floats) -> float:
-    """30 % of the smallest first contact, to one significant digit [N]; 1 N where none is."""
-    known = first_contact[np.isfinite(first_contact)]
-    return float(f"{_RATED * known.min():.0e}") if known.size else 1.0

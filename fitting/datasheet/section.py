@@ -6,8 +6,8 @@ import jax
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.datasheet.figures import FAR, Accuracy, Cases
-from fitting.datasheet.readings import Measured, Readings, rated_force, read_all, skins_in_lanes
+from fitting.datasheet.figures import FAR, Accuracy, Cases, Measured, rated_force
+from fitting.datasheet.readings import Readings, read_all, skins_in_lanes
 from fitting.datasheet.variants import Variants
 from fitting.force_range.bound import angles_over, first_contacts
 from fitting.inverse_load.estimate.place import ContactPlaces

@@ -11,10 +11,17 @@ import jax
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.datasheet.figures import Accuracy, Cases, Figures, figures_at, told, two_point
+from fitting.datasheet.figures import (
+    Accuracy,
+    Cases,
+    Figures,
+    Measured,
+    figures_at,
+    told,
+    two_point,
+)
 from fitting.datasheet.in_time import buckling_mismatch, creep, motion_figures
 from fitting.datasheet.pad import measure_pad
-from fitting.datasheet.readings import Measured
 from fitting.datasheet.section import measure_section
 from fitting.datasheet.variants import DEEPER, WARMER, Variants, variants_of, why_constant
 from fitting.datasheet.words import PLACED, WORDS

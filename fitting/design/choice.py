@@ -8,10 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from fitting.datasheet.figures import weighted
+from fitting.datasheet.figures import Measured, weighted
 from fitting.datasheet.pad import measure_pad
 from fitting.datasheet.page import place_text
-from fitting.datasheet.readings import Measured
 from fitting.datasheet.section import measure_section
 from fitting.datasheet.variants import variants_of
 from fitting.datasheet.words import WORDS

@@ -17,9 +17,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.datasheet.figures import Accuracy, Cases, figures_at
+from fitting.datasheet.figures import Accuracy, Cases, figures_at, rated_force
 from fitting.datasheet.in_time import buckling_mismatch, motion_figures, scene_of
-from fitting.datasheet.readings import Readings, rated_force, read
+from fitting.datasheet.readings import Readings, read
 from fitting.datasheet.section import far_taxels
 from fitting.datasheet.variants import named
 from fitting.datasheet.words import PLACED
