@@ -3,8 +3,6 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from fitting.cli.contract import Overwrite, answer, bad_input, print_report
 from fitting.cli.options import (
     AsJson,
@@ -14,6 +12,7 @@ from fitting.cli.options import (
     Workers,
     check_files,
     computing,
+    option,
 )
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import write_text
@@ -23,20 +22,17 @@ def datasheet(
     skin: SkinFile,
     as_json: AsJson = False,
     output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="FILE", help="Page to write (HTML)."),
+        Path | None, option("Page to write (HTML).", "-o", "--output", metavar="FILE")
     ] = None,
     places: Annotated[
-        int, typer.Option(min=4, help="How many places along the arc, from clamp to clamp.")
+        int, option("How many places along the arc, from clamp to clamp.", min=4)
     ] = 17,
-    axials: Annotated[
-        int, typer.Option(min=4, help="On a pad: how many places along the axis.")
-    ] = 7,
+    axials: Annotated[int, option("On a pad: how many places along the axis.", min=4)] = 7,
     force: Annotated[
         str | None,
-        typer.Option(
+        option(
+            'Rated force, such as "10 N"; else 30 % of the smallest first contact.',
             metavar="FORCE",
-            help='Rated force, such as "10 N"; else 30 % of the smallest first contact.',
         ),
     ] = None,
     workers: Workers = None,

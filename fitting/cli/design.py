@@ -4,10 +4,17 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from fitting.cli.contract import Overwrite, answer, bad_input, print_report
-from fitting.cli.options import AsJson, Plot, TrustNetwork, Workers, check_files, computing
+from fitting.cli.options import (
+    AsJson,
+    Plot,
+    TrustNetwork,
+    Workers,
+    argument,
+    check_files,
+    computing,
+    option,
+)
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import write_text
 
@@ -18,17 +25,15 @@ if TYPE_CHECKING:
 
 def design(
     want: Annotated[
-        Path,
-        typer.Argument(metavar="WANT", help="Goals and limits (TOML), see docs/datasheet.md."),
+        Path, argument("Goals and limits (TOML), see docs/datasheet.md.", metavar="WANT")
     ],
     as_json: AsJson = False,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Skin file to write.")
+        Path | None, option("Skin file to write.", "-o", "--output", metavar="FILE")
     ] = None,
     plot: Plot = None,
     starts: Annotated[
-        int | None,
-        typer.Option(min=1, help="Number of starts of the search; default: the file's."),
+        int | None, option("Number of starts of the search; default: the file's.", min=1)
     ] = None,
     workers: Workers = None,
     trust_network: TrustNetwork = False,

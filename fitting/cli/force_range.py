@@ -3,7 +3,6 @@
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
-import typer
 
 from fitting.cli.contract import Overwrite, answer, bad_input
 from fitting.cli.options import (
@@ -16,6 +15,7 @@ from fitting.cli.options import (
     check_files,
     computing,
     material_note,
+    option,
     pad_settings,
 )
 from suas_jax.acquisition.terminal import print_table
@@ -31,15 +31,10 @@ _Table: TypeAlias = tuple[list[str], list[list[str]], str | None]
 def find_range(
     skin: SkinFile,
     as_json: AsJson = False,
-    angles: Annotated[
-        int, typer.Option(min=1, help="How many angles, from clamp to clamp.")
-    ] = 17,
-    axials: Annotated[
-        int, typer.Option(min=1, help="On a pad: how many places along the axis.")
-    ] = 11,
+    angles: Annotated[int, option("How many angles, from clamp to clamp.", min=1)] = 17,
+    axials: Annotated[int, option("On a pad: how many places along the axis.", min=1)] = 11,
     diameter: Annotated[
-        str | None,
-        typer.Option(metavar="LENGTH", help="On a pad: diameter of the contact; default 6 mm."),
+        str | None, option("On a pad: diameter of the contact; default 6 mm.", metavar="LENGTH")
     ] = None,
     workers: Workers = None,
     trust_network: TrustNetwork = False,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fitting.cli.contract import BAD_INPUT, Overwrite, answered, bad_input
+from fitting.cli.options import argument, option
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_output
 from suas_jax.runtime.registry import model_names
@@ -22,41 +23,31 @@ FORMAT_NAMES = model_names("suas_jax.acquisition.frames.formats")
 def log(
     port: Annotated[
         str,
-        typer.Argument(
+        argument(
+            "Device file, VID:PID[:SERIAL], socket://host:port, rfc2217://host:port.",
             metavar="PORT",
-            help="Device file, VID:PID[:SERIAL], socket://host:port, rfc2217://host:port.",
         ),
     ],
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="LOG.csv", help="Log to write.")
-    ],
+    output: Annotated[Path, option("Log to write.", "-o", "--output", metavar="LOG.csv")],
     format_name: Annotated[
-        str,
-        typer.Option(
-            "--format",
-            metavar="NAME",
-            help=f"Frame format: {', '.join(FORMAT_NAMES)}.",
-        ),
+        str, option(f"Frame format: {', '.join(FORMAT_NAMES)}.", "--format", metavar="NAME")
     ],
-    baud: Annotated[int, typer.Option(min=1, help="Bits per second.")] = 115200,
+    baud: Annotated[int, option("Bits per second.", min=1)] = 115200,
     duration: Annotated[
-        float | None, typer.Option(min=0.0, metavar="S", help="Stop after this many seconds.")
+        float | None, option("Stop after this many seconds.", min=0.0, metavar="S")
     ] = None,
     skin: Annotated[
-        Path | None, typer.Option(help="Skin file: its name and scale go into the header.")
+        Path | None, option("Skin file: its name and scale go into the header.")
     ] = None,
     flush: Annotated[
-        float, typer.Option(min=0.0, metavar="S", help="Seconds between writes to the file.")
+        float, option("Seconds between writes to the file.", min=0.0, metavar="S")
     ] = 0.2,
     rotate: Annotated[
-        float | None,
-        typer.Option(min=0.01, metavar="MB", help="Begin a new file at this size."),
+        float | None, option("Begin a new file at this size.", min=0.01, metavar="MB")
     ] = None,
     overwrite: Overwrite = False,
-    append: Annotated[
-        bool, typer.Option("--append", help="Continue LOG.csv if it exists.")
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the totals as JSON.")] = False,
+    append: Annotated[bool, option("Continue LOG.csv if it exists.", "--append")] = False,
+    as_json: Annotated[bool, option("Print the totals as JSON.", "--json")] = False,
 ) -> None:
     """Record a port to a log until Ctrl-C, SIGTERM or the end of --duration.
 
@@ -158,37 +149,30 @@ def _skin_header(skin: Path | None) -> tuple[dict[str, str], dict[int, int]]:
 
 
 def baseline(
-    path: Annotated[
-        Path, typer.Argument(metavar="LOG", help="Log of the unloaded skin, a few seconds.")
-    ],
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="BASELINE", help="Baseline (JSON).")
-    ],
+    path: Annotated[Path, argument("Log of the unloaded skin, a few seconds.", metavar="LOG")],
+    output: Annotated[Path, option("Baseline (JSON).", "-o", "--output", metavar="BASELINE")],
     tolerance: Annotated[
         float | None,
-        typer.Option(
+        option(
+            "Allowed change within the log; default: what its noise explains.",
             min=0.0,
             metavar="COUNTS",
-            help="Allowed change within the log; default: what its noise explains.",
         ),
     ] = None,
     reference: Annotated[
-        Path | None, typer.Option(metavar="BASELINE", help="Earlier baseline to agree with.")
+        Path | None, option("Earlier baseline to agree with.", metavar="BASELINE")
     ] = None,
     reference_tolerance: Annotated[
-        float, typer.Option(min=0.0, help="Allowed relative deviation from --reference.")
+        float, option("Allowed relative deviation from --reference.", min=0.0)
     ] = 0.02,
     skin: Annotated[
-        Path | None,
-        typer.Option(help="Skin or scene to agree with at rest; default: the log's."),
+        Path | None, option("Skin or scene to agree with at rest; default: the log's.")
     ] = None,
     model_tolerance: Annotated[
-        float, typer.Option(min=0.0, help="Allowed relative deviation from the rest pattern.")
+        float, option("Allowed relative deviation from the rest pattern.", min=0.0)
     ] = 0.05,
     overwrite: Overwrite = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print the baseline as JSON.")
-    ] = False,
+    as_json: Annotated[bool, option("Print the baseline as JSON.", "--json")] = False,
 ) -> None:
     """Average a log of the skin at rest; refuse a skin that is loaded or drifts.
 

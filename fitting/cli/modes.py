@@ -6,17 +6,23 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fitting.cli.contract import NO_SOLUTION, Overwrite, answer, bad_input, print_report
-from fitting.cli.options import AsJson, Plot, check_files, computing, material_note
+from fitting.cli.options import (
+    AsJson,
+    Plot,
+    argument,
+    check_files,
+    computing,
+    material_note,
+    option,
+)
 
 if TYPE_CHECKING:
     from suas_jax.dynamics.modes import Modes
 
 
 def modes(
-    scene: Annotated[
-        Path, typer.Argument(metavar="SKIN|SCENE", help="Skin or scene file (TOML).")
-    ],
-    count: Annotated[int, typer.Option(min=1, help="How many modes, the lowest first.")] = 6,
+    scene: Annotated[Path, argument("Skin or scene file (TOML).", metavar="SKIN|SCENE")],
+    count: Annotated[int, option("How many modes, the lowest first.", min=1)] = 6,
     as_json: AsJson = False,
     plot: Plot = None,
     overwrite: Overwrite = False,

@@ -3,7 +3,7 @@
 import contextlib
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -17,35 +17,41 @@ if TYPE_CHECKING:
     from suas_jax.config import SceneSpec, SkinSpec
     from suas_jax.config.quantities import DimensionName
 
-Plot = Annotated[Path | None, typer.Option(help="Write a figure (PNG, PDF, SVG).")]
 
-SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
-SkinFile = Annotated[Path, typer.Argument(metavar="SKIN", help="Skin file (TOML).")]
+def option(text: str, *names: str, **rules: Any) -> Any:
+    """An option of a command, described by a text."""
+    return typer.Option(*names, help=text, **rules)
+
+
+def argument(text: str, **rules: Any) -> Any:
+    """An argument of a command, described by a text."""
+    return typer.Argument(help=text, **rules)
+
+
+Plot = Annotated[Path | None, option("Write a figure (PNG, PDF, SVG).")]
+
+SceneFile = Annotated[Path, argument("Scene file (TOML).", metavar="SCENE")]
+SkinFile = Annotated[Path, argument("Skin file (TOML).", metavar="SKIN")]
 Noise = Annotated[
     float | None,
-    typer.Option(help="Standard deviation of a reading, in counts; default: the skin file's."),
+    option("Standard deviation of a reading, in counts; default: the skin file's."),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, SI units in the keys.")]
-Model = Annotated[
-    str | None, typer.Option(help='"auto", "shell" or "solid"; overrides the scene.')
-]
-Rtol = Annotated[float | None, typer.Option(help="Wanted relative error; overrides the scene.")]
+AsJson = Annotated[bool, option("Print JSON, SI units in the keys.", "--json")]
+Model = Annotated[str | None, option('"auto", "shell" or "solid"; overrides the scene.')]
+Rtol = Annotated[float | None, option("Wanted relative error; overrides the scene.")]
 
 _MOST = 1024
 _WHAT = "N processes, or on workers of a Dask scheduler (tls://host:port)"
 Workers = Annotated[
-    str | None,
-    typer.Option(metavar="N|ADDRESS", help=f"On a pad: solve a new skin's table on {_WHAT}."),
+    str | None, option(f"On a pad: solve a new skin's table on {_WHAT}.", metavar="N|ADDRESS")
 ]
-ManyWorkers = Annotated[
-    str, typer.Option("--workers", metavar="N|ADDRESS", help=f"Calibrate on {_WHAT}.")
-]
+ManyWorkers = Annotated[str, option(f"Calibrate on {_WHAT}.", "--workers", metavar="N|ADDRESS")]
 TrustNetwork = Annotated[
     bool,
-    typer.Option(
-        "--trust-network",
-        help="Also allow a scheduler at tcp://: anyone who can reach its port can run code as "
+    option(
+        "Also allow a scheduler at tcp://: anyone who can reach its port can run code as "
         "this user.",
+        "--trust-network",
     ),
 ]
 

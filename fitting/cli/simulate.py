@@ -8,6 +8,7 @@ import typer
 
 from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES
+from fitting.cli.options import argument, option
 from fitting.cli.progress import spinner
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_output
@@ -16,90 +17,72 @@ from suas_jax.files.writing import check_output
 def simulate(
     scene: Annotated[
         Path,
-        typer.Argument(
+        argument(
+            "Scene (TOML), load path (CSV) that names one, or, with --live, an SO log.",
             metavar="SCENE|PATH",
-            help="Scene (TOML), load path (CSV) that names one, or, with --live, an SO log.",
         ),
     ],
     output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="LOG.csv", help="SO log to write."),
+        Path | None, option("SO log to write.", "-o", "--output", metavar="LOG.csv")
     ] = None,
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Frames per second.")] = 10.0,
+    rate: Annotated[float, option("Frames per second.", metavar="HZ")] = 10.0,
     duration: Annotated[
         float | None,
-        typer.Option(
-            metavar="S",
-            help="How long to simulate; default: the path's length, 10 s for a scene.",
+        option(
+            "How long to simulate; default: the path's length, 10 s for a scene.", metavar="S"
         ),
     ] = None,
     noise: Annotated[
-        float | None,
-        typer.Option(metavar="COUNTS", help="Noise of a reading; default: electrodes.noise."),
+        float | None, option("Noise of a reading; default: electrodes.noise.", metavar="COUNTS")
     ] = None,
     drift: Annotated[
-        float,
-        typer.Option(metavar="COUNTS/S", help="Standard deviation of the taxels' drift."),
+        float, option("Standard deviation of the taxels' drift.", metavar="COUNTS/S")
     ] = 0.0,
-    bits: Annotated[int, typer.Option(help="Bits of the converter: 16 or 8.")] = 16,
+    bits: Annotated[int, option("Bits of the converter: 16 or 8.")] = 16,
     offset: Annotated[
-        float,
-        typer.Option(
-            metavar="FARAD", help="Capacitance that the converter's offset DAC subtracts."
-        ),
+        float, option("Capacitance that the converter's offset DAC subtracts.", metavar="FARAD")
     ] = 0.0,
     refresh: Annotated[
         float | None,
-        typer.Option(
+        option(
+            "Time between two results of the converter; faster frames repeat the last.",
             metavar="S",
-            help="Time between two results of the converter; faster frames repeat the last.",
         ),
     ] = None,
-    drop: Annotated[float, typer.Option(help="Probability that a frame is lost.")] = 0.0,
-    missing: Annotated[
-        float, typer.Option(help="Probability that a single count is missing.")
-    ] = 0.0,
+    drop: Annotated[float, option("Probability that a frame is lost.")] = 0.0,
+    missing: Annotated[float, option("Probability that a single count is missing.")] = 0.0,
     stuck: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="MODULE.TAXEL@S", help="A taxel that keeps its count from a time on."
-        ),
+        option("A taxel that keeps its count from a time on.", metavar="MODULE.TAXEL@S"),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of noise, drift and faults.")] = 0,
+    seed: Annotated[int, option("Seed of noise, drift and faults.", min=0)] = 0,
     overwrite: Overwrite = False,
     live: Annotated[
-        bool,
-        typer.Option("--live", help="Play as a device on a pseudo-terminal, at its own pace."),
+        bool, option("Play as a device on a pseudo-terminal, at its own pace.", "--live")
     ] = False,
     frame_format: Annotated[
         str,
-        typer.Option(
-            "--format",
-            metavar="NAME",
-            help=f"Live: {', '.join(FORMAT_NAMES)}, or text-checked.",
+        option(
+            f"Live: {', '.join(FORMAT_NAMES)}, or text-checked.", "--format", metavar="NAME"
         ),
     ] = "text",
     port: Annotated[
-        Path | None,
-        typer.Option(metavar="LINK", help="Live: symbolic link to the pseudo-terminal."),
+        Path | None, option("Live: symbolic link to the pseudo-terminal.", metavar="LINK")
     ] = None,
     fault: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NAME=VALUE",
-            help="Live: corrupt=P, drop=P, duplicate=P, unplug=AT:FOR, clock-wrap=AT, "
+        option(
+            "Live: corrupt=P, drop=P, duplicate=P, unplug=AT:FOR, clock-wrap=AT, "
             "clock-jump=AT:BY:FOR, restart=AT, taxels=AT:N, stuck=MODULE/TAXEL, seed=N.",
+            metavar="NAME=VALUE",
         ),
     ] = None,
     speed: Annotated[
-        float,
-        typer.Option(
-            metavar="FACTOR", help="Live: speed of play; 2 is twice as fast as real time."
-        ),
+        float, option("Live: speed of play; 2 is twice as fast as real time.", metavar="FACTOR")
     ] = 1.0,
-    loop: Annotated[bool, typer.Option("--loop", help="Live: play over and over.")] = False,
+    loop: Annotated[bool, option("Live: play over and over.", "--loop")] = False,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Live: print the port and what was played as JSON.")
+        bool, option("Live: print the port and what was played as JSON.", "--json")
     ] = False,
 ) -> None:
     """Simulate the sensor output of a skin under a scene or a path of loads.
@@ -178,10 +161,8 @@ def simulate(
 
 
 def convert(
-    source: Annotated[Path, typer.Argument(metavar="LOG", help="Log: .csv, .parquet or .nc.")],
-    target: Annotated[
-        Path, typer.Argument(metavar="FILE", help="File to write: .csv, .parquet or .nc.")
-    ],
+    source: Annotated[Path, argument("Log: .csv, .parquet or .nc.", metavar="LOG")],
+    target: Annotated[Path, argument("File to write: .csv, .parquet or .nc.", metavar="FILE")],
     overwrite: Overwrite = False,
 ) -> None:
     """Convert an SO log between CSV, Parquet and NetCDF (xarray).

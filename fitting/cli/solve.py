@@ -17,6 +17,7 @@ from fitting.cli.options import (
     check_files,
     computing,
     material_note,
+    option,
     scene_of,
 )
 from suas_jax.acquisition.terminal import new_console, print_table, say
@@ -33,25 +34,19 @@ def solve(
     rtol: Rtol = None,
     gradient: Annotated[
         str | None,
-        typer.Option(
-            metavar="QUANTITY",
-            help="Also differentiate a quantity of the JSON (such as oil_pressure_Pa or "
+        option(
+            "Also differentiate a quantity of the JSON (such as oil_pressure_Pa or "
             "loads.0.displacement_m) by every continuous input.",
+            metavar="QUANTITY",
         ),
     ] = None,
     plot: Plot = None,
-    pad: Annotated[
-        Path | None, typer.Option(help="Write a figure of the taxels' sensor output.")
-    ] = None,
+    pad: Annotated[Path | None, option("Write a figure of the taxels' sensor output.")] = None,
     vtu: Annotated[
-        Path | None,
-        typer.Option(help="Write the fields of the solid, or of a pad, for ParaView."),
+        Path | None, option("Write the fields of the solid, or of a pad, for ParaView.")
     ] = None,
     repeat: Annotated[
-        int,
-        typer.Option(
-            min=1, max=100_000, help="Time the solve as the median of this many runs."
-        ),
+        int, option("Time the solve as the median of this many runs.", min=1, max=100_000)
     ] = 1,
     overwrite: Overwrite = False,
 ) -> None:

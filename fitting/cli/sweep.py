@@ -15,6 +15,7 @@ from fitting.cli.options import (
     check_files,
     computing,
     material_note,
+    option,
     scene_of,
 )
 
@@ -30,46 +31,41 @@ def sweep(
     scene: SceneFile,
     force: Annotated[
         str | None,
-        typer.Option(
-            metavar="FROM:TO:COUNT",
-            help="Total force of all line loads [N]; their pattern stays.",
+        option(
+            "Total force of all line loads [N]; their pattern stays.", metavar="FROM:TO:COUNT"
         ),
     ] = None,
     oil_pressure: Annotated[
         str | None,
-        typer.Option(
-            metavar="FROM:TO:COUNT", help="Oil pressure [Pa]; all loads are scaled to reach it."
-        ),
+        option("Oil pressure [Pa]; all loads are scaled to reach it.", metavar="FROM:TO:COUNT"),
     ] = None,
     depth: Annotated[
         str | None,
-        typer.Option(
+        option(
+            "Travel of the bodies [mm]: an indentation curve; other loads stay.",
             metavar="FROM:TO:COUNT",
-            help="Travel of the bodies [mm]: an indentation curve; other loads stay.",
         ),
     ] = None,
     history: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Loads over time: CSV with t_s and force_N or factor; stress relaxes as "
+        option(
+            "Loads over time: CSV with t_s and force_N or factor; stress relaxes as "
             "[material] says.",
+            metavar="FILE",
         ),
     ] = None,
     gradient: Annotated[
         str | None,
-        typer.Option(
-            metavar="QUANTITY",
-            help="Of a history: also differentiate a quantity of its last point (such as "
+        option(
+            "Of a history: also differentiate a quantity of its last point (such as "
             "oil_pressure_Pa), or of points.3.oil_pressure_Pa, by every continuous input.",
+            metavar="QUANTITY",
         ),
     ] = None,
     as_json: AsJson = False,
     model: Model = None,
     rtol: Rtol = None,
-    csv_file: Annotated[
-        Path | None, typer.Option("--csv", help="Write the curve as CSV.")
-    ] = None,
+    csv_file: Annotated[Path | None, option("Write the curve as CSV.", "--csv")] = None,
     plot: Plot = None,
     overwrite: Overwrite = False,
 ) -> None:

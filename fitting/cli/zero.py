@@ -3,10 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from fitting.cli.contract import Overwrite, answer, bad_input
-from fitting.cli.options import AsJson, SkinFile, computing
+from fitting.cli.options import AsJson, SkinFile, argument, computing, option
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.reading import read_bytes
 from suas_jax.files.writing import check_output, write_text
@@ -18,28 +16,27 @@ if TYPE_CHECKING:
 def zero(
     skin: SkinFile,
     log: Annotated[
-        Path, typer.Argument(metavar="LOG", help="SO log: some seconds at rest, then presses.")
+        Path, argument("SO log: some seconds at rest, then presses.", metavar="LOG")
     ],
     known: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="PRESS",
-            help='A press, such as "500 g at 0 deg" or "5 N +- 0.05 N at arc 12 mm"; once for '
+        option(
+            'A press, such as "500 g at 0 deg" or "5 N +- 0.05 N at arc 12 mm"; once for '
             "each press, in order. Without --known the log's columns state them "
             "(load_0_force_N, load_0_angle_deg).",
+            metavar="PRESS",
         ),
     ] = None,
     inputs: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Known inputs in a CSV of their own (t_s)."),
+        Path | None, option("Known inputs in a CSV of their own (t_s).", metavar="FILE")
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option(
+        option(
+            "File to write; default: SKIN.zero.toml beside the skin file.",
             "-o",
             "--output",
             metavar="FILE",
-            help="File to write; default: SKIN.zero.toml beside the skin file.",
         ),
     ] = None,
     overwrite: Overwrite = False,
