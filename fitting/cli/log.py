@@ -59,10 +59,9 @@ def log(
     with bad_input():
         from suas_jax.acquisition.frames.registry import decoder, open_source
         from suas_jax.acquisition.log.log_file import LogWriter, log_header
-        from suas_jax.acquisition.log.record import FLAG_COLUMNS, record
+        from suas_jax.acquisition.log.record import FLAG_COLUMNS, View, record, totals_text
         from suas_jax.acquisition.signals import ended_by_signal
         from suas_jax.acquisition.stream import Stream
-        from suas_jax.acquisition.view import View, totals_text
 
         if append and overwrite:
             raise ValueError("--append and --overwrite: choose one")

@@ -28,23 +28,14 @@ _NEVER = 1e8  # stands for a force of first contact that the table doesn't know 
 
 
 def measure_pad(
-    variants: Variants,
-    places: tuple[int, int],
-    noise: float,
-    force: float | None,
-    progress: Callable[[str], None],
-    workers: Executor | None = None,
+    variants: Variants,  # the pad and its neighbours
+    places: tuple[int, int],  # how many along the arc and along the axis, from edge to edge
+    noise: float,  # standard deviation of a reading [counts]
+    force: float | None,  # the rated force [N]; see `rated_force`
+    progress: Callable[[str], None],  # called with what is being done
+    workers: Executor | None = None,  # that solve the table; None: this process
 ) -> Measured:
-    """Readings under round contacts of 6 mm over a pad.
-
-    Args:
-        variants: the pad and its neighbours.
-        places: how many along the arc and along the axis, from edge to edge.
-        noise: standard deviation of a reading [counts].
-        force: the rated force [N]; see `rated_force`.
-        progress: called with what is being done.
-        workers: that solve the table; None: this process.
-    """
+    """Readings under round contacts of 6 mm over a pad."""
 
     def shown(done: int, total: int) -> None:
         progress(f"table of solved states: {done} of {total} columns")

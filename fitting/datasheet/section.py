@@ -31,24 +31,16 @@ def far_taxels(skin: Skin, angle: Floats) -> np.ndarray:
 
 
 def measure_section(
-    variants: Variants,
-    places: int,
-    noise: float,
-    force: float | None,
-    progress: Callable[[str], None],
+    variants: Variants,  # the skin and its neighbours
+    places: int,  # how many, from clamp to clamp
+    noise: float,  # standard deviation of a reading [counts]
+    force: float | None,  # the rated force [N]; see `rated_force`
+    progress: Callable[[str], None],  # called with what is being done
+    # angles of the first and the last place, all of which count [rad]; None for places from
+    # clamp to clamp, of which those between the outermost taxels count
     between: tuple[float, float] | None = None,
 ) -> Measured:
-    """Readings under line loads over a section.
-
-    Args:
-        variants: the skin and its neighbours.
-        places: how many, from clamp to clamp.
-        noise: standard deviation of a reading [counts].
-        force: the rated force [N]; see `rated_force`.
-        progress: called with what is being done.
-        between: angles of the first and the last place, all of which count [rad]; None for
-            places from clamp to clamp, of which those between the outermost taxels count.
-    """
+    """Readings under line loads over a section."""
     spec = variants.spec
     free = skin_of(spec, contact=False)
     angle = angles_over(free, places) if between is None else np.linspace(*between, places)

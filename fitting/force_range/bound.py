@@ -142,18 +142,13 @@ def angles_over(skin: Skin, places: int) -> Floats:
 
 
 def force_range(
-    spec: SkinSpec,
-    angles: int = 17,
+    spec: SkinSpec,  # the skin, with electrodes
+    angles: int = 17,  # how many, evenly from clamp to clamp
+    # standard deviation of a reading [counts]; the skin file's if None
     noise: float | None = None,
-    progress: Callable[[str], None] = lambda text: None,
+    progress: Callable[[str], None] = lambda text: None,  # called with what is being done
 ) -> ForceRange:
     """Find where the range of a radial line load ends, for loads over the skin.
-
-    Args:
-        spec: the skin, with electrodes.
-        angles: how many, evenly from clamp to clamp.
-        noise: standard deviation of a reading [counts]; the skin file's if None.
-        progress: called with what is being done.
 
     Raises:
         ValueError: the skin has no electrodes, or an argument makes no sense.

@@ -121,25 +121,20 @@ class PadForceRange:
 
 
 def pad_force_range(
-    spec: SkinSpec,
+    spec: SkinSpec,  # the pad, with electrodes
+    # how many along the arc and along the axis, from edge to edge
     places: tuple[int, int] = (17, 11),
+    # standard deviation of a reading [counts]; the skin file's if None
     noise: float | None = None,
     *,
-    diameter: float = DIAMETER,
-    progress: Callable[[str], None] = lambda text: None,
+    diameter: float = DIAMETER,  # of the contact [m]
+    progress: Callable[[str], None] = lambda text: None,  # called with what is being done
+    # that solve the table (`fitting.workers`); None: this process
     workers: Executor | None = None,
 ) -> PadForceRange:
     """Find the range of a round radial contact over a pad.
 
     The table of a new skin takes minutes; it is kept.
-
-    Args:
-        spec: the pad, with electrodes.
-        places: how many along the arc and along the axis, from edge to edge.
-        noise: standard deviation of a reading [counts]; the skin file's if None.
-        diameter: of the contact [m].
-        progress: called with what is being done.
-        workers: that solve the table (`fitting.workers`); None: this process.
 
     Raises:
         ValueError: the skin has no electrodes, or an argument makes no sense.
@@ -166,20 +161,12 @@ def pad_force_range(
 
 def range_from_table(
     table: PadTable,
-    along: ContactPlaces,
-    taxels: Floats,
-    places: tuple[int, int],
-    noise: float,
+    along: ContactPlaces,  # what scenes call places
+    taxels: Floats,  # angle and axial position [taxel, 2]
+    places: tuple[int, int],  # how many along the arc and along the axis
+    noise: float,  # standard deviation of a reading [counts]
 ) -> PadForceRange:
-    """The range of a contact over a pad whose states are known.
-
-    Args:
-        table: the states.
-        along: what scenes call places.
-        taxels: angle and axial position [taxel, 2].
-        places: how many along the arc and along the axis.
-        noise: standard deviation of a reading [counts].
-    """
+    """The range of a contact over a pad whose states are known."""
     angle, axial = (
         np.linspace(-x[-1], x[-1], n) if n > 1 else np.zeros(1)
         for x, n in zip((table.angle, table.axial), places, strict=True)

@@ -76,22 +76,16 @@ def take_baseline(log: SoLog, *, tolerance: float | None = None) -> Baseline:
 
 
 def refuse_loaded(
-    baseline: Baseline,
-    rest: NDArray[np.float64],
+    baseline: Baseline,  # as taken
+    rest: NDArray[np.float64],  # counts at rest [module, taxel], NaN where unknown
     *,
-    tolerance: float,
-    source: str,
+    tolerance: float,  # allowed deviation, relative to `rest`; a count is always allowed
+    source: str,  # where `rest` is from, for the message
+    # `rest` gives the pattern only, up to a factor (a model whose permittivity or gap is not
+    # exact)
     common_factor: bool = False,
 ) -> None:
     """Refuse a baseline whose taxels don't read what they read at rest.
-
-    Args:
-        baseline: as taken.
-        rest: counts at rest [module, taxel], NaN where unknown.
-        tolerance: allowed deviation, relative to `rest`; a count is always allowed.
-        source: where `rest` is from, for the message.
-        common_factor: `rest` gives the pattern only, up to a factor (a model whose
-            permittivity or gap is not exact).
 
     Raises:
         NotAtRestError: the taxels deviate.
@@ -191,19 +185,12 @@ def _statistics(so: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
 def _refuse_moving(
     log: SoLog,
     frames: Frames,
-    means: NDArray[np.float64],
+    means: NDArray[np.float64],  # of the parts [part, module, taxel]
+    # standard deviation of the differences of neighbouring frames [module, taxel]
     steps: NDArray[np.float64],
-    tolerance: float | None,
+    tolerance: float | None,  # allowed difference to the mean of all parts [counts]
 ) -> None:
-    """Refuse a log whose parts differ by more than its noise explains.
-
-    Args:
-        log: the log.
-        frames: its frames.
-        means: of the parts [part, module, taxel].
-        steps: standard deviation of the differences of neighbouring frames [module, taxel].
-        tolerance: allowed difference to the mean of all parts [counts].
-    """
+    """Refuse a log whose parts differ by more than its noise explains."""
     size = len(frames) // _PARTS
     # The part's noise from differences of neighbouring frames, which a drift hardly touches;
     # rounding to whole counts is noise, too.

@@ -58,23 +58,18 @@ class Summary:
 
 
 class Integrity:
-    """Follows every module of a stream.
-
-    Args:
-        clock_modulus: see `DeviceClock`.
-        checked: a checksum vouches for the readings, so no row is held to be damaged.
-        taxels: how many a module has, by module, as the skin file says; what a module sends
-            first, where that is unknown.
-        resumed: the readings continue an earlier recording: the first of every module is
-            flagged as a restart.
-    """
+    """Follows every module of a stream."""
 
     def __init__(
         self,
-        clock_modulus: float | None,
-        checked: bool,
+        clock_modulus: float | None,  # see `DeviceClock`
+        checked: bool,  # a checksum vouches for the readings, so no row is held to be damaged
         *,
+        # how many a module has, by module, as the skin file says; what a module sends first,
+        # where that is unknown
         taxels: Mapping[int, int] | None = None,
+        # the readings continue an earlier recording: the first of every module is flagged as a
+        # restart
         resumed: bool = False,
     ) -> None:
         self.summary = Summary()

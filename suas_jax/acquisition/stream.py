@@ -61,15 +61,6 @@ class _Chunk(NamedTuple):
 class Stream:
     """Readings from an open source, until `stop` is set.
 
-    Args:
-        source: the open port; the stream closes it.
-        decode: decoder of its format.
-        format_name: the format's name, for messages.
-        report: called with a sentence about anything a person should know.
-        clock: host time [s], as it shall stand in the readings.
-        taxels: how many each module has, where a skin file says so.
-        resumed: the readings continue an earlier recording.
-
     Attributes:
         stop: set it to end the stream; what has arrived by then is still delivered.
         reconnects: how often a lost link came back.
@@ -78,14 +69,17 @@ class Stream:
 
     def __init__(
         self,
-        source: Source,
-        decode: Decoder,
-        format_name: str,
+        source: Source,  # the open port; the stream closes it
+        decode: Decoder,  # decoder of its format
+        format_name: str,  # the format's name, for messages
         *,
+        # called with a sentence about anything a person should know
         report: Callable[[str], None],
+        # host time [s], as it shall stand in the readings
         clock: Callable[[], float] = time.monotonic,
+        # how many each module has, where a skin file says so
         taxels: Mapping[int, int] | None = None,
-        resumed: bool = False,
+        resumed: bool = False,  # the readings continue an earlier recording
     ) -> None:
         self.stop = threading.Event()
         self.reconnects = 0

@@ -63,21 +63,14 @@ class Quantity(PlainValidator):
 
 
 def quantity(
-    dimension: DimensionName,
+    dimension: DimensionName,  # the kind of quantity
     *,
-    above: float | None = None,
-    at_least: float | None = None,
-    below: float | None = None,
-    nonzero: bool = False,
+    above: float | None = None,  # the value must be greater than this, in SI units
+    at_least: float | None = None,  # it must not be less than this
+    below: float | None = None,  # it must be less than this
+    nonzero: bool = False,  # it must not be zero
 ) -> Quantity:
     """Build the validator of a quantity, which may carry its uncertainty.
-
-    Args:
-        dimension: the kind of quantity.
-        above: the value must be greater than this, in SI units.
-        at_least: it must not be less than this.
-        below: it must be less than this.
-        nonzero: it must not be zero.
 
     Returns:
         A validator that yields the SI value, an `UncertainQuantity` where a deviation is

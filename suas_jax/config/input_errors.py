@@ -250,19 +250,13 @@ def _correlated(
 
 
 def _independent(
-    label: str,
-    names: Sequence[str],
+    label: str,  # what found the constants
+    names: Sequence[str],  # of the constants
+    # inputs that each stands for, and their change per unit of it
     parts: Sequence[Mapping[str, float]],
-    covariance: NDArray[np.float64],
+    covariance: NDArray[np.float64],  # of the constants
 ) -> Iterator[tuple[str, dict[str, float]]]:
-    """Independent errors of constants that are known together, the largest first.
-
-    Args:
-        label: what found the constants.
-        names: of the constants.
-        parts: inputs that each stands for, and their change per unit of it.
-        covariance: of the constants.
-    """
+    """Independent errors of constants that are known together, the largest first."""
     import numpy as np
 
     size = np.sqrt(np.maximum(np.diag(covariance), 0.0))

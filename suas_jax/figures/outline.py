@@ -19,9 +19,7 @@ from suas_jax.skin.body import Body
 from suas_jax.skin.geometry import SkinGeometry
 
 _POINTS = 361
-_BODY_REACH = (
-    0.4  # of a body that is drawn, to either side, in lengths of the section per angle
-)
+_BODY_REACH = 0.4  # of a body that is drawn, to either side, over the section's size per angle
 
 
 class Outline(NamedTuple):

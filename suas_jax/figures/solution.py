@@ -5,9 +5,8 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from suas_jax.figures.pad_surface import plot_pad_surface
-from suas_jax.figures.section import plot_section
-from suas_jax.figures.solid import plot_solid
+from suas_jax.figures.pad import plot_pad_surface
+from suas_jax.figures.section import plot_section, plot_solid
 from suas_jax.figures.style import written
 from suas_jax.scene.solve import Solution
 

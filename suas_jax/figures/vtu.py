@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array
 
 from suas_jax.equilibrium.balance import Problem, State
-from suas_jax.figures.solid import solid_fields
+from suas_jax.figures.section import solid_fields
 from suas_jax.files.writing import written
 from suas_jax.mechanics.pad.faces import Faces, principal_stretches
 from suas_jax.mechanics.pad.pad import Pad

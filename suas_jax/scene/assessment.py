@@ -35,13 +35,15 @@ _LEAST = 1e-300
 
 
 def assess(
-    parts: SceneParts,
-    meshes: Meshes,
-    solved: Problem,
+    parts: SceneParts,  # of the scene
+    meshes: Meshes,  # of the solve
+    solved: Problem,  # the problem that was solved, of the whole or of a part
     found: State,
+    # whether the error by the mesh is wanted, NaN otherwise: on a pad it takes longer than the
+    # solve
     judged: Bool[Array, ""] | bool,
     *,
-    wall: bool,
+    wall: bool,  # whether the wall is there
 ) -> tuple[dict[str, Any], State, State]:
     """Observe a state on the whole membrane, and check it.
 
@@ -49,15 +51,6 @@ def assess(
     and how far it is from the exact solution. Sway needs the whole membrane: where the error
     is judged on a part, the state is assembled on the whole as well, which also gives the
     first-order effect of what the mechanics leaves out.
-
-    Args:
-        parts: of the scene.
-        meshes: of the solve.
-        solved: the problem that was solved, of the whole or of a part.
-        found: its state.
-        judged: whether the error by the mesh is wanted, NaN otherwise: on a pad it takes
-            longer than the solve.
-        wall: whether the wall is there.
 
     Returns:
         What is observed, the state on the whole membrane, and the one that is observed.

@@ -50,21 +50,15 @@ def problem_of(parts: SceneParts, plan: AbstractPlan, *, wall: bool = False) -> 
 
 
 def build_problem(
+    # says which law, oil and loads; its numbers are not used where `inputs` has them
     scene: SceneSpec,
     plan: AbstractPlan,
+    # SI values by TOML path, see `suas_jax.config.continuous_inputs`
     inputs: Mapping[str, ArrayLike],
     *,
-    wall: bool = False,
+    wall: bool = False,  # see `problem_of`
 ) -> Problem:
-    """The same as a function of the scene's continuous inputs.
-
-    Args:
-        scene: says which law, oil and loads; its numbers are not used where `inputs` has
-            them.
-        plan: the mesh.
-        inputs: SI values by TOML path, see `suas_jax.config.continuous_inputs`.
-        wall: see `problem_of`.
-    """
+    """The same as a function of the scene's continuous inputs."""
     return problem_of(scene_parts(scene, inputs), plan, wall=wall)
 
 

@@ -54,23 +54,16 @@ def contact_zone(contact: ContactState, geometry: SkinGeometry) -> dict[str, Any
 
 
 def body_observables(
-    contact: BodyContact,
-    body: Body,
-    factor: Lanes,
-    geometry: SkinGeometry,
-    strip: Strip | None = None,
+    contact: BodyContact,  # the outer face at its contact points
+    body: Body,  # that is pressed on it
+    factor: Lanes,  # on its travel
+    geometry: SkinGeometry,  # of the skin
+    strip: Strip | None = None,  # that it touches, where the points do not tell it
 ) -> dict[str, Any]:
     """What a body does to the skin, and where it touches.
 
     Forces are those on the skin: along the approach, and along growing angles; the moment is
     about the body's centre, counter-clockwise.
-
-    Args:
-        contact: the outer face at its contact points.
-        body: that is pressed on it.
-        factor: on its travel.
-        geometry: of the skin.
-        strip: that it touches, where the points do not tell it.
     """
     travel = factor * body.travel
     width = geometry.width if contact.axial is None else 1.0

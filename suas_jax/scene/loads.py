@@ -65,22 +65,14 @@ class Loads(eqx.Module):
     @classmethod
     def patch(
         cls,
-        angle: ArrayLike,
-        axial: ArrayLike,
-        force: ArrayLike,
-        diameter: ArrayLike,
-        turn: ArrayLike = 0.0,
-        tilt: ArrayLike = 0.0,
+        angle: ArrayLike,  # [rad]
+        axial: ArrayLike,  # [m]
+        force: ArrayLike,  # [N]
+        diameter: ArrayLike,  # [m]
+        turn: ArrayLike = 0.0,  # from the inward radial [rad]
+        tilt: ArrayLike = 0.0,  # out of the section's plane towards +axial [rad]
     ) -> "Loads":
         """Round patches on a pad: each argument one value, one a lane, or [patch, lane].
-
-        Args:
-            angle: [rad].
-            axial: [m].
-            force: [N].
-            diameter: [m].
-            turn: from the inward radial [rad].
-            tilt: out of the section's plane towards +axial [rad].
 
         Raises:
             Float64Error: float64 is off.

@@ -33,21 +33,13 @@ def place_of(parts: SceneParts, name: str, angle: Array) -> dict[str, Array]:
 
 
 def load_observables(
-    parts: SceneParts,
-    problem: Problem,
-    state: State,
-    held: AbstractMechanics,
-    root: State | None,
+    parts: SceneParts,  # of the scene
+    problem: Problem,  # to read the state with
+    state: State,  # to report
+    held: AbstractMechanics,  # the membrane with what it touches
+    root: State | None,  # see `observe`
 ) -> list[dict[str, Any]]:
-    """Position, force and displacement of every load, in the order of the file.
-
-    Args:
-        parts: of the scene.
-        problem: to read the state with.
-        state: to report.
-        held: the membrane with what it touches.
-        root: see `observe`.
-    """
+    """Position, force and displacement of every load, in the order of the file."""
     forces, pressures = iter(parts.forces), iter(parts.pressures)
     bodies = iter(parts.bodies)
     geometry = parts.skin.geometry

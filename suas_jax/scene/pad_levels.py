@@ -81,22 +81,16 @@ def _with_shear(
 
 
 def readings_along(
-    skin: Skin,
-    loads: Loads,
-    levels: Float[Array, " level"],
+    skin: Skin,  # the pad, with a mesh
+    loads: Loads,  # patches in one lane, with their largest forces
+    levels: Float[Array, " level"],  # factors on the forces, in the order to visit
+    # of the states before, rest first, in the state that the next one starts from, see
+    # `extrapolation`
     weights: Float[Array, "level level"],
+    # levels at which derivatives by tangential forces are wanted
     across: Bool[Array, " level"],
 ) -> PadReadings:
-    """Readings along a path of loads that starts at rest.
-
-    Args:
-        skin: the pad, with a mesh.
-        loads: patches in one lane, with their largest forces.
-        levels: factors on the forces, in the order to visit.
-        weights: of the states before, rest first, in the state that the next one starts
-            from, see `extrapolation`.
-        across: levels at which derivatives by tangential forces are wanted.
-    """
+    """Readings along a path of loads that starts at rest."""
     problem = skin.problem(loads)
     rest = settled(problem, 1, LoadStepping()).y
     history = jax.tree.map(lambda x: jnp.zeros((len(levels), *x.shape)).at[0].set(x), rest)

@@ -32,19 +32,13 @@ def plain(tree: dict[str, Any], row: int = 0) -> dict[str, Any]:
 
 
 def report_of(
-    scene: SceneSpec,
-    observed: dict[str, Any],
-    outcome: dict[str, Any],
+    scene: SceneSpec,  # what was solved
+    observed: dict[str, Any],  # of the state
+    outcome: dict[str, Any],  # how it was found
+    # of the same skin without loads, where it carries stress then
     rest: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """The report of one state, in the order of the contract.
-
-    Args:
-        scene: what was solved.
-        observed: of the state.
-        outcome: how it was found.
-        rest: of the same skin without loads, where it carries stress then.
-    """
+    """The report of one state, in the order of the contract."""
     kinds = [{"kind": load.kind} for load in scene.loads]
     loads = [kind | load for kind, load in zip(kinds, observed["loads"], strict=True)]
     taxels = taxel_rows(scene, observed.pop("taxels", {}))

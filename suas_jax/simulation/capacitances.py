@@ -14,14 +14,20 @@ from numpy.typing import NDArray
 
 from suas_jax.acquisition.baseline import Baseline
 from suas_jax.config import SceneSpec
-from suas_jax.equilibrium.outcomes import NAMES, advice
 from suas_jax.runtime.jit import jit
+from suas_jax.runtime.settings import configure
 from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import SPREAD_POINTS, Loads, loads_of
 from suas_jax.scene.skin import skin_of
 from suas_jax.scene.solve import solve
-from suas_jax.simulation.load_path import LoadPath
-from suas_jax.simulation.pad_frames import NoSolutionError, pad_capacitances, pad_path
+from suas_jax.simulation.load_path import LoadPath, skin_behind
+from suas_jax.simulation.pad_frames import (
+    NoSolutionError,
+    no_solution,
+    pad_capacitances,
+    pad_path,
+    same_mesh,
+)
 from suas_jax.simulation.remembering import followed_pad, followed_section, instantaneous
 from suas_jax.skin.plain import clamped_edge
 from suas_jax.skin.section import AbstractSection
@@ -31,16 +37,12 @@ _BLOCK = 256
 
 
 def capacitances(
-    path: LoadPath,
-    time: NDArray[np.float64],
+    path: LoadPath,  # loads over time
+    time: NDArray[np.float64],  # of the frames [s]
+    # called with the number of frames done
     progress: Callable[[int], None] = lambda done: None,
 ) -> NDArray[np.float64]:
     """Capacitance of every taxel along a load path [frame, taxel] [F].
-
-    Args:
-        path: loads over time.
-        time: of the frames [s].
-        progress: called with the number of frames done.
 
     Raises:
         NoSolutionError: some loads have no equilibrium.
@@ -71,8 +73,7 @@ def capacitances(
             output = run(held, block)
         failed = np.flatnonzero(np.asarray(output.result))
         if failed.size:
-            name = NAMES[int(output.result[failed[0]])]
-            raise NoSolutionError(f"t = {time[index[failed[0]]]:g} s: {name}. {advice(name)}")
+            raise no_solution(time[index[failed[0]]], output.result[failed[0]])
         blocks.append(np.asarray(output.readings.capacitance).T)
         progress(min(begin + _BLOCK, len(time)))
     return np.concatenate(blocks)[: len(time)]
@@ -82,11 +83,7 @@ def _remembering_pad(
     path: LoadPath, time: NDArray[np.float64], progress: Callable[[int], None]
 ) -> NDArray[np.float64]:
     scene, moved, plans = pad_path(path, time)
-    first = plans[0].plan
-    if not all(
-        np.array_equal(p.plan.arc, first.arc) and np.array_equal(p.plan.axial, first.axial)
-        for p in plans
-    ):
+    if not all(same_mesh(plan, plans[0]) for plan in plans):
         raise ValueError(
             "loads move over a pad whose material relaxes, which is not followed: keep their "
             "places, or take `relaxation` out of [material]"
@@ -149,11 +146,6 @@ def rest_pattern(skin: Path, like: Baseline) -> NDArray[np.float64]:
         ConfigError: the file can't be used.
         ValueError: it has no electrodes.
     """
-    from suas_jax.config.schema_scene import SceneSpec
-    from suas_jax.runtime.settings import configure
-    from suas_jax.scene.solve import solve
-    from suas_jax.simulation.load_path import skin_behind
-
     configure()
     spec = skin_behind(skin)
     tables = {name: getattr(spec, name) for name in type(spec).model_fields}

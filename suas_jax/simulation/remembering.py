@@ -30,7 +30,6 @@ from suas_jax.dynamics.driven import (
 )
 from suas_jax.dynamics.steps import Moment, Rows, begun, followed
 from suas_jax.equilibrium.balance import Problem
-from suas_jax.equilibrium.outcomes import NAMES, advice
 from suas_jax.mechanics.pad.model import PadMesh
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.loads import Loads
@@ -39,7 +38,7 @@ from suas_jax.scene.program import inputs_of
 from suas_jax.scene.skin import Skin
 from suas_jax.scene.structure import Inputs, Structure
 from suas_jax.sensing.electrodes import Electrodes
-from suas_jax.simulation.pad_frames import NoSolutionError
+from suas_jax.simulation.pad_frames import no_solution
 
 _BLOCK = 64  # frames that one call follows
 _TOLERANCE = 1e-5  # error of the stress that a step may make
@@ -105,20 +104,13 @@ def instantaneous(scene: SceneSpec) -> SceneSpec:
 
 
 def followed_section(
-    scene: SceneSpec,
-    skins: tuple[Skin, Skin],
-    time: NDArray[np.float64],
-    loads: Loads,
-    progress: Callable[[int], None],
+    scene: SceneSpec,  # that remembers, with the instantaneous response
+    skins: tuple[Skin, Skin],  # without and with its wall
+    time: NDArray[np.float64],  # of the frames [s]
+    loads: Loads,  # a lane a frame
+    progress: Callable[[int], None],  # called with the number of frames done
 ) -> NDArray[np.float64]:
     """Capacitances of a section along a path [frame, taxel] [F].
-
-    Args:
-        scene: that remembers, with the instantaneous response.
-        skins: without and with its wall.
-        time: of the frames [s].
-        loads: a lane a frame.
-        progress: called with the number of frames done.
 
     Raises:
         NoSolutionError: a load has no equilibrium.
@@ -175,8 +167,7 @@ def _followed(
         capacitance, _, result, reached = (np.asarray(x) for x in read)
         lost = np.flatnonzero(result)
         if lost.size:
-            name = NAMES[int(result[lost[0]])]
-            raise NoSolutionError(f"t = {reached[lost[0]]:g} s: {name}. {advice(name)}")
+            raise no_solution(reached[lost[0]], result[lost[0]])
         found.append(capacitance)
         start = end
         progress(min(first + _BLOCK, len(time)))

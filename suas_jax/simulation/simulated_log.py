@@ -26,18 +26,13 @@ class NotKnownInputsError(ValueError):
 
 
 def true_loads(
-    scene: SceneSpec,
-    forces: Sequence[float],
+    scene: SceneSpec,  # whose loads act
+    forces: Sequence[float],  # total force of each load [N]; that of a pressure is not used
+    # what a load path changes, by its columns' names [frame]
     moved: Mapping[str, NDArray[np.float64]],
-    frames: int,
+    frames: int,  # their number
 ) -> Columns:
     """Columns `load_0_force_N`, `load_0_angle_deg` and their like, by name [frame].
-
-    Args:
-        scene: whose loads act.
-        forces: total force of each load [N]; that of a pressure is not used.
-        moved: what a load path changes, by its columns' names [frame].
-        frames: their number.
 
     Raises:
         NotKnownInputsError: a load has no such columns: a pressure, a spread load, a rectangle.
@@ -130,25 +125,18 @@ class SimulatedLog:
 
 
 def simulate_log(
-    file: Path,
+    file: Path,  # scene (.toml) or load path
     *,
-    rate: float = 10.0,
-    duration: float | None = None,
-    faults: LogFaults | None = None,
-    seed: int = 0,
+    rate: float = 10.0,  # frames per second
+    duration: float | None = None,  # [s]; None for the path's own, or ten seconds of a scene
+    faults: LogFaults | None = None,  # what goes wrong between skin and log; nothing by default
+    seed: int = 0,  # of noise, drift and faults
+    # of the `Converter`, by name; None keeps what the scene's [electrodes] state
     settings: Mapping[str, float | None] | None = None,
+    # called with the number of frames solved so far
     progress: Callable[[int], None] = lambda frames: None,
 ) -> SimulatedLog:
     """Play a scene, or a load path.
-
-    Args:
-        file: scene (.toml) or load path.
-        rate: frames per second.
-        duration: [s]; None for the path's own, or ten seconds of a scene.
-        faults: what goes wrong between skin and log; nothing by default.
-        seed: of noise, drift and faults.
-        settings: of the `Converter`, by name; None keeps what the scene's [electrodes] state.
-        progress: called with the number of frames solved so far.
 
     Raises:
         ValueError: the file, the skin or a setting can't be used.
@@ -216,21 +204,13 @@ def write_simulated_log(log: SimulatedLog, output: Path, source: Path) -> None:
 
 
 def readings(
-    scene: SceneSpec,
-    time: NDArray[np.float64],
-    sample: Sample,
-    faults: LogFaults,
-    random: np.random.Generator,
+    scene: SceneSpec,  # with the electrodes
+    time: NDArray[np.float64],  # of the frames on the device's clock [s]
+    sample: Sample,  # the converter's counts
+    faults: LogFaults,  # what goes wrong on the way
+    random: np.random.Generator,  # source of the faults
 ) -> Iterator[Reading]:
-    """Frames as a device would send them: module after module, frame after frame.
-
-    Args:
-        scene: with the electrodes.
-        time: of the frames on the device's clock [s].
-        sample: the converter's counts.
-        faults: what goes wrong on the way.
-        random: source of the faults.
-    """
+    """Frames as a device would send them: module after module, frame after frame."""
     assert scene.electrodes is not None
     module, number = (np.array(x) for x in taxel_names(scene.electrodes))
     counts = sample.counts.copy()

@@ -151,20 +151,13 @@ class Device:
 
     def play(
         self,
-        readings: Iterable[Reading],
+        readings: Iterable[Reading],  # in order of time; those of equal time are sent together
         *,
-        speed: float = 1.0,
-        duration: float | None = None,
-        stopped: Callable[[], bool] = lambda: False,
+        speed: float = 1.0,  # times faster than their clock
+        duration: float | None = None,  # end after this long [s]
+        stopped: Callable[[], bool] = lambda: False,  # asked between frames whether to end
     ) -> Played:
-        """Send readings at the pace of their device times; returns what was sent.
-
-        Args:
-            readings: in order of time; those of equal time are sent together.
-            speed: times faster than their clock.
-            duration: end after this long [s].
-            stopped: asked between frames whether to end.
-        """
+        """Send readings at the pace of their device times; returns what was sent."""
         start, first, stalled = time.monotonic(), math.nan, False
         for t_device, together in groupby(readings, key=lambda reading: reading.t_device):
             first = t_device if math.isnan(first) else first
