@@ -59,13 +59,12 @@ def design(
             designed: Choice | Design
             if wanted.keep is not None:
                 from fitting.design.choice import choose_taxels
-                from fitting.design.skin_file import skin_with_taxels
+                from fitting.design.design import skin_with_taxels
 
                 designed = choose_taxels(wanted, show, processes)
                 text = partial(skin_with_taxels, wanted, designed.kept)
             else:
-                from fitting.design.design import design_skin
-                from fitting.design.skin_file import designed_skin
+                from fitting.design.design import design_skin, designed_skin
 
                 designed = design_skin(wanted, show)
                 text = partial(designed_skin, wanted, designed.found.x)

@@ -60,8 +60,7 @@ def log(
         from suas_jax.acquisition.frames.registry import decoder, open_source
         from suas_jax.acquisition.log.log_file import LogWriter, log_header
         from suas_jax.acquisition.log.record import FLAG_COLUMNS, View, record, totals_text
-        from suas_jax.acquisition.signals import ended_by_signal
-        from suas_jax.acquisition.stream import Stream
+        from suas_jax.acquisition.stream import Stream, ended_by_signal
 
         if append and overwrite:
             raise ValueError("--append and --overwrite: choose one")

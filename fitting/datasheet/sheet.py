@@ -56,26 +56,18 @@ class Figure:
 
 @dataclass(frozen=True)
 class DataSheet:
-    """What a skin will measure, and how well.
+    """What a skin will measure, and how well."""
 
-    Attributes:
-        spec: the skin.
-        variants: its tolerances.
-        measured: readings that the figures are made of.
-        figures: one each of `WORDS`.
-        at: figures of every place by their keys [place], with one standard deviation.
-        effects: of every tolerance of one standard deviation on the told force (a share), on
-            the told place [m] and on the range (a share) [change, 3].
-        two_point: distance from which on two contacts are told apart [place] [m].
-    """
-
-    spec: SkinSpec
-    variants: Variants
-    measured: Measured
-    figures: tuple[Figure, ...]
+    spec: SkinSpec  # the skin
+    variants: Variants  # its tolerances
+    measured: Measured  # readings that the figures are made of
+    figures: tuple[Figure, ...]  # one each of `WORDS`
+    # figures of every place by their keys [place], with one standard deviation
     at: dict[str, tuple[Floats, Floats]]
+    # of every tolerance of one standard deviation on the told force (a share), on the told
+    # place [m] and on the range (a share) [change, 3]
     effects: Floats
-    two_point: Floats
+    two_point: Floats  # distance from which on two contacts are told apart [place] [m]
 
     @property
     def order(self) -> list[int]:

@@ -4,10 +4,13 @@ The kernel keeps only a few kilobytes for a port. So one thread does nothing but
 away and stamp them; parsing, computing and a slow disk then can't lose any.
 """
 
+import contextlib
 import queue
+import signal
 import threading
 import time
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
+from types import FrameType
 from typing import NamedTuple
 
 from suas_jax.acquisition.frames.reading import Decoder, Reading, Tally
@@ -262,3 +265,25 @@ def not_understood(name: str, wanted: str, recent: bytes) -> str:
         f"{start}; {100 * (1 - printable):.0f} % of them are no text: a wrong --baud makes "
         f"this, or another --format ({', '.join(f for f in FORMATS if f != wanted)})"
     )
+
+
+@contextlib.contextmanager
+def set_by_signal(stop: threading.Event) -> Iterator[None]:
+    """Ctrl-C, SIGTERM and a closed terminal set an event instead of ending the process."""
+
+    def end(_signal: int, _frame: FrameType | None) -> None:
+        stop.set()
+
+    names = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")  # not every system has all
+    known = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    before = {number: signal.signal(number, end) for number in known}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def ended_by_signal(stream: Stream) -> contextlib.AbstractContextManager[None]:
+    """Signals end the stream; see `set_by_signal`."""
+    return set_by_signal(stream.stop)

@@ -24,8 +24,7 @@ from suas_jax.config.schema_load import (
     PressureLoadSpec,
     ReferenceSpec,
 )
-from suas_jax.config.schema_material import LAWS, MaterialSpec
-from suas_jax.config.schema_scene import OILS, SECTIONS, SceneSpec, SkinSpec
+from suas_jax.config.schema_scene import LAWS, OILS, SECTIONS, MaterialSpec, SceneSpec, SkinSpec
 from suas_jax.config.schema_skin import (
     ElectrodesSpec,
     LayerSpec,
@@ -36,50 +35,6 @@ from suas_jax.config.schema_skin import (
 )
 from suas_jax.config.schema_solve import SolveSpec
 from suas_jax.config.tolerance import UncertainQuantity
-
-__all__ = [
-    "LAWS",
-    "OILS",
-    "SECTIONS",
-    "AlongSpec",
-    "BodyLoadSpec",
-    "ConfigError",
-    "ElectrodesSpec",
-    "EnvironmentSpec",
-    "GeometrySpec",
-    "InputErrors",
-    "LawSpec",
-    "LayerSpec",
-    "LineLoadSpec",
-    "LoadSpec",
-    "MaterialSpec",
-    "Mistake",
-    "ModuleSpec",
-    "OilSpec",
-    "PatchLoadSpec",
-    "PressureLoadSpec",
-    "ReferenceSpec",
-    "SceneSpec",
-    "SheetSpec",
-    "SkinSpec",
-    "SoftLayerSpec",
-    "SolveSpec",
-    "TaxelSpec",
-    "UncertainQuantity",
-    "WallSpec",
-    "continuous_inputs",
-    "format_quantity",
-    "input_errors",
-    "load_preset",
-    "load_scene",
-    "load_skin",
-    "parse_quantity",
-    "preset_names",
-    "scene_from_dict",
-    "structure",
-    "with_inputs",
-    "with_solve",
-]
 
 
 def __getattr__(name: str) -> Any:

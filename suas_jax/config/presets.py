@@ -10,7 +10,7 @@ from typing import Any
 
 from suas_jax.config.errors import ConfigError, Mistake, show, unknown
 from suas_jax.config.law import LawSpec
-from suas_jax.config.schema_material import LAWS
+from suas_jax.config.schema_scene import LAWS
 from suas_jax.config.toml_file import read_toml
 
 

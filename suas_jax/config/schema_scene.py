@@ -1,4 +1,4 @@
-"""A scene: a skin, what loads it, where it is, and how to solve it."""
+"""A scene: a skin, what loads it, where it is, and how to solve it; laws, oils and sections."""
 
 from __future__ import annotations
 
@@ -9,18 +9,23 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from suas_jax.config.consistency import contradictions
 from suas_jax.config.fields import Spec
 from suas_jax.config.geometry import GeometrySpec
+from suas_jax.config.law import LawSpec
 from suas_jax.config.oil import OilSpec
 from suas_jax.config.schema_calibration import CalibrationSpec
-from suas_jax.config.schema_load import (
-    BodyLoadSpec,
-    EnvironmentSpec,
-    LoadSpec,
-    ReferenceSpec,
-)
-from suas_jax.config.schema_material import MaterialSpec
+from suas_jax.config.schema_load import BodyLoadSpec, EnvironmentSpec, LoadSpec, ReferenceSpec
 from suas_jax.config.schema_skin import ElectrodesSpec, WallSpec
 from suas_jax.config.schema_solve import SolveSpec
 from suas_jax.runtime.registry import model_classes
+
+LAW_FILES = "suas_jax.config.laws"
+LAWS: dict[str, type[LawSpec]] = model_classes(LAW_FILES, LawSpec)
+"""The declarations by name, one for each file of `suas_jax.config.laws`."""
+
+if TYPE_CHECKING:
+    MaterialSpec = LawSpec
+else:
+    MaterialSpec = Annotated[Union[tuple(LAWS.values())], Field(discriminator="law")]  # noqa: UP007
+
 
 OILS: dict[str, type[OilSpec]] = model_classes("suas_jax.config.oils", OilSpec)
 """The declarations by name, one for each file of `suas_jax.config.oils`."""

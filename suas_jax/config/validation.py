@@ -12,8 +12,7 @@ from suas_jax.config.errors import listed, nearest, show, show_key, unknown
 from suas_jax.config.fields import FILE_RULES, PlacedError, Spec
 from suas_jax.config.schema_calibration import CalibrationSpec
 from suas_jax.config.schema_load import LOADS, EnvironmentSpec, ReferenceSpec
-from suas_jax.config.schema_material import LAWS
-from suas_jax.config.schema_scene import DEFAULT_SECTION, OILS, SECTIONS
+from suas_jax.config.schema_scene import DEFAULT_SECTION, LAWS, OILS, SECTIONS
 from suas_jax.config.schema_skin import ElectrodesSpec, WallSpec
 from suas_jax.config.schema_solve import SolveSpec
 

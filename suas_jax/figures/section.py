@@ -1,4 +1,4 @@
-"""Figures of solved sections: of the shell, and of the solid with stretch through the thickness."""
+"""Figures of solved sections: of the shell, and of the solid with all that it resolves."""
 
 from typing import Any, NamedTuple
 

@@ -41,28 +41,19 @@ _VARIED = ("angle", "force", "turn", "axial", "tilt", "diameter")
 
 
 class SensorOutput(NamedTuple):
-    """What a skin says about its loads; every entry has a lane axis.
+    """What a skin says about its loads; every entry has a lane axis."""
 
-    Attributes:
-        readings: gap, capacitance and SO of every taxel.
-        oil_pressure: above ambient [Pa].
-        wall_force: that the wall carries [N]; zero where the skin has none.
-        min_gap: smallest between membrane and wall, over all of the skin [m].
-        state: the shell's equilibrium, to start a neighbouring one on the same mesh from.
-        error: bound of the relative error that the thin shell makes in pressure and
-            displacement; that of the mesh is not in it.
-        result: index of the outcome (`suas_jax.equilibrium.outcomes`), 0 where converged.
-            `beyond_model` names a state whose `error` exceeds 0.3, or that went through the
-            wall. Where no equilibrium
-            was found, everything else belongs to the last one before the failure.
-    """
-
-    readings: Readings
-    oil_pressure: Lanes
-    wall_force: Lanes
-    min_gap: Lanes
-    state: State
+    readings: Readings  # gap, capacitance and SO of every taxel
+    oil_pressure: Lanes  # above ambient [Pa]
+    wall_force: Lanes  # that the wall carries [N]; zero where the skin has none
+    min_gap: Lanes  # smallest between membrane and wall, over all of the skin [m]
+    state: State  # the shell's equilibrium, to start a neighbouring one on the same mesh from
+    # bound of the relative error that the thin shell makes in pressure and displacement; that
+    # of the mesh is not in it
     error: Lanes
+    # index of the outcome (`suas_jax.equilibrium.outcomes`), 0 where converged. `beyond_model`
+    # names a state whose `error` exceeds 0.3, or that went through the wall. Where no
+    # equilibrium was found, everything else belongs to the last one before the failure.
     result: Int[Array, " lane"]
 
     @property

@@ -26,7 +26,7 @@ from fitting.statistics.diagnostics import Misfit, information_criteria
 from fitting.statistics.identifiability import Uncertainty
 from fitting.statistics.least_squares import Minima
 from suas_jax.config.law import CorrelationSpec, LawSpec
-from suas_jax.config.schema_material import LAWS
+from suas_jax.config.schema_scene import LAWS
 from suas_jax.config.tolerance import UncertainQuantity
 from suas_jax.constitutive import AbstractLaw, drucker_modulus, stable_range
 

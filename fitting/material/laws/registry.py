@@ -5,7 +5,7 @@ from collections.abc import Callable
 from fitting.material.laws.ogden_parameters import OgdenFamily
 from fitting.material.laws.parameters import AbstractFamily, Constant, Family
 from suas_jax.config.law import Constant as Declaration
-from suas_jax.config.schema_material import LAWS
+from suas_jax.config.schema_scene import LAWS
 from suas_jax.constitutive import registry
 
 # Laws whose constants come as lists, one entry a term.

@@ -19,7 +19,7 @@ from suas_jax.acquisition.device.faults import Faults, Injector
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.frames.registry import ENCODERS
 from suas_jax.acquisition.log.log_file import SoLog, read_log
-from suas_jax.acquisition.signals import set_by_signal
+from suas_jax.acquisition.stream import set_by_signal
 from suas_jax.acquisition.terminal import say
 
 # A device whose host doesn't take its bytes drops them after this long [s].

@@ -17,30 +17,19 @@ _COUNTERS = (2**8, 2**16, 2**24, 2**32)
 
 @dataclass(frozen=True)
 class SoLog:
-    """A log in memory.
+    """A log in memory."""
 
-    Attributes:
-        path: where it was read.
-        header: the `# key: value` lines.
-        t_host: host time since `start_time` [row, s]; NaN where missing.
-        t_device: device time, unwrapped [row, s]; NaN where missing.
-        seq: frame number [row].
-        module: module (triangle) number [row].
-        so: raw counts [row, taxel]; NaN where missing.
-        flags: columns after the counts, by name [row]; integers where they all are, numbers
-            where something was measured (`oil_pressure_Pa`).
-        notes: what the reader left out, in words.
-    """
-
-    path: Path
-    header: dict[str, str]
-    t_host: NDArray[np.float64]
-    t_device: NDArray[np.float64]
-    seq: NDArray[np.int64]
-    module: NDArray[np.int64]
-    so: NDArray[np.float64]
+    path: Path  # where it was read
+    header: dict[str, str]  # the `# key: value` lines
+    t_host: NDArray[np.float64]  # host time since `start_time` [row, s]; NaN where missing
+    t_device: NDArray[np.float64]  # device time, unwrapped [row, s]; NaN where missing
+    seq: NDArray[np.int64]  # frame number [row]
+    module: NDArray[np.int64]  # module (triangle) number [row]
+    so: NDArray[np.float64]  # raw counts [row, taxel]; NaN where missing
+    # columns after the counts, by name [row]; integers where they all are, numbers where
+    # something was measured (`oil_pressure_Pa`)
     flags: dict[str, NDArray[np.generic]]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what the reader left out, in words
 
     def __len__(self) -> int:
         return len(self.seq)
