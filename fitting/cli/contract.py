@@ -1,8 +1,7 @@
-"""Answers of a command that can't do what it was asked: a line, and its exit status.
+"""Answers of a command, and its exit status where it can't do what it was asked.
 
-0 done; 2 bad input, or this machine can't do it (memory, disk, a closed output); 3 no
-solution; 130 interrupted. With `--json` a failure is also an object with a status and a
-message on the standard output.
+0 done; 2 bad input, or this machine can't do it (memory, disk, a closed output); 3 no solution;
+130 interrupted. With `--json` a failure is also an object with a status and a message.
 """
 
 import contextlib

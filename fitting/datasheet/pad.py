@@ -1,8 +1,7 @@
 """Readings of a pad for its data sheet, from a table of solved states under one round contact.
 
-Sensitivities to tolerances are those of `suas invert`: exact for what the electrodes see, and
-for the membrane the change of stiffness that solved states show. They move readings alone: of
-figures that need more, the interval is unknown.
+Sensitivities to tolerances are those of `suas invert`. They move readings alone: of figures
+that need more, the interval is unknown.
 """
 
 from collections.abc import Callable

@@ -1,7 +1,6 @@
-"""Readings of a skin under single contacts, with their slopes, many skins and places at once.
+"""Readings of skins under single contacts, with their slopes, many skins and places at once.
 
-The one file of this folder that asks the model for readings. A lane is one contact on one skin;
-all lanes of a skin, and of its neighbours with changed inputs, go through one program.
+A lane is one contact on one skin; all lanes of a skin and its neighbours share a program.
 """
 
 import functools

@@ -256,11 +256,7 @@ def _worst(
 def _all_figures(
     cases: Cases, accuracy: Accuracy, far: np.ndarray, moved: np.ndarray
 ) -> tuple[Figures, jax.Array]:
-    """Figures of every skin [skin, place], and what the first one takes changes for.
-
-    With changes of its readings [taxel, change, place], these are place [m] and force [N]
-    [coordinate, change, place].
-    """
+    """Figures of every skin [skin, place], and what the first one takes changes for."""
     own: Cases = jax.tree.map(lambda x: x[..., :1, :], cases)
     return figures_at(cases, accuracy, far), told(own, accuracy, moved)
 

@@ -1,8 +1,5 @@
-"""Figures of a skin as functions of its variables, with exact derivatives.
+"""Figures of a skin as functions of its variables, with exact derivatives through `forward`.
 
-Readings at all places, without force, at half and all of the rated force and at first contact,
-are one batch of lanes of `forward`; their slopes by place and force are one of its derivatives,
-and those of the figures by the variables a further one, through the equilibrium and the bound.
 First contact is found by bisection; one step of Newton's method from there, which does not move
 it, has its derivatives. Frequencies and buckling have central differences.
 """

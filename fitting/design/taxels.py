@@ -1,14 +1,12 @@
 """Which taxels to keep: the fewest that tell a contact's force or place well at every place.
 
-One frame's Fisher information at a place is the sum of its taxels' shares c c', c being the
-slopes of a taxel's reading by place and force over its deviation. With weights w from 0 to 1,
-whose sum is the number to keep, the variance v(w) of the force (or of the place) by the bound
-of Cramer and Rao is convex, and so is its power mean over the places, which is near the worst
-of them for a high power. That minimum is found first; its largest weights are the first
-choice, others are drawn by them, and taxels are exchanged as long as the worst place gains,
-then as long as the mean of all places does and the worst loses nothing. Of the relaxed
-problem, the tangent plane of any mean of v over places is a bound that no choice of as many
-taxels is below (Boyd & Vandenberghe, Convex Optimization, sections 3.1.3 and 7.5.2).
+One frame's Fisher information is the sum of its taxels' shares c c', c being the slopes of a
+reading by place and force over its deviation. With weights w from 0 to 1, whose sum is the
+number to keep, the variance v(w) by the bound of Cramer and Rao is convex, and so is its power
+mean over the places, near the worst of them for a high power. From that minimum taxels are
+exchanged as long as the worst place gains, then as long as the mean does and the worst loses
+nothing. The tangent plane of any mean of v is a bound that no choice of as many taxels is below
+(Boyd & Vandenberghe, Convex Optimization, sections 3.1.3 and 7.5.2).
 """
 
 from collections.abc import Iterator
@@ -177,10 +175,7 @@ def _first(relaxed: Floats, keep: int) -> Iterator[NDArray[np.bool_]]:
 def _exchanged(
     variances: Variances, kept: NDArray[np.bool_]
 ) -> tuple[NDArray[np.bool_], Floats]:
-    """Exchange one taxel for another as long as the worst place gains by it.
-
-    Returns the taxels that are kept, and the variances with them [place].
-    """
+    """Exchange taxels one by one as long as the worst place gains; those kept, variances."""
     most, even = np.inf, False  # of the worst variance, once all places count alike
     for _ in range(_EXCHANGES):
         weights = kept.astype(float)

@@ -1,14 +1,10 @@
 """Cramér-Rao bounds of a load from a skin's taxels, before and after it reaches the wall.
 
-No unbiased estimate of a load's angle and force has a smaller covariance than ::
-
-    C = (J^T W J)^-1            (Cramer and Rao)
-
-with the exact derivatives J of all readings by angle and force and the inverse variances W of
-the readings: the converter's noise, its rounding, 1/12, and the model's error, a share of the
-reading's change from rest, as in the inverse. Saturated taxels say nothing. Once
-the membrane lies on the wall nearly all further load goes there: readings hardly change and
-the bound on the force grows by orders of magnitude. That is where the range ends.
+No unbiased estimate of a load's angle and force has a smaller covariance than (J^T W J)^-1,
+with the exact derivatives J of all readings and their inverse variances W: the converter's
+noise, its rounding, 1/12, and the model's error, a share of the reading's change from rest.
+Saturated taxels say nothing. Once the membrane lies on the wall nearly all further load goes
+there, and the bound on the force grows by orders of magnitude: there the range ends.
 """
 
 from collections.abc import Callable, Mapping
@@ -281,11 +277,9 @@ def least_errors(jacobian: Floats, weight: Floats) -> Floats:
 def _sensitivities(
     skin: Skin, angle: Floats, force: Floats
 ) -> tuple[Floats, Floats, Floats, Flags]:
-    """Readings, derivatives by angle and force, the wall's force, what has no solution.
+    """Readings [taxel, angle, force], their derivatives by angle and force, the wall's force.
 
-    Returns:
-        [taxel, angle, force], [parameter, taxel, angle, force], [angle, force] and
-        [1, angle, force].
+    Last comes what has no solution [1, angle, force].
     """
     known = np.isfinite(force)
     loads = Loads.line(

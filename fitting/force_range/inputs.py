@@ -1,8 +1,6 @@
 """What the errors of a skin file's inputs do to the force of first contact.
 
-At a force shortly before it, the smallest gap is as uncertain as the inputs leave it; over its
-slope by the force, that is the uncertainty of the force at which it closes. Both are
-differences of the program that has found the force.
+Shortly before it, the smallest gap's deviation over its slope by the force is the force's.
 """
 
 import math

@@ -1,8 +1,6 @@
-"""Cramér-Rao bounds of a contact from the taxels of a pad, over the pad.
+"""Cramér-Rao bounds (`bound`) of one round radial contact, over a pad, by its table of states.
 
-The bound of Cramer and Rao as for a section (`bound`), for the angle, the axial position and
-the force of one round radial contact, from the table of solved states that estimates begin
-with. Its states pass through the wall: nothing is said of forces beyond first contact.
+Its states pass through the wall: nothing is said of forces beyond first contact.
 """
 
 from collections.abc import Callable

@@ -1,8 +1,7 @@
 """Baselines: what each taxel reads while nothing touches the skin.
 
-They are kept apart from the data, and refused unless the skin was at rest: a log shows by
-itself that a taxel drifts or jumps, an earlier baseline or the skin's model that a load was on
-from the first frame to the last.
+They are refused unless the skin was at rest: a log shows that a taxel drifts or jumps, an
+earlier baseline or the skin's model that a load was on from the first frame to the last.
 """
 
 import json

@@ -1,8 +1,4 @@
-"""Health of the taxels in a log: noise, stuck, saturation, drift, loss, what neighbours do.
-
-Stuck and saturated readings are those that calibration and estimation leave out
-(`suas_jax.acquisition.taxel_faults`).
-"""
+"""Health of the taxels in a log: noise, stuck, saturation, drift, loss, what neighbours do."""
 
 import math
 from dataclasses import asdict, dataclass, field

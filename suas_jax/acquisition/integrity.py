@@ -24,8 +24,8 @@ _SAME_OFFSET = 1e-6  # [s]
 class DeviceClock:
     """The clock of one module's readings; `period` [s], from frame to frame, is NaN at first.
 
-    A clock of few bits starts again at zero, and some clocks jump. What a clock says is believed
-    while it agrees with the frame counter or with the host's clock; otherwise it has jumped.
+    A clock of few bits starts again at zero, and some jump. What a clock says is believed while
+    it agrees with the frame counter or with the host's clock; otherwise it has jumped.
 
     Args:
         modulus: the clock starts again after this [s]; None if unknown, then a usual one is

@@ -1,9 +1,7 @@
-"""Taxels that say nothing about the gap: stuck at a count, or saturated.
+"""Taxels that say nothing about the gap: stuck at a count, or saturated (zero or full scale).
 
-One rule for logs and streams, calibration and estimation. A taxel is stuck while it keeps its
-count in more frames than chance explains, in which most of the others changed; where the
-noise is so small that a healthy taxel repeats itself, in STUCK_AFTER frames. A count of zero
-or of full scale is saturated.
+One is stuck while it keeps its count in more frames than chance explains, in which most of the
+others changed; where noise is too small to tell, in STUCK_AFTER frames.
 """
 
 import math
@@ -100,10 +98,7 @@ def stuck_taxels(so: NDArray[np.float64], noise: float) -> NDArray[np.bool_]:
 
 
 def _equal_runs(values: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Runs of equal neighbouring values, each as first index and index after the last [run, 2].
-
-    What is missing (NaN) is a run of its own.
-    """
+    """First index and last + 1 of runs of equal neighbours (NaN is one of its own) [run, 2]."""
     edges = np.flatnonzero(~(np.diff(values) == 0)) + 1
     begin = np.concatenate([[0], edges])
     return np.stack([begin, np.append(edges, len(values))], axis=1)

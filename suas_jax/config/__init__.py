@@ -1,7 +1,7 @@
 """Configuration: skins and scenes in TOML files, with units, to immutable specifications.
 
-Importing this package starts neither JAX nor the units library. The declarations of laws and
-oils (`GentSpec`, `CompressibleOilSpec` ...) can be imported from here, too.
+Importing it starts neither JAX nor the units library. It has the declarations of laws, oils and
+sections (`GentSpec`, `CompressibleOilSpec` ...), too.
 """
 
 from typing import Any

@@ -1,8 +1,4 @@
-"""Tables of comma-separated values: `# key: value` lines, a line of names, rows.
-
-Load paths and files of known inputs are such tables. Logs and files of test machines have
-readers of their own.
-"""
+"""Tables of comma-separated values: `# key: value` lines, a line of names, rows."""
 
 import math
 import re

@@ -1,8 +1,4 @@
-"""What the dimensions of a skin consist of, whatever its section.
-
-The kinds of section are the files of `suas_jax.config.sections`; the curve of each is the file
-of the same name in `suas_jax.skin.sections`.
-"""
+"""What the dimensions of a skin consist of; kinds of section are in `suas_jax.config.sections`."""
 
 from __future__ import annotations
 

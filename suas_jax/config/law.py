@@ -1,8 +1,6 @@
 """What the declaration of a material law consists of; the laws are in `suas_jax.config.laws`.
 
-From it are derived the [material] table of a file, the checks of the law itself, its
-parameters in a fit, the comparison of laws, the command line's help and material cards. Its
-energy is a file of `suas_jax.constitutive.laws`.
+Tables of files, checks, fits, comparisons, the help and material cards are derived from it.
 """
 
 from __future__ import annotations

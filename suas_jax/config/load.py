@@ -1,7 +1,6 @@
-"""Load skins and scenes from TOML files.
+"""Load skins and scenes from TOML files: one error lists all that is wrong.
 
-A scene takes its tables from the skin file it names, from itself, or from both. Every table is
-checked on its own, then against the others, so that one error lists all that is wrong.
+A scene takes its tables from the skin file it names, from itself, or from both.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""What the declaration of an oil model consists of; the models are in `suas_jax.config.oils`.
-
-The equation between pressure and volume is the file of the same name in
-`suas_jax.skin.oils`.
-"""
+"""What the declaration of an oil model consists of; models are in `suas_jax.config.oils`."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
 """Quantities with their uncertainty: text such as ``"20.7 MPa +- 10 %"``.
 
-The number after ``+-`` (or ``±``) is one standard deviation: of the value's own unit, or a
-share in per cent of a value that has another unit. ``+- 0`` says that the value is known
-exactly.
+After ``+-`` (or ``±``) stands one standard deviation, in a unit of the value's kind or as a
+share in per cent; ``+- 0`` says that the value is known exactly.
 """
 
 from __future__ import annotations

@@ -71,10 +71,7 @@ def _section_mesh(fields: Fields) -> meshio.Mesh:
 def _pad_grid(
     problem: Problem, state: State, shown: State
 ) -> tuple[Faces, Array, Array, Array, Array]:
-    """The faces on a grid; of the inner one principal stretches, place, and where it is now.
-
-    That is the height over the undeformed face, and the angle of the normal there.
-    """
+    """The faces on a grid; of the inner one principal stretches, place, height, angle now."""
     del state
     pad = problem.mechanics
     assert isinstance(pad, Pad)

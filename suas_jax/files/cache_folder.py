@@ -1,9 +1,8 @@
 """A private folder of bytes by name that can be made again at any time.
 
-What lies in a cache folder is loaded without a person looking at it, so an entry counts only
-if this user wrote it: each carries a message authentication code (keyed BLAKE2b, RFC 7693)
-whose key lies in a private file elsewhere. A planted, truncated or damaged entry is no entry.
-Nothing here ever raises because of what is on the disk: a cache that can't be used costs time.
+An entry counts only if this user wrote it: each carries a message authentication code (keyed
+BLAKE2b, RFC 7693) whose key lies in a private file elsewhere. Nothing here ever raises because
+of what is on the disk: a cache that can't be used costs time.
 """
 
 import atexit

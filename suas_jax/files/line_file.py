@@ -1,8 +1,7 @@
 """A file that takes whole lines alone, one writer at a time.
 
-Where the disk is full as many lines as fit are kept, and none is cut in two; a file that is
-replaced stays until the new one has begun. Where the file is deleted, moved or replaced while
-it is written, all of it is copied beside its place, and the lines go on there.
+Where the disk is full as many lines as fit are kept. Where the file is deleted, moved or
+replaced while it is written, all of it is copied beside its place, and the lines go on there.
 """
 
 import contextlib

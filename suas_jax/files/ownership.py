@@ -1,9 +1,8 @@
-"""Who writes a file: locks that a second program sees.
+"""Who writes a file: locks that a second program sees, and that end with their process.
 
-The system drops the locks when a process ends, however it ends. A name is owned through a
-hidden file beside it: the file itself may not be there yet, or may be replaced. A file that is
-written in place is locked itself as well, so that no other name of it lets a second writer in.
-Where a system or a file system knows no locks, nothing is owned, and nothing fails.
+A name is owned through a hidden file beside it: the file itself may not be there yet, or be
+replaced. One that is written in place is locked as well, whatever its other names. Where a
+system knows no locks, nothing is owned, and nothing fails.
 """
 
 import contextlib

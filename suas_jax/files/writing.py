@@ -1,9 +1,7 @@
 """Output files: written whole or not at all, and never over another file unasked.
 
-Every output goes to a draft beside its place, is forced to the disk and then moved there. A
-process that is killed, or a disk that is full, leaves what was there before; a draft that is
-left over is hidden and removed by the next write to the same place. Whoever writes owns the
-place, a command from the check of its outputs to its end: a second one is refused at once.
+Every output goes to a hidden draft beside its place, is forced to the disk and moved there.
+Whoever writes owns the place, a command from the check of its outputs to its end.
 """
 
 import contextlib

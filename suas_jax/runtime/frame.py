@@ -1,8 +1,7 @@
 """What a compiled program returns besides its arrays, as JSON.
 
-A program returns arrays in a row. Its frame says what they are parts of: dictionaries, named
-tuples and modules of this project, with numbers and words that were fixed when the program was
-traced. Reading a frame makes such containers and nothing else.
+A frame says what the arrays are parts of: dictionaries, named tuples and modules of this
+project, with fixed numbers and words. Reading it makes such containers and nothing else.
 """
 
 import dataclasses

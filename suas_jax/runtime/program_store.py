@@ -1,9 +1,8 @@
-"""Compiled programs kept between runs, ready to call.
+"""Compiled programs kept between runs, found before anything is traced or lowered.
 
-JAX's own cache is found by the lowered program, so every run traces and lowers anew: most of
-what a command waits for. Here a program is found by its function, static arguments, shapes of
-arrays, and the source code. What is kept is its portable form (StableHLO, see `jax.export`) and
-the frame of its results as JSON; the machine code is kept by JAX's own cache.
+They are found by function, static arguments, shapes of arrays, and the source code. What is
+kept is their portable form (StableHLO, see `jax.export`) and the frame of their results as
+JSON; the machine code is kept by JAX's own cache.
 """
 
 import contextlib

@@ -155,11 +155,7 @@ def _stability(
     *,
     wall: bool,
 ) -> tuple[Verification, State | None, tuple[Lanes, Lanes]]:
-    """Check a state of the whole membrane on the mesh that tells whether it is stable.
-
-    Returns:
-        The verdict, the effect of what the mechanics leaves out, and the balance of forces.
-    """
+    """The verdict on a state, the effect of what is left out, and the balance of forces."""
     plan, (problem, state) = meshes.stability, whole
     if plan is None or plan.counts == meshes.whole.counts:
         check, change = verify(problem, state)

@@ -246,10 +246,7 @@ def _attempt(
 
 
 def _slid(scene: SceneSpec, found: Attempt | None) -> tuple[float, ...]:
-    """Angle from where each body comes in to the material that it touches [rad].
-
-    Nothing is known where one lies flat on the skin, whose zone has two ends.
-    """
+    """Angle from where each body comes in to what it touches [rad]; none if one lies flat."""
     if found is None or not found.converged or scene.geometry.dimension == 3:
         return ()
     thickness = scene.geometry.mean_thickness

@@ -162,11 +162,7 @@ def _over(x: Float[Array, "component lane"]) -> Float[Array, "component 1 1 lane
 
 
 def _closed(gap: Grid, place: Grid) -> tuple[Lanes, Lanes, Float[Array, "line lane"]]:
-    """Where the gap is closed along lines; between two points it is taken as linear.
-
-    Returns:
-        Smallest and largest place over all lines, and the extent on each line.
-    """
+    """Smallest and largest place where the gap along lines is closed, the extent on each."""
     first, second = gap[:-1], gap[1:]
     crosses = (first < 0) != (second < 0)
     share = jnp.where(crosses, first / jnp.where(crosses, first - second, 1.0), 0.0)

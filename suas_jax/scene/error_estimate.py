@@ -1,10 +1,8 @@
 """How far a solution is from the exact one: its mesh's share and its model's.
 
-Both are relative errors of the oil's pressure and of the mid-surface displacement, under the
-line loads and where it is largest, relative to the largest displacement. The mesh's share is a
-Newton correction on each comparison mesh, the model's is a share of the first-order effect of
-the energy that the mechanics leaves out, by which states are corrected. Either answers for all
-quantities with one linear solve, as adjoint weighting does for one quantity.
+Both are relative errors of the oil's pressure and of mid-surface displacements: by a Newton
+correction on each comparison mesh, and by a share of the first-order effect of the energy that
+the mechanics leaves out. Either takes one linear solve, as adjoint weighting does.
 """
 
 import functools

@@ -1,8 +1,4 @@
-"""Indentation curves: a scene solved at one travel of its bodies after the other.
-
-They need no program of their own: that of the scene takes travels as numbers, and starts from
-the state of the point before.
-"""
+"""Indentation curves: a scene solved at one travel of its bodies after the other."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Self

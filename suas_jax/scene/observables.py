@@ -1,8 +1,4 @@
-"""What a user reads off an equilibrium: displacements, gaps, stretches, stability.
-
-Everything here is a smooth function of the state and the inputs, so that any of it can be
-differentiated.
-"""
+"""What a user reads off an equilibrium, as smooth functions of the state and the inputs."""
 
 import dataclasses
 from collections.abc import Mapping

@@ -1,8 +1,4 @@
-"""The parts of a scene, made once from its numbers: geometry, law, oil, loads, electrodes.
-
-The forward model is a pure function of `continuous_inputs`: this file maps those numbers,
-traced or not, to objects. The scene itself only says which classes.
-"""
+"""The parts of a scene, made once from its numbers (`continuous_inputs`), traced or not."""
 
 import functools
 from collections.abc import Callable, Mapping

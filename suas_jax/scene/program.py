@@ -1,7 +1,7 @@
 """The compiled program of a scene on one mesh, and what it takes.
 
-One program finds the equilibrium, estimates its error and reads what is reported, for a given
-structure of scene and number of elements; the numbers of the scene are its arguments.
+It solves, estimates the error and reads what is reported, for a structure of scene and a number
+of elements; the numbers of the scene are its arguments.
 """
 
 import functools

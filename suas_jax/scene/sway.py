@@ -1,8 +1,7 @@
 """Skins that sway: where a symmetric equilibrium is unstable, the branch that a membrane takes.
 
-Half a mesh finds the symmetric equilibrium of a symmetric scene, which can be unstable: a tall
-arch leaves it sideways. The branch is reached as a real skin reaches it, by loads a little off
-their places, and followed to where they belong.
+It is reached as a real skin reaches it, by loads a little off their places, and followed to
+where they belong.
 """
 
 from collections.abc import Mapping

@@ -1,8 +1,7 @@
 """Bodies that are pressed or pulled along by a force: the travel at which they carry it.
 
-A solve takes travels; forces grow with them. Close to a power law, those of the approach are
-met by Newton's method in the logarithms of both; those across it, which friction carries, in
-shares of the former. Broyden's formula learns the derivatives on the way.
+Forces grow with travels close to a power law: Newton's method in the logarithms of both, with
+Broyden's derivatives; those across the approach, which friction carries, as shares of it.
 """
 
 from collections.abc import Callable

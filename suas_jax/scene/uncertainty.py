@@ -1,14 +1,9 @@
 """Standard deviations of reported quantities, from those of a scene's inputs.
 
 To first order, with D the change of the inputs by independent errors, one standard deviation
-each (`suas_jax.config.input_errors`), and J the derivatives of a report by the inputs::
-
-    sigma^2 = diag(J^T D^T D J)
-
-The derivatives along D are central differences of a program that the solution had compiled, on
-the smallest mesh that it tried (its own where only one was): a few more solves cost less than a
-program of derivatives takes to compile, and a standard deviation is wanted to two digits. On a
-pad, whose solves take longest, the differences are one-sided.
+each, and J the derivatives of a report: sigma^2 = diag(J^T D^T D J). Derivatives along D are
+differences of a program that the solution had compiled, on the smallest mesh that it tried:
+central, one-sided on pads. A standard deviation is wanted to two digits.
 """
 
 import math

@@ -1,8 +1,4 @@
-"""Capacitances of a skin's taxels: along a load path, and at rest under a scene's loads.
-
-Along a path the frames of a section are solved side by side, a lane a frame; those of a pad
-follow one another, see `pad_frames`.
-"""
+"""Capacitances of a skin's taxels: along a load path, and at rest under a scene's loads."""
 
 import dataclasses
 from collections.abc import Callable

@@ -1,9 +1,6 @@
-"""Capacitances along a load path of a skin whose membrane remembers.
+"""Capacitances along a load path of a skin whose membrane remembers, and was at rest before.
 
-Frames follow one another: each begins with what the material remembers of those before. On a
-section loads may move over an even mesh, as in `suas_jax.scene.skin`; on a pad, whose
-elements gather at loads, they stay where they are. Before the first frame the skin has been at
-rest.
+Loads may move over a section; on a pad, whose elements gather at loads, they stay.
 """
 
 import dataclasses

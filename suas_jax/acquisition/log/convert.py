@@ -1,8 +1,6 @@
-"""SO logs as Parquet and NetCDF files, and back (``pip install "suas-jax[tables]"``).
+"""SO logs as Parquet (rows, a column each) and NetCDF files (xarray), and back to the same log.
 
-A log is recorded as CSV, which a crash can't make unreadable, and converted afterwards. Parquet
-keeps the rows, one column each, NetCDF an xarray data set with the dimensions row and taxel;
-both carry the log's header and convert back to the same log.
+A log is recorded as CSV, which a crash can't make unreadable, and converted afterwards.
 """
 
 from pathlib import Path

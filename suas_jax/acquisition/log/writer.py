@@ -1,8 +1,4 @@
-"""Write an SO log, append-only: its header, its rows, and the parts that it is rotated into.
-
-Rows are gathered and handed to a `LineFile` a few times a second, which sees to it that only
-whole ones reach the disk, and that none is lost where the file is.
-"""
+"""Write an SO log, append-only: its header, its rows, and the parts that it is rotated into."""
 
 import contextlib
 import time
