@@ -41,9 +41,8 @@ def read_for(
 ) -> LogReadings:
     """Read and judge a log, before the estimator is made, which may take minutes.
 
-    Raises:
-        Exit: the log can't be used.
-        ValueError: no such frame, or no such figure; or the skin has no electrodes.
+    Raises Exit: the log can't be used; ValueError: no such frame, or no such figure; or the
+    skin has no electrodes.
     """
     check_figures(plot)
     try:
@@ -78,8 +77,7 @@ def invert_log(
 ) -> list[LoadEstimate]:
     """Estimate a log, print and draw what was found, and return it.
 
-    Raises:
-        ValueError: the frame has no load to sample.
+    Raises ValueError: the frame has no load to sample.
     """
     modes = None if posterior is None else _modes(estimator, readings, posterior)
     with bar("estimating loads", len(readings.so)) as advance:

@@ -59,8 +59,7 @@ TrustNetwork = Annotated[
 def quantity_option(option: str, text: str, dimension: "DimensionName") -> float:
     """SI value of an option such as ``--diameter "6 mm"``.
 
-    Raises:
-        ValueError: not such a quantity; names the option.
+    Raises ValueError: not such a quantity; names the option.
     """
     from suas_jax.config.quantities import parse_quantity
 
@@ -75,9 +74,7 @@ def check_files(
 ) -> None:
     """Refuse figures of no known kind, and files that exist unless they may be replaced.
 
-    Raises:
-        ValueError: names the file.
-        OSError: it exists, or can't be written.
+    Raises ValueError: names the file; OSError: it exists, or can't be written.
     """
     check_figures(*figures)
     check_outputs([*figures, *others], overwrite=overwrite)
@@ -111,8 +108,7 @@ def check_figures(*files: Path | None) -> None:
 def named_values(text: str | None, option: str, example: str) -> dict[str, str]:
     """Values by name of an option such as --specimen "width=6 mm,thickness=2 mm".
 
-    Raises:
-        ValueError: a part is no NAME=VALUE.
+    Raises ValueError: a part is no NAME=VALUE.
     """
     values = {}
     for part in (text or "").split(","):
@@ -130,8 +126,7 @@ def named_file(
 ) -> tuple[str, str]:
     """Name and file of an option such as --data uniaxial=A.csv.
 
-    Raises:
-        ValueError: the name or the file is missing.
+    Raises ValueError: the name or the file is missing.
     """
     mode, equals, path = text.partition("=")
     if not equals or not path:
@@ -142,8 +137,7 @@ def named_file(
 def named_bounds(text: str) -> tuple[str, tuple[float, float]]:
     """Name and bounds of an option such as --bound alpha.0=1:3; either may be left open.
 
-    Raises:
-        ValueError: it is no NAME=LOW:HIGH, or the bounds leave nothing between them.
+    Raises ValueError: it is no NAME=LOW:HIGH, or the bounds leave nothing between them.
     """
     name, _, limits = text.partition("=")
     low, colon, high = limits.partition(":")
@@ -163,10 +157,8 @@ def named_bounds(text: str) -> tuple[str, tuple[float, float]]:
 def pad_settings(diameter: str | None, pressure_noise: str | None) -> dict[str, float | None]:
     """What options say of contacts and pressure, in SI units; those given alone.
 
-    A diameter is a length, or "free", which is None in the result.
-
-    Raises:
-        ValueError: an option can't be understood.
+    A diameter is a length, or "free", which is None in the result. Raises ValueError: an option
+    can't be understood.
     """
     settings: dict[str, float | None] = {}
     if diameter == "free":
@@ -191,8 +183,7 @@ def material_note(spec: "SkinSpec") -> dict[str, str]:
 def scene_of(path: Path, model: str | None, rtol: float | None) -> "SceneSpec":
     """The scene of a file; a model or a relative error that is given overrides the file's.
 
-    Raises:
-        ConfigError: the file or an option can't be understood.
+    Raises ConfigError: the file or an option can't be understood.
     """
     from suas_jax.config import load_scene, with_solve
 
@@ -208,9 +199,8 @@ def scene_of(path: Path, model: str | None, rtol: float | None) -> "SceneSpec":
 def executor(workers: str | None, trust_network: bool) -> "Iterator[Executor | None]":
     """What `--workers` names, until the block is left; None where it isn't given.
 
-    Raises:
-        ValueError: it is neither a number of processes nor an address that is allowed.
-        OSError: no scheduler answers at the address.
+    Raises ValueError: it is neither a number of processes nor an address that is allowed;
+    OSError: no scheduler answers at the address.
     """
     if workers is None:
         yield None

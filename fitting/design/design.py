@@ -156,10 +156,8 @@ _QUANTITY = re.compile(r"\s*([+-]?[\d.]+(?:[eE][+-]?\d+)?)(.*)", re.DOTALL)
 def designed_skin(want: Want, x: Floats, output: Path) -> str:
     """Text of the skin file of a design, by its variables x between 0 and 1; comments stay.
 
-    A table of points that it names is found from where the output is to lie.
-
-    Raises:
-        ValueError: an input is not in the file itself.
+    A table of points that it names is found from where the output is to lie. Raises ValueError:
+    an input is not in the file itself.
     """
     document = _copied(want, output)
     values = {path: float(value) for path, value in want.inputs(x).items()}

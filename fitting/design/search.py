@@ -63,8 +63,7 @@ def search(
 ) -> Found:
     """Search from every start; `progress` hears how many are done, and the best goal so far.
 
-    Raises:
-        ValueError: no start leads to a design that keeps the limits.
+    Raises ValueError: no start leads to a design that keeps the limits.
     """
     want = problem.want
     sampler = qmc.LatinHypercube(len(want.variables), seed=want.seed)

@@ -146,8 +146,7 @@ def force_range(
 ) -> ForceRange:
     """Find where the range of a radial line load ends, for loads over the skin.
 
-    Raises:
-        ValueError: the skin has no electrodes, or an argument makes no sense.
+    Raises ValueError: the skin has no electrodes, or an argument makes no sense.
     """
     if angles < 1:
         raise ValueError(f"angles = {angles}: at least one is needed")

@@ -47,8 +47,7 @@ def contact_deviation(spec: SkinSpec, force: float, smallest_gap: SmallestGap) -
 def reading_noise(spec: SkinSpec, noise: float | None) -> float:
     """Standard deviation of a reading of a skin with electrodes, as given or as in its file.
 
-    Raises:
-        ValueError: it makes no sense.
+    Raises ValueError: it makes no sense.
     """
     assert spec.electrodes is not None
     deviation = spec.electrodes.noise if noise is None else noise

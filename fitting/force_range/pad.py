@@ -132,10 +132,8 @@ def pad_force_range(
 ) -> PadForceRange:
     """Find the range of a round radial contact over a pad.
 
-    The table of a new skin takes minutes; it is kept.
-
-    Raises:
-        ValueError: the skin has no electrodes, or an argument makes no sense.
+    The table of a new skin takes minutes; it is kept. Raises ValueError: the skin has no
+    electrodes, or an argument makes no sense.
     """
     if spec.electrodes is None:
         raise ValueError(

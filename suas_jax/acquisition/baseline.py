@@ -86,8 +86,7 @@ def refuse_loaded(
 ) -> None:
     """Refuse a baseline whose taxels don't read what they read at rest.
 
-    Raises:
-        NotAtRestError: the taxels deviate.
+    Raises NotAtRestError: the taxels deviate.
     """
     known = np.isfinite(rest) & np.isfinite(baseline.so) & (rest > 0)
     if not known.any():
@@ -133,11 +132,7 @@ def baseline_json(baseline: Baseline) -> str:
 
 
 def read_baseline(path: Path) -> Baseline:
-    """Read a baseline.
-
-    Raises:
-        ValueError: it is none; names the key.
-    """
+    """Read a baseline. Raises ValueError: it is none; names the key."""
     try:
         content: Any = json.loads(read_bytes(path, _MOST_BYTES))
     except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:

@@ -24,10 +24,8 @@ class CsvTable(NamedTuple):
 def read_csv_table(file: Path) -> CsvTable:
     """Read a table.
 
-    Raises:
-        ValueError: a row has another number of fields than there are names, or one that is
-            too long; says which line.
-        OSError: the file can't be read.
+    Raises ValueError: a row has another number of fields than there are names, or one that is
+    too long; says which line; OSError: the file can't be read.
     """
     text = read_bytes(file, _MOST_BYTES).decode("utf-8-sig")
     header: dict[str, str] = {}

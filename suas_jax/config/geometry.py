@@ -1,4 +1,4 @@
-"""What the dimensions of a skin consist of; kinds of section are in `suas_jax.config.sections`."""
+"""What the dimensions of a skin consist of; kinds of section: `suas_jax.config.sections`."""
 
 from __future__ import annotations
 
@@ -179,8 +179,7 @@ class GeometrySpec(Spec):
     def require_no_sheets(self, what: str) -> None:
         """Refuse tables along the axis for `what`, which begins the message.
 
-        Raises:
-            ValueError: there is one.
+        Raises ValueError: there is one.
         """
         if self.sheets:
             raise ValueError(

@@ -101,10 +101,8 @@ def input_errors(spec: SkinSpec) -> InputErrors:
 
     A quantity that is both calibrated and written with ``+-`` counts as it is written. What is
     neither has its default; of a calibrated skin that is its mechanics alone, for the constants
-    of its readings were found together.
-
-    Raises:
-        ValueError: the record of the calibration can't be understood.
+    of its readings were found together. Raises ValueError: the record of the calibration can't
+    be understood.
     """
     values = given_inputs(spec)
     typical = dict(_typical(spec))

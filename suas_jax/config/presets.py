@@ -37,8 +37,7 @@ def preset_names() -> list[str]:
 def load_preset(name: str) -> dict[str, Any]:
     """Keys of a preset's [material] table, as they stand in its file.
 
-    Raises:
-        ConfigError: there is no such preset.
+    Raises ConfigError: there is no such preset.
     """
     if name not in preset_names():
         advice = unknown(name, preset_names(), "preset", quoted=True)

@@ -83,8 +83,7 @@ class SkinSpec(Spec):
     def require_plane_strain(self, what: str) -> None:
         """Refuse a skin whose curved ends are clamped for `what`, which begins the message.
 
-        Raises:
-            ValueError: the skin is three-dimensional.
+        Raises ValueError: the skin is three-dimensional.
         """
         if self.geometry.dimension != 2:
             raise ValueError(
@@ -119,8 +118,7 @@ class SceneSpec(SkinSpec):
     def require_no_bodies(self, what: str) -> None:
         """Refuse rigid bodies for `what`, which begins the message.
 
-        Raises:
-            ValueError: the scene has a body.
+        Raises ValueError: the scene has a body.
         """
         if self.bodies:
             raise ValueError(

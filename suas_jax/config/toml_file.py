@@ -31,8 +31,7 @@ _BARE_WORD = re.compile(r"=\s*([A-Za-z][\w/^-]*)\s*(?:#.*)?$")
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Tables of a TOML file (UTF-8, with or without a byte order mark, any line ends).
 
-    Raises:
-        ConfigError: the file can't be read, is no UTF-8 text, no TOML, or empty.
+    Raises ConfigError: the file can't be read, is no UTF-8 text, no TOML, or empty.
     """
     file = os.fspath(path)
     try:

@@ -27,11 +27,9 @@ _PAD_SAMPLES = 3  # quadrilaterals along either side of a pad's element
 def write_vtu(solution: Solution, file: Path) -> None:
     """Write the undeformed membrane with its displacement and other fields (.vtu), in SI units.
 
-    "Warp By Vector" with the displacement shows it deformed. The solid's section comes with
-    the fields through its thickness, the pad as its inner face.
-
-    Raises:
-        ValueError: the solution is a section's shell, or the name has another ending.
+    "Warp By Vector" with the displacement shows it deformed. The solid's section comes with the
+    fields through its thickness, the pad as its inner face. Raises ValueError: the solution is
+    a section's shell, or the name has another ending.
     """
     if file.suffix.lower() != ".vtu":
         raise ValueError(f'--vtu {file}: the name of the file has to end in ".vtu"')

@@ -195,8 +195,7 @@ class CacheFolder:
 def read_private(file: Path, most_bytes: int) -> bytes:
     """The bytes of a regular file of this user's that nobody else can write.
 
-    Raises:
-        OSError: it is anything else, or larger.
+    Raises OSError: it is anything else, or larger.
     """
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     with open(file, "rb", opener=lambda path, _: os.open(path, flags)) as stream:

@@ -43,8 +43,7 @@ def command_files() -> Iterator[None]:
 def own_output(path: Path | None) -> None:
     """Own a file that the command will write until it ends; outside of commands, nothing.
 
-    Raises:
-        OwnedError: another process writes it.
+    Raises OwnedError: another process writes it.
     """
     command = _command.get()
     if command is not None and path is not None:

@@ -80,9 +80,7 @@ class LineFile:
     def reopen(cls, path: Path) -> Self:
         """Go on in a file that is there.
 
-        Raises:
-            OwnedError: another program is writing it.
-            OSError: it can't be opened.
+        Raises OwnedError: another program is writing it; OSError: it can't be opened.
         """
         return cls(path, open_alone(path, _APPENDED))
 
@@ -90,9 +88,8 @@ class LineFile:
     def open(cls, path: Path) -> Self:
         """Go on in a file, or begin it; what is no whole line stays alone on its own.
 
-        Raises:
-            OwnedError: another program is writing it.
-            OSError: it can't be opened or written.
+        Raises OwnedError: another program is writing it; OSError: it can't be opened or
+        written.
         """
         while True:
             with contextlib.suppress(FileExistsError):  # until a moment ago it was not there
@@ -117,8 +114,7 @@ class LineFile:
     def append(self, text: str) -> None:
         """Append whole lines; where the disk is full, as many as it takes.
 
-        Raises:
-            LineWriteError: it takes no more.
+        Raises LineWriteError: it takes no more.
         """
         data = text.encode()
         begin = 0
@@ -137,10 +133,8 @@ class LineFile:
     def sync(self) -> None:
         """Force what was appended to the disk, where that can be done.
 
-        Where the file has lost its name, the lines go on beside it.
-
-        Raises:
-            LineWriteError: the disk takes no more, or nothing can be written beside.
+        Where the file has lost its name, the lines go on beside it. Raises LineWriteError: the
+        disk takes no more, or nothing can be written beside.
         """
         try:
             os.fsync(self._descriptor)

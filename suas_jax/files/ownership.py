@@ -76,10 +76,8 @@ def owned(path: Path, *, wait: Callable[[str], None] | None = None) -> Iterator[
 def unwritten(path: Path) -> Iterator[bool]:
     """Keep writers in place out of the file that a name has now; yields whether it has one.
 
-    Readers that lock what they read, as HDF5 does, are no hindrance.
-
-    Raises:
-        OwnedError: another process writes it.
+    Readers that lock what they read, as HDF5 does, are no hindrance. Raises OwnedError: another
+    process writes it.
     """
     descriptor, there = None, True
     try:
@@ -100,9 +98,7 @@ def unwritten(path: Path) -> Iterator[bool]:
 def open_alone(path: Path, flags: int) -> int:
     """Open the file that a name has now, for its only writer; the descriptor.
 
-    Raises:
-        OwnedError: another process writes it.
-        OSError: it can't be opened.
+    Raises OwnedError: another process writes it; OSError: it can't be opened.
     """
     return _locked_at(str(path), flags, path)
 
@@ -111,9 +107,7 @@ def lock(descriptor: int, path: Path, *, shared: bool = False) -> bool:
     """Lock an open file until its descriptor is closed; False where there are no locks.
 
     A `shared` lock keeps writers out, not those who do the same; the path is for messages.
-
-    Raises:
-        OwnedError: another process has it locked.
+    Raises OwnedError: another process has it locked.
     """
     if not LOCKS:
         return False

@@ -70,8 +70,7 @@ def check_readable(
 def split_fields(line: str, delimiter: str = ",", *, strict: bool = False) -> list[str]:
     """The fields of one line of a table, without the quotes around them.
 
-    Raises:
-        ValueError: `strict` refuses quotes that don't end, or end inside a field.
+    Raises ValueError: `strict` refuses quotes that don't end, or end inside a field.
     """
     if '"' not in line:
         return line.split(delimiter)

@@ -77,10 +77,7 @@ def written(path: Path) -> Iterator[Path]:
     """Write a file whole or not at all: yields an empty draft, which takes its place then.
 
     A command replaces only what `check_output` was told may be replaced. The draft is removed
-    if the block raises.
-
-    Raises:
-        OSError, ValueError: as `check_output`, or the disk is full.
+    if the block raises. Raises OSError, ValueError: as `check_output`, or the disk is full.
     """
     overwrite = may_replace(path)
     check_output(path, overwrite=overwrite)

@@ -39,8 +39,7 @@ def filled_by(call: Callable[..., Any], frame: Any) -> Callable[..., Any]:
 def frame_to_json(frame: Any) -> Any:
     """A frame as a tree that `json.dumps` takes.
 
-    Raises:
-        NoContentKeyError: it holds something that could not be made again.
+    Raises NoContentKeyError: it holds something that could not be made again.
     """
     if frame is None or isinstance(frame, bool | int | float | str):
         return {"value": frame}
@@ -61,11 +60,7 @@ def frame_to_json(frame: Any) -> Any:
 
 
 def frame_from_json(tree: Any) -> Any:
-    """The frame that `frame_to_json` wrote.
-
-    Raises:
-        ValueError: it is none.
-    """
+    """The frame that `frame_to_json` wrote. Raises ValueError: it is none."""
     match tree:
         case "array":
             return Hole()

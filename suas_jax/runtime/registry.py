@@ -32,8 +32,7 @@ def model_module(package: str, name: str) -> ModuleType:
 def model_classes(package: str, base: type[T]) -> dict[str, type[T]]:
     """Import every model of a package, by name: the one class of each file derived from `base`.
 
-    Raises:
-        TypeError: a file defines no such class, or several.
+    Raises TypeError: a file defines no such class, or several.
     """
     found = {}
     for name in model_names(package):

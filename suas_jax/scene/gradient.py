@@ -106,8 +106,7 @@ def _program(
 def require_known(path: str, allowed: list[str]) -> None:
     """Refuse what is no quantity of a report.
 
-    Raises:
-        UnknownQuantityError: the message lists what is.
+    Raises UnknownQuantityError: the message lists what is.
     """
     if path in allowed:
         return

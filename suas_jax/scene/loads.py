@@ -74,8 +74,7 @@ class Loads(eqx.Module):
     ) -> "Loads":
         """Round patches on a pad: each argument one value, one a lane, or [patch, lane].
 
-        Raises:
-            Float64Error: float64 is off.
+        Raises Float64Error: float64 is off.
         """
         require_float64()
         given = [_rows(x) for x in (angle, force, turn, axial, diameter, tilt)]
@@ -93,8 +92,7 @@ class Loads(eqx.Module):
     def points(self, breaks: Float[Array, "break #lane"], geometry: SkinGeometry) -> LoadPoints:
         """Line loads as points inside elements of a section between breaks [rad].
 
-        Raises:
-            ValueError: these are patches.
+        Raises ValueError: these are patches.
         """
         if self.axial is not None:
             raise ValueError(
@@ -111,8 +109,7 @@ class Loads(eqx.Module):
     def discs(self) -> tuple[Array, Array, Array]:
         """Angles [rad], axial positions [m] and diameters [m] of patches.
 
-        Raises:
-            ValueError: these are line loads.
+        Raises ValueError: these are line loads.
         """
         if self.axial is None or self.diameter is None:
             raise ValueError("a pad takes round patches, `Loads.patch`; these are line loads")
@@ -121,8 +118,7 @@ class Loads(eqx.Module):
     def patches(self) -> list[PadLoad]:
         """Patches as the mechanics of a pad takes them.
 
-        Raises:
-            ValueError: these are line loads.
+        Raises ValueError: these are line loads.
         """
         angle, axial, diameter = self.discs()
         tilt = jnp.zeros_like(self.turn) if self.tilt is None else self.tilt

@@ -119,8 +119,7 @@ TAXEL_KEYS = {
 def require_reported(path: str, loads: int) -> None:
     """Refuse a path that no report has, before a scene of so many loads is solved for it.
 
-    Raises:
-        ValueError: names what there is, such as ``loads.0.displacement_m``.
+    Raises ValueError: names what there is, such as ``loads.0.displacement_m``.
     """
     table, *rest = path.split(".")
     known = {"loads": LOAD_KEYS, "taxels": TAXEL_KEYS}.get(table)

@@ -75,8 +75,7 @@ class Skin(eqx.Module):
     def around(self, loads: Loads) -> "Skin":
         """The pad with meshes graded around its loads, one a lane; a section as it is.
 
-        Raises:
-            ValueError: a pad's dimensions or its loads' places are traced.
+        Raises ValueError: a pad's dimensions or its loads' places are traced.
         """
         if not isinstance(self.elements, tuple):
             return self

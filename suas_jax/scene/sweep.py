@@ -122,8 +122,7 @@ def sweep(
 def force_sweep(scene: SceneSpec, forces: Sequence[float]) -> Sweep:
     """Scale the line loads through given total forces, see `sweep`.
 
-    Raises:
-        SweepError: the scene has no force to scale, or forces aren't finite and >= 0.
+    Raises SweepError: the scene has no force to scale, or forces aren't finite and >= 0.
     """
     lines = {
         f"load.{i}.force": load.force
@@ -143,8 +142,7 @@ def force_sweep(scene: SceneSpec, forces: Sequence[float]) -> Sweep:
 def pressure_sweep(scene: SceneSpec, pressures: Sequence[float]) -> Sweep:
     """Scale all loads so that the oil goes through given pressures, see `sweep`.
 
-    Raises:
-        SweepError: the oil is vented, no load is there to scale, or signs differ.
+    Raises SweepError: the oil is vented, no load is there to scale, or signs differ.
     """
     values = np.asarray(pressures, float)
     sign = -1.0 if (values < 0).any() else 1.0
@@ -160,10 +158,8 @@ def depth_sweep(scene: SceneSpec, depths: Sequence[float]) -> Sweep:
     """Press bodies through given travels, all other loads kept, see `sweep`.
 
     Every point starts from the one before. Model and mesh are those that the deepest point
-    needs; errors are told by a second curve on a coarser mesh.
-
-    Raises:
-        SweepError: no body has a depth, or depths aren't finite.
+    needs; errors are told by a second curve on a coarser mesh. Raises SweepError: no body has a
+    depth, or depths aren't finite.
     """
     own = {
         f"load.{i}.depth": load.depth

@@ -40,8 +40,7 @@ def capacitances(
 ) -> NDArray[np.float64]:
     """Capacitance of every taxel along a load path [frame, taxel] [F].
 
-    Raises:
-        NoSolutionError: some loads have no equilibrium.
+    Raises NoSolutionError: some loads have no equilibrium.
     """
     remembers = path.scene.material.relaxation is not None
     scene = instantaneous(path.scene) if remembers else path.scene
@@ -123,8 +122,7 @@ def _loads(path: LoadPath, time: NDArray[np.float64], section: AbstractSection) 
 def static_state(scene: SceneSpec) -> tuple[NDArray[np.float64], list[float]]:
     """Capacitance of every taxel at rest under a scene's loads [F], and each load's force [N].
 
-    Raises:
-        NoSolutionError: the scene has no equilibrium.
+    Raises NoSolutionError: the scene has no equilibrium.
     """
     report = solve(scene).report
     if report["status"] != "converged":
@@ -136,11 +134,8 @@ def static_state(scene: SceneSpec) -> tuple[NDArray[np.float64], list[float]]:
 def rest_pattern(skin: Path, like: Baseline) -> NDArray[np.float64]:
     """Model counts at rest [module, taxel], arranged as in a baseline; NaN where unknown.
 
-    The skin is that of a skin file, a scene or a load path; loads are left out.
-
-    Raises:
-        ConfigError: the file can't be used.
-        ValueError: it has no electrodes.
+    The skin is that of a skin file, a scene or a load path; loads are left out. Raises
+    ConfigError: the file can't be used; ValueError: it has no electrodes.
     """
     configure()
     spec = skin_behind(skin)

@@ -54,9 +54,8 @@ class LoadPath:
 def load_path(file: Path) -> LoadPath:
     """Read a load path.
 
-    Raises:
-        ValueError: naming file, line, column, value and what is allowed.
-        OSError: it, or its scene, can't be read.
+    Raises ValueError: naming file, line, column, value and what is allowed; OSError: it, or its
+    scene, can't be read.
     """
     table = read_csv_table(file)
     if not table.rows:
@@ -84,9 +83,7 @@ def load_path(file: Path) -> LoadPath:
 def skin_behind(file: Path) -> SkinSpec:
     """The skin of a skin file, of a scene, or of the scene that a load path moves.
 
-    Raises:
-        ValueError: the file is none of these, or can't be used.
-        OSError: it can't be read.
+    Raises ValueError: the file is none of these, or can't be used; OSError: it can't be read.
     """
     if file.suffix.lower() != ".toml":
         return load_path(file).scene.skin

@@ -61,11 +61,8 @@ def pad_capacitances(
 ) -> NDArray[np.float64]:
     """The same as `capacitances`, of a pad.
 
-    NaN where the membrane touches a taxel that no further dielectric covers.
-
-    Raises:
-        ConfigError: a load leaves the pad.
-        NoSolutionError: some loads have no equilibrium.
+    NaN where the membrane touches a taxel that no further dielectric covers. Raises
+    ConfigError: a load leaves the pad; NoSolutionError: some loads have no equilibrium.
     """
     scene, moved, plans = pad_path(path, time)
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}

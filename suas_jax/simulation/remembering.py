@@ -109,8 +109,7 @@ def followed_section(
 ) -> NDArray[np.float64]:
     """Capacitances of a section along a path [frame, taxel] [F].
 
-    Raises:
-        NoSolutionError: a load has no equilibrium.
+    Raises NoSolutionError: a load has no equilibrium.
     """
     values = {
         key: np.moveaxis(np.asarray(getattr(loads, key)), -1, 0)[..., None] for key in _LOADS

@@ -138,9 +138,8 @@ def simulate_log(
 ) -> SimulatedLog:
     """Play a scene, or a load path.
 
-    Raises:
-        ValueError: the file, the skin or a setting can't be used.
-        NoSolutionError: a load has no equilibrium.
+    Raises ValueError: the file, the skin or a setting can't be used; NoSolutionError: a load
+    has no equilibrium.
     """
     path = None if file.suffix.lower() == ".toml" else load_path(file)
     scene = load_scene(file) if path is None else path.scene
@@ -235,8 +234,7 @@ def readings(
 def converter_of(scene: SceneSpec, **changes: float | None) -> Converter:
     """The converter of [electrodes], with changes where they aren't None.
 
-    Raises:
-        ValueError: the scene has no electrodes, or a setting makes no sense.
+    Raises ValueError: the scene has no electrodes, or a setting makes no sense.
     """
     if scene.electrodes is None:
         raise ValueError("the scene's skin has no [electrodes]: there is nothing to simulate")

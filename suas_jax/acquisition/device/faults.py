@@ -76,8 +76,7 @@ def _pair(text: str, between: str, first: Callable[[str], Any]) -> tuple[Any, in
 def parse_faults(texts: Iterable[str]) -> Faults:
     """Faults from the command line, each `NAME=VALUE`.
 
-    Raises:
-        ValueError: naming what is allowed.
+    Raises ValueError: naming what is allowed.
     """
     values: dict[str, Any] = {}
     for text in texts:

@@ -28,9 +28,8 @@ _ROWS = {"t_host": "t_host_s", "t_device": "t_device_s", "seq": "seq", "module":
 def convert(source: Path, target: Path, *, overwrite: bool = False) -> SoLog:
     """Convert a log between CSV, Parquet and NetCDF, as the files' endings say; returns it.
 
-    Raises:
-        ValueError: an ending is unknown, the source is no log, or a library is missing.
-        OSError: a file can't be read or written.
+    Raises ValueError: an ending is unknown, the source is no log, or a library is missing;
+    OSError: a file can't be read or written.
     """
     read = _chosen({".csv": read_log, ".parquet": read_parquet, ".nc": read_netcdf}, source)
     write = _chosen({".csv": write_csv, ".parquet": write_parquet, ".nc": write_netcdf}, target)

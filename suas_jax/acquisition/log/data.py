@@ -81,12 +81,9 @@ def group_frames(log: SoLog) -> Frames:
     """Group the rows of equal seq to frames.
 
     Rows flagged `duplicate` (the device sent them twice) are left out, and so are those flagged
-    `other_taxels` (which taxels their counts are of is unknown). An equal seq counts
-    as the same frame only while it is near and its module is new: a counter that wrapped or
-    a device that restarted begins new frames.
-
-    Raises:
-        ValueError: the log has more modules than any skin.
+    `other_taxels` (which taxels their counts are of is unknown). An equal seq counts as the
+    same frame only while it is near and its module is new: a counter that wrapped or a device
+    that restarted begins new frames. Raises ValueError: the log has more modules than any skin.
     """
     modules = np.unique(log.module)
     if len(modules) > MOST_MODULES:

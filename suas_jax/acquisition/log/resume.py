@@ -66,9 +66,7 @@ class LogEnd:
 def end_of_log(path: Path) -> LogEnd | None:
     """The end of a log; None where there is no file, or an empty one.
 
-    Raises:
-        LogFileError: it is no log, or can't be appended to.
-        OSError: it can't be read.
+    Raises LogFileError: it is no log, or can't be appended to; OSError: it can't be read.
     """
     names = {path.name}
     for part in range(1, _MOST_PARTS):

@@ -128,10 +128,8 @@ class LogWriter:
     ) -> None:
         """Add one row; counts that are None, or fewer than the columns, are missing.
 
-        Times and flags that are NaN are written as missing.
-
-        Raises:
-            LineWriteError: the disk takes no more.
+        Times and flags that are NaN are written as missing. Raises LineWriteError: the disk
+        takes no more.
         """
         if self._taxels is None:
             self.start(len(counts))
@@ -155,8 +153,7 @@ class LogWriter:
     def flush(self) -> None:
         """Hand all complete rows to the operating system: they survive the process.
 
-        Raises:
-            LineWriteError: the disk takes no more; the file ends with a whole row.
+        Raises LineWriteError: the disk takes no more; the file ends with a whole row.
         """
         now = time.monotonic()
         self._flushed = now
