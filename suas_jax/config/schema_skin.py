@@ -147,32 +147,20 @@ class ElectrodesSpec(Spec):
             return {0: len(self.taxels)}
         return dict.fromkeys(range(len(self.modules)), MODULE_TAXELS)
 
-    @field_validator("taxels")
+    @field_validator("taxels", "modules")
     @classmethod
-    def _taxels_of_a_list(
-        cls, taxels: tuple[TaxelSpec, ...], info: ValidationInfo
-    ) -> tuple[TaxelSpec, ...]:
-        _belongs_to("taxels", bool(taxels), "list", info.data.get("layout"))
-        return taxels
-
-    @field_validator("modules")
-    @classmethod
-    def _modules_of_roboskin(
-        cls, modules: tuple[ModuleSpec, ...], info: ValidationInfo
-    ) -> tuple[ModuleSpec, ...]:
-        _belongs_to("modules", bool(modules), "roboskin", info.data.get("layout"))
-        return modules
-
-
-def _belongs_to(key: str, given: bool, owner: str, layout: str | None) -> None:
-    """Refuse the electrodes of another layout, and a layout without electrodes."""
-    if layout == owner and not given:
-        raise ValueError(
-            f'missing or empty; layout = "{owner}" needs at least one, for example '
-            f'{key} = [ {{ angle = "0 deg" }} ]'
-        )
-    if layout not in (None, owner) and given:
-        raise ValueError(f'belongs to layout = "{owner}", but layout is "{layout}"')
+    def _of_this_layout(cls, places: tuple[Any, ...], info: ValidationInfo) -> Any:
+        """Refuse the electrodes of another layout, and a layout without electrodes."""
+        owner = {"taxels": "list", "modules": "roboskin"}[info.field_name or ""]
+        layout = info.data.get("layout")
+        if layout == owner and not places:
+            raise ValueError(
+                f'missing or empty; layout = "{owner}" needs at least one, for example '
+                f'{info.field_name} = [ {{ angle = "0 deg" }} ]'
+            )
+        if layout not in (None, owner) and places:
+            raise ValueError(f'belongs to layout = "{owner}", but layout is "{layout}"')
+        return places
 
 
 class SoftLayerSpec(Spec):

@@ -27,6 +27,9 @@ Elements = Annotated[int | tuple[int, int], BeforeValidator(_one_count_or_two)]
 _MOST_ELEMENTS = 20_000
 
 
+_MODELS = {"elements": ("shell", "solid", "mesh"), "mesh": ("solid", "shell", "elements")}
+
+
 class SolveSpec(Spec):
     """How to solve.
 
@@ -74,20 +77,12 @@ class SolveSpec(Spec):
             raise ValueError(f"{size} elements; at most {_MOST_ELEMENTS} are solved")
         return counts
 
-    @field_validator("elements")
+    @field_validator("elements", "mesh")
     @classmethod
-    def _elements_of_a_shell(
-        cls, elements: int | tuple[int, int] | None, info: ValidationInfo
-    ) -> int | tuple[int, int] | None:
-        if elements is not None and info.data.get("model") == "solid":
-            raise ValueError('belongs to the shell, but model is "solid"; use mesh instead')
-        return elements
-
-    @field_validator("mesh")
-    @classmethod
-    def _mesh_of_a_solid(
-        cls, mesh: tuple[int, ...] | None, info: ValidationInfo
-    ) -> tuple[int, ...] | None:
-        if mesh is not None and info.data.get("model") == "shell":
-            raise ValueError('belongs to the solid, but model is "shell"; use elements instead')
-        return mesh
+    def _of_this_model(cls, counts: Any, info: ValidationInfo) -> Any:
+        own, other, instead = _MODELS[info.field_name or ""]
+        if counts is not None and info.data.get("model") == other:
+            raise ValueError(
+                f'belongs to the {own}, but model is "{other}"; use {instead} instead'
+            )
+        return counts
