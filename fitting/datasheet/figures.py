@@ -145,14 +145,9 @@ def two_point(
 ) -> Floats:
     """Distance from which on two contacts are told apart [place] [m]; NaN where none is.
 
-    From the bound of two light contacts, whose readings add: that of their distance is
-    1/3.29 of it.
-
-    Args:
-        arc: places, rising [m].
-        light: derivatives of the readings by the force there [counts/N].
-        force: of each [N].
-        variance: of a reading.
+    From the bound of two light contacts of a force each [N], whose readings add: that of their
+    distance is 1/3.29 of it. Places along the arc rise [m]; `light` are derivatives of the
+    readings by the force there [counts/N].
     """
     spline = CubicSpline(arc, light.T)
     distance = np.geomspace(1e-3, 1.0, _DISTANCES) * (arc[-1] - arc[0])

@@ -71,13 +71,9 @@ def skins_in_lanes(spec: SkinSpec, inputs: dict[str, np.ndarray]) -> Skin:
 
 
 def read_all(skins: Skin, which: np.ndarray, angle: np.ndarray, force: np.ndarray) -> Readings:
-    """Readings of any number of contacts, chunk by chunk, as NumPy arrays.
+    """Readings of any number of contacts at angles [lane] [rad], inwards [lane] [N], in NumPy.
 
-    Args:
-        skins: side by side.
-        which: the skin of each contact [lane].
-        angle: of the contacts [lane] [rad].
-        force: inwards [lane] [N].
+    `which` is the skin of each contact, among those side by side.
     """
     count = len(angle)
     found: list[Any] = []

@@ -68,16 +68,9 @@ class Asked(Keyed):
 
 
 def figures(asked: Asked, x: Any, touch: Any, numbers: Numbers) -> tuple[Any, Any]:
-    """Figures of a design, differentiable by its variables.
+    """Figures of a design [key, place], and outcomes of their states [lane]; differentiable.
 
-    Args:
-        asked: the skin, its variables and the figures.
-        x: variables between 0 and 1 [variable].
-        touch: forces that close the gap [place] [N].
-        numbers: all else.
-
-    Returns:
-        Figures [key, place], and the outcomes of their states [lane].
+    The variables x are between 0 and 1; `touch` are forces that close the gap [place] [N].
     """
     inputs = dict(numbers.own)
     values = numbers.low + (numbers.high - numbers.low) * x

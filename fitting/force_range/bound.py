@@ -228,14 +228,10 @@ def _sensitivity(skin: Skin, loads: Loads) -> tuple[Any, ...]:
 
 
 def first_contacts(skin: Skin, angle: Floats) -> tuple[Floats, Floats]:
-    """Forces at which the gap closes, by doubling and bisection, and the oil's pressure.
+    """Forces [angle] [N] at which the gap closes, by bisection, and the pressures there [Pa].
 
-    Args:
-        skin: a section, without its wall.
-        angle: of radial line loads [angle] [rad].
-
-    Returns:
-        Forces [angle] [N] and pressures there [Pa]; NaN where the gap closes under no force.
+    Of radial line loads at angles [rad] on a section without its wall; NaN where the gap closes
+    under no force.
     """
     low, high = np.full(len(angle), _SMALLEST), np.full(len(angle), np.inf)
     lost = np.zeros(len(angle), bool)

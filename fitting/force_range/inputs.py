@@ -18,11 +18,8 @@ _SENSING = "electrodes."  # what moves no membrane
 def contact_deviation(spec: SkinSpec, force: float, smallest_gap: SmallestGap) -> float:
     """Standard deviation of the force of first contact, relative; NaN where it is unknown.
 
-    Args:
-        spec: the skin.
-        force: of first contact [N].
-        smallest_gap: [m] of the skin with some inputs changed, by path, under a force [N]; NaN
-            where there is no equilibrium.
+    `smallest_gap` is that [m] of the skin with some inputs changed, by path, under a force [N];
+    NaN where there is no equilibrium.
     """
     if not math.isfinite(force):
         return math.nan

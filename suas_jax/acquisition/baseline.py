@@ -48,17 +48,12 @@ class Baseline:
 
 
 def take_baseline(log: SoLog, *, tolerance: float | None = None) -> Baseline:
-    """Average a log that was recorded at rest.
+    """Average a log of some seconds that was recorded at rest.
 
-    Args:
-        log: some seconds of the skin, unloaded.
-        tolerance: how far the mean of a tenth of the log may be from the mean of all
-            [counts]; by default what the taxel's own noise explains (6 standard errors), and
-            at least one count.
-
-    Raises:
-        NotAtRestError: the counts drift or jump; names the taxel and by how much.
-        ValueError: too few frames.
+    The mean of a tenth of it may be off the mean of all by a tolerance [counts]; by default by
+    what the taxel's own noise explains (6 standard errors), and at least one count. Raises
+    NotAtRestError: the counts drift or jump; names the taxel and by how much; ValueError: too
+    few frames.
     """
     frames = group_frames(log)
     if len(frames) < MIN_FRAMES:

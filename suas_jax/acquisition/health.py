@@ -55,12 +55,7 @@ def correlations(
 
     A load moves neighbours together, each with noise of its own. A taxel that stays while those
     around it move says nothing of the load; one whose noise is a neighbour's is connected to
-    it, or its counts were sent twice.
-
-    Args:
-        so: counts [frame, taxel]; NaN where missing.
-        noise: from frame to frame [taxel].
-        groups: indices of every taxel's neighbours.
+    it, or its counts were sent twice. Counts are [frame, taxel], NaN where missing.
     """
     taxels = so.shape[1]
     size = len(so) // _SMOOTHED
@@ -152,16 +147,11 @@ class Health:
 def log_health(
     log: SoLog, places: dict[tuple[int, int], tuple[float, float]] | None = None
 ) -> Health:
-    """Judge every taxel of a log.
+    """Judge every taxel of a log of some seconds or more, ValueError where frames are too few.
 
-    Args:
-        log: some seconds or more; at rest shows noise and drift best, pressed here and there
-            also which taxels don't follow.
-        places: of the taxels (module, number) on the wall [m], whose nearest are neighbours;
-            where they are unknown, the taxels of a module are one another's.
-
-    Raises:
-        ValueError: too few frames.
+    At rest it shows noise and drift best, pressed here and there also which taxels don't
+    follow. Places of the taxels (module, number) on the wall [m] tell which are neighbours;
+    without them, the taxels of a module are one another's.
     """
     frames = group_frames(log)
     if len(frames) < MIN_FRAMES:

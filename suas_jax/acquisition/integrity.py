@@ -47,15 +47,11 @@ class DeviceClock:
         return reading.t_device + self._offset
 
     def time_of(self, last: Reading, reading: Reading, step: int) -> tuple[float, bool]:
-        """The device time on the scale of the readings before, and whether the clock jumped.
+        """The device time on the scale of the last good reading, and whether the clock jumped.
 
-        Wraps are undone. A clock that agrees neither with the counter nor with the host has
-        jumped: the time before the jump is tried again, else time goes on at its rate.
-
-        Args:
-            last: the last good reading.
-            reading: the next one.
-            step: frames from the one to the other.
+        Wraps are undone. A clock that agrees neither with the counter (`step` frames) nor with
+        the host has jumped: the time before the jump is tried again, else time goes on at its
+        rate.
         """
         before = last.t_device + self._offset
         elapsed = reading.t_device - last.t_device

@@ -37,12 +37,9 @@ def saturated(so: NDArray[np.float64], full: float = MAX_COUNT) -> NDArray[np.bo
 def noise_by_taxel(so: NDArray[np.float64]) -> NDArray[np.float64]:
     """Standard deviation of a reading from frame to frame [taxel] [counts]; NaN where unknown.
 
-    From second differences, which a steady change of the load doesn't touch; those beyond six
-    standard deviations are jumps of the load and left out, and so are the differences of a
-    taxel that keeps its count.
-
-    Args:
-        so: counts [frame, taxel]; NaN where missing.
+    From second differences of counts [frame, taxel], which a steady change of the load doesn't
+    touch; those beyond six standard deviations are jumps of the load and left out, and so are
+    the differences of a taxel that keeps its count.
     """
     noise = np.full(so.shape[1], np.nan)
     for k, series in enumerate(so.T):
@@ -73,14 +70,10 @@ def repeats_needed(noise: float, taxels: int) -> int:
 
 
 def stuck_taxels(so: NDArray[np.float64], noise: float) -> NDArray[np.bool_]:
-    """Where taxels are stuck [frame, taxel].
+    """Where taxels are stuck [frame, taxel], by counts of a noise [counts].
 
     Frames in which most taxels keep their counts (polled before the converter refreshed, or a
     skin at rest without noise) say nothing.
-
-    Args:
-        so: counts [frame, taxel]; NaN where missing.
-        noise: standard deviation of a reading [counts].
     """
     frames, taxels = so.shape
     stuck = np.zeros(so.shape, bool)

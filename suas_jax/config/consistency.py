@@ -28,15 +28,10 @@ Contradictions: TypeAlias = Iterator[tuple[str, str]]
 
 
 def contradictions(tables: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Compare tables with one another.
+    """Key and advice of everything that tables say against one another, in their order.
 
-    Args:
-        tables: specifications by field name (``geometry``, ``oil``, ``electrodes``, ``wall``,
-            ``loads``, ``solve``). What is missing or None (such as a table that is itself
-            wrong, or one of the loads) is left out of the comparison.
-
-    Returns:
-        Key and advice of every contradiction, in the order of the tables.
+    Specifications stand under their field names. What is missing or None (such as a table that
+    is itself wrong, or one of the loads) is left out of the comparison.
     """
     return list(_found(tables))
 

@@ -69,12 +69,8 @@ _NAME = re.compile(r"(?P<axis>[xyXY])(?:\s*\[|\s*\(|_|\s+)(?P<unit>[a-zµ]+)[\])
 def read_points(file: Path) -> list[tuple[str, str]]:
     """Points as quantities with units, as they would stand in a skin file.
 
-    Args:
-        file: comma-separated, with a line of names such as ``x_mm,y_mm`` or ``x [mm],y [mm]``.
-
-    Raises:
-        ValueError: a column or its unit is missing, or a field is no length.
-        OSError: the file can't be read.
+    The line of names is such as ``x_mm,y_mm`` or ``x [mm],y [mm]``. Raises ValueError: a column
+    or its unit is missing, or a field is no length; OSError: the file can't be read.
     """
     table = read_csv_table(file)
     columns = {}

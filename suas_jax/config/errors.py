@@ -86,13 +86,9 @@ def listed(words: Iterable[str], last: str = "or") -> str:
 
 
 def unknown(word: str, known: Iterable[str], what: str, *, quoted: bool = False) -> str:
-    """Say that a word is unknown, and what it may have been meant to be.
+    """Say that a word of some kind is unknown, and which known one it may be meant to be.
 
-    Args:
-        word: the unknown word.
-        known: all that are allowed.
-        what: what kind of word it is.
-        quoted: show the allowed words in quotes, as values stand in a file.
+    Values of a file are shown in quotes.
     """
     names = list(known)
     near = nearest(word, names)

@@ -83,11 +83,7 @@ def expand_shore(material: Mapping[str, Any]) -> tuple[dict[str, Any], list[tupl
 def expand_preset(material: Mapping[str, Any]) -> tuple[dict[str, Any], list[tuple[str, str]]]:
     """Replace ``preset`` by the keys it stands for; the other keys override its constants.
 
-    Returns:
-        The expanded [material] table, and pairs of key and advice of what is wrong with it.
-
-    Raises:
-        ConfigError: the preset's own file is damaged.
+    Returns the expanded [material] table, and pairs of key and advice of what is wrong with it.
     """
     name = material["preset"]
     if not isinstance(name, str) or name not in preset_names():

@@ -89,15 +89,10 @@ def _nearest_unit(text: str, dimension: Dimension) -> str | None:
 
 
 def parse_quantity(text: str, dimension: DimensionName) -> float:
-    """Read a quantity with its unit, such as ``"57.5 mm"``, as an SI value (angles in radians).
+    """Read a quantity such as ``"57.5 mm"`` as an SI value (angles in radians).
 
-    Args:
-        text: a number and a unit; a pure number may carry ``%`` or nothing.
-        dimension: the kind of quantity that is expected.
-
-    Raises:
-        ValueError: the text is no finite number with a known unit of that kind. The message
-            says what is expected, with an example.
+    A pure number may carry ``%`` or nothing. Raises ValueError: the text is no finite number
+    with a known unit of that kind; says what is expected, with an example.
     """
     kind = DIMENSIONS[dimension]
     if len(text) > _LONGEST:

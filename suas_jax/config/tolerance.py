@@ -58,14 +58,9 @@ def is_uncertain_text(text: str) -> bool:
 def parse_uncertain(text: str, dimension: DimensionName) -> UncertainQuantity:
     """Read a quantity with its unit and one standard deviation, in SI units.
 
-    Args:
-        text: such as ``"20.7 MPa +- 10 %"``, ``"1.50 mm +- 0.03 mm"``, ``"1.50 +- 0.03 mm"``,
-            ``"(1.50 +- 0.03) mm"``, ``"2.2 +- 0.1"`` or ``"5 mm +- 0"``.
-        dimension: the kind of quantity that is expected.
-
-    Raises:
-        ValueError: either part can't be read, or the deviation is negative, or a share of
-            zero. The message says what is expected.
+    Such as ``"20.7 MPa +- 10 %"``, ``"1.50 mm +- 0.03 mm"``, ``"1.50 +- 0.03 mm"``, ``"(1.50 +-
+    0.03) mm"``, ``"2.2 +- 0.1"`` or ``"5 mm +- 0"``. Raises ValueError: either part can't be
+    read, or the deviation is negative, or a share of zero; says what is expected.
     """
     whole = text.strip()
     shared = _SHARED_UNIT.fullmatch(whole)

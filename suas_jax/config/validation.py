@@ -52,16 +52,10 @@ class Finding(NamedTuple):
 def validate_table(
     specification: type[SpecT], table: object, key: str, *, units_required: bool = True
 ) -> tuple[SpecT | None, list[Finding]]:
-    """Turn one table into its specification.
+    """Turn one table, of a dotted path such as ``load.0``, into its specification.
 
-    Args:
-        specification: to build.
-        table: as the file has it.
-        key: dotted path of the table, such as ``geometry`` or ``load.0``.
-        units_required: whether numbers must state their unit, as in files.
-
-    Returns:
-        The specification and no findings, or None and every mistake in the table.
+    Numbers state their unit where units are required, as in files. Returns the specification
+    and no findings, or None and every mistake in the table.
     """
     if not isinstance(table, Mapping):
         return None, [Finding(key, f"a table is expected: {_header(key)}", show(table))]
@@ -102,11 +96,7 @@ def unknown_key(
 ) -> str:
     """Say what an unknown key may have been meant to be, and where it may belong.
 
-    Args:
-        key: the unknown key.
-        known: the keys that are allowed in its place.
-        table: that it stands in; empty at the top of the file.
-        chosen: the law, model or kind of that table.
+    It stands in a table (empty at the top of the file) of a chosen law, model or kind.
     """
     near = nearest(key, known)
     chooser, choices = CHOICES.get(table.split(".")[0], ("", {}))

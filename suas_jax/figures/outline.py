@@ -116,11 +116,7 @@ _ZONE = ("contact_from_m", "contact_to_m")
 def draw_loads(axes: Axes, drawn: Outline, outer: np.ndarray, angle: np.ndarray) -> None:
     """Draw every line load as an arrow that ends at the outer face, on axes in millimetres.
 
-    Args:
-        axes: to draw in.
-        drawn: the section and its loads.
-        outer: points of the deformed outer face [2, point] [mm].
-        angle: of those points [rad].
+    Of that deformed face there are points [2, point] [mm], and their angles [rad].
     """
     length = 0.18 * np.ptp(outer[0])
     for place, push in zip(drawn.load_angle, drawn.load_push, strict=True):

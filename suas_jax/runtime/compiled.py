@@ -74,11 +74,8 @@ class Compiled:
     ) -> Any:
         """Call a function made by `equinox.filter_jit`, compiled apart, and wait for it.
 
-        Args:
-            function: the jitted function.
-            arguments: its arguments; those that are no arrays are static.
-            once: whether the program is not expected to run many times.
-            long: whether a single run takes long enough to be worth some optimisation.
+        Arguments that are no arrays are static. `once` says that the program is not expected to
+        run many times, `long` that a single run is worth some optimisation.
         """
         leaves, structure = jax.tree.flatten(arguments)
         arrays = [x for x in leaves if eqx.is_array_like(x)]

@@ -20,16 +20,10 @@ from suas_jax.skin.prestress import water_rise
 def plan_for(
     scene: SceneSpec, model: str, counts: Counts, slid: tuple[float, ...] = ()
 ) -> AbstractPlan:
-    """Mesh of the whole membrane for a scene.
+    """Mesh of the whole membrane for a scene, of a model and of a size as the model orders it.
 
-    Args:
-        scene: the scene.
-        model: name of the model.
-        counts: size of the mesh, as the model orders it.
-        slid: see `AbstractModel.plan`.
-
-    Raises:
-        ConfigError: the section can't be, or a load or a taxel lies off it.
+    Of `slid` see `AbstractModel.plan`. Raises ConfigError: the section can't be, or a load or a
+    taxel lies off it.
     """
     if scene.electrodes is not None:
         check_taxels(scene.electrodes, scene.geometry)

@@ -100,11 +100,7 @@ def mesh_changes(
 ) -> list[Lanes]:
     """What a comparison mesh adds to the error of every key quantity.
 
-    Args:
-        share: of the difference that is error.
-        values: key quantities of the solution.
-        better: those after a Newton correction on the comparison mesh.
-        loads: the line loads and patches.
+    It is a share of the difference to those after a Newton correction on that mesh.
     """
     margin = _MESH_MARGIN if loads else _MESH_MARGIN * _PRESSURE_ALONE
     return [margin * share * (a - b) for a, b in zip(values, better, strict=True)]

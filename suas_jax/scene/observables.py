@@ -106,11 +106,8 @@ def observe(
 ) -> dict[str, Any]:
     """Everything a solve reports about a state, in SI units, with a lane axis.
 
-    Args:
-        parts: of the scene.
-        problem: its discrete problem on the whole membrane.
-        state: to report.
-        root: the equilibrium that the state is a first-order correction of, if it is one.
+    The problem is on the whole membrane; `root` is the equilibrium that the state is a
+    first-order correction of, if it is one.
     """
     held, geometry = problem.mechanics, parts.skin.geometry
     if root is not None:

@@ -156,14 +156,9 @@ def _across(skin: Skin, loads: Loads, y: BorderedVector, state: State) -> Array:
 
 
 def extrapolation(levels: np.ndarray, order: int = 3) -> np.ndarray:
-    """Weights of the states at rest and at earlier levels in a polynomial at the next one.
+    """Weights of earlier states in a polynomial of an order at the next of the levels to visit.
 
-    Args:
-        levels: factors on the loads, in the order to visit.
-        order: most of the polynomial.
-
-    Returns:
-        A row a level, a column for rest and each level but the last.
+    A row a level, a column for rest and each level but the last.
     """
     weights = np.zeros((len(levels), len(levels)))
     places = np.concatenate([[0.0], levels])

@@ -135,14 +135,7 @@ class Prepared(NamedTuple):
 def prepared(
     scene: SceneSpec, name: str, counts: Counts, slid: tuple[float, ...] = ()
 ) -> Prepared:
-    """Mesh of a model and a size, inputs and start of a scene's program.
-
-    Args:
-        scene: what to solve.
-        name: of the model.
-        counts: size of its mesh.
-        slid: see `AbstractModel.plan`.
-    """
+    """Mesh of a model and a size, inputs and start of a scene's program; see `plan_for`."""
     plan = plan_for(scene, name, counts, slid)
     meshes = meshes_of(scene, plan)
     return Prepared(plan, meshes, inputs_of(scene), at_rest(meshes.solved))

@@ -44,15 +44,7 @@ def shifted(scene: SceneSpec, inputs: Inputs) -> dict[str, np.ndarray]:
 def stable_factor(
     scene: SceneSpec, model: str, counts: Counts, *, wall: bool, once: bool
 ) -> float:
-    """The factor on all loads at which the equilibrium stops being stable, to a per cent.
-
-    Args:
-        scene: whose equilibrium is unstable under its loads.
-        model: name of the model.
-        counts: size of its mesh.
-        wall: whether the wall is there.
-        once: whether programs are compiled to run once.
-    """
+    """The factor on all loads at which the equilibrium stops being stable, to a per cent."""
     _, meshes, inputs, rest = prepared(scene, model, counts)
     static, known = structure_of(scene, wall=wall), continuous_inputs(scene)
     ends = (".force", ".pressure", ".depth")

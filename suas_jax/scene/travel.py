@@ -119,13 +119,9 @@ class _Search(NamedTuple):
 def under_forces(
     scene: SceneSpec, inputs: Inputs, start: State, run: Callable[[Inputs, State], Solved]
 ) -> Solved:
-    """Solve a scene whose bodies carry given forces.
+    """Solve a scene whose bodies carry given forces, by runs with given travels.
 
-    Args:
-        scene: the scene.
-        inputs: its numbers; travels among them are where to begin.
-        start: state to begin with.
-        run: solves the scene with given travels.
+    Travels among the inputs are where to begin.
     """
     every = driven_by_force(scene)
     none = {d.path(d.travel): np.zeros(()) for d in every}

@@ -22,15 +22,9 @@ def columns(log: SoLog) -> dict[str, np.ndarray]:
 
 
 def from_columns(path: Path, header: Any, table: Mapping[str, Any]) -> SoLog:
-    """A log from its columns, by the rules that its CSV files follow.
+    """A log from its header and its columns by name, by the rules that its CSV files follow.
 
-    Args:
-        path: where they are from, for messages.
-        header: the log's header, by key.
-        table: columns of one length, by name.
-
-    Raises:
-        LogFileError: a column that every log has is missing, or a value is not allowed.
+    Raises LogFileError: a column that every log has is missing, or a value is not allowed.
     """
     if not isinstance(header, dict) or not all(
         isinstance(key, str) and isinstance(value, str) for key, value in header.items()

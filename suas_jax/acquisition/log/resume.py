@@ -35,15 +35,7 @@ class LogEnd:
         return sum(name.startswith("so_") for name in self.columns)
 
     def check(self, header: Mapping[str, str], flags: Sequence[str]) -> None:
-        """Refuse to append rows of another scale or with other columns.
-
-        Args:
-            header: of the new recording.
-            flags: names of its columns after the counts.
-
-        Raises:
-            LogFileError: says what differs.
-        """
+        """Refuse (LogFileError) to append rows of another scale or with other columns."""
         if self.columns is not None:
             taxels = [f"so_{k + 1}" for k in range(self.taxels or 0)]
             expected = (*KEY_COLUMNS, *taxels, *flags)
