@@ -23,8 +23,11 @@ if TYPE_CHECKING:
     from suas_jax.scene.sweep import Sweep
 
 _MOST_POINTS = 10_000
-_UNITS = {"--force": "SI units", "--oil-pressure": "SI units", "--depth": "millimetres"}
-_EXAMPLES = {"--force": "0:30:31", "--oil-pressure": "0:10000:21", "--depth": "0:4:41"}
+_RANGES = {
+    "--force": ("SI units", "0:30:31"),
+    "--oil-pressure": ("SI units", "0:10000:21"),
+    "--depth": ("millimetres", "0:4:41"),
+}
 
 
 def sweep(
@@ -126,9 +129,10 @@ def _range(option: str, text: str | None, unit: float = 1.0) -> list[float] | No
         if not 1 <= n <= _MOST_POINTS:
             raise ValueError
     except ValueError:
+        units, example = _RANGES[option]
         raise ValueError(
-            f'{option} = "{text[:80]}": expected FROM:TO:COUNT in {_UNITS[option]}, for '
-            f"example {_EXAMPLES[option]}; COUNT is at most {_MOST_POINTS}"
+            f'{option} = "{text[:80]}": expected FROM:TO:COUNT in {units}, for example '
+            f"{example}; COUNT is at most {_MOST_POINTS}"
         ) from None
     return [unit * (start + (stop - start) * i / max(n - 1, 1)) for i in range(n)]
 

@@ -71,8 +71,13 @@ def _wrote(path: Path, mark: str) -> bool:
     return mark in read_bytes(path, MOST_BYTES, remember=False).decode(errors="replace")
 
 
+def _by_error(found: "Zero") -> "zip[tuple[Any, ...]]":
+    posterior = found.posterior
+    variance = posterior.covariance.diagonal()
+    return zip(found.errors.names, posterior.mean, variance, strict=True)
+
+
 def _report(found: "Zero", target: Path) -> dict[str, Any]:
-    errors, posterior = found.errors, found.posterior
     return {
         "status": found.status,
         "zero_file": str(target),
@@ -91,11 +96,9 @@ def _report(found: "Zero", target: Path) -> dict[str, Any]:
         ],
         "errors": {
             name: {"mean": float(mean), "deviation": float(variance) ** 0.5}
-            for name, mean, variance in zip(
-                errors.names, posterior.mean, posterior.covariance.diagonal(), strict=True
-            )
+            for name, mean, variance in _by_error(found)
         },
-        "parameters": list(errors.paths),
+        "parameters": list(found.errors.paths),
         "values": found.values.tolist(),
         "covariance": found.covariance.tolist(),
     }
@@ -106,10 +109,7 @@ def _print(found: "Zero", target: Path) -> None:
         known = f"{100 * after:.2g} % ({100 * before:.2g} % without the zero)"
         say(f"{press.text}: forces there are known to {known}")
     say("errors of the inputs, in standard deviations of what the file allows:")
-    covariance = found.posterior.covariance.diagonal()
-    for name, mean, variance in zip(
-        found.errors.names, found.posterior.mean, covariance, strict=True
-    ):
+    for name, mean, variance in _by_error(found):
         say(f"  {name}: {mean:+.2f} +- {variance**0.5:.2f}")
     say(f"chi2 per degree of freedom {found.chi2_per_dof:.2f}, {found.status}")
     say(f"written: {target}", err=True)

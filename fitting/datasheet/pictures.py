@@ -93,10 +93,8 @@ def _section(axes: Axes, spec: SkinSpec, drawn: Outline, parts: SkinParts) -> No
 def _plan(axes: Axes, spec: SkinSpec, drawn: Outline, parts: SkinParts) -> None:
     """The unrolled wall with its taxels, axis upwards."""
     own, geometry = parts.sensing().taxels, parts.geometry
-    half, across = (
-        1e3 * float(geometry.wall_arc(geometry.half_angle)[0]),
-        500 * spec.geometry.width,
-    )
+    half = 1e3 * float(geometry.wall_arc(geometry.half_angle)[0])
+    across = 500 * spec.geometry.width
     axes.fill([-half, half, half, -half], [-across, -across, across, across], color=BODY)
     arc = 1e3 * np.asarray(geometry.wall_arc(own.angle))[:, 0]
     axes.scatter(arc, 1e3 * np.asarray(own.axial)[:, 0], s=6, color=_TAXEL)

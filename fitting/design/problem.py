@@ -122,9 +122,8 @@ class Problem:
         low, high = -edge, edge
         if want.region is not None:
             name = "angle" if spec.geometry.has_angle else "arc"
-            low, high = np.clip(
-                angles_at(spec.geometry, name, np.array(want.region)), -edge, edge
-            )
+            ends = angles_at(spec.geometry, name, np.array(want.region))
+            low, high = np.clip(ends, -edge, edge)
         self.angle = np.linspace(low, high, want.places)
         self.rated = want.force or rated_force(first_contacts(skin, self.angle)[0])
         wanted = {want.goal, *(limit.key for limit in want.limits)}
@@ -178,9 +177,8 @@ class Problem:
         by_x = np.zeros((len(self._others), len(x)))
         for i in range(len(x)):
             step = np.where(np.arange(len(x)) == i, _STEP, 0.0)
-            by_x[:, i] = (self._without_place(x + step) - self._without_place(x - step)) / (
-                2 * _STEP
-            )
+            change = self._without_place(x + step) - self._without_place(x - step)
+            by_x[:, i] = change / (2 * _STEP)
         values = dict(zip(self._others, own[:, None], strict=True))
         rows = dict(zip(self._others, by_x[:, None], strict=True))
         found = outcome.found and bool(np.isfinite(own).all())

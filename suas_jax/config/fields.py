@@ -122,13 +122,10 @@ def quantity_of(
 Length = Annotated[float, quantity("length")]
 PositiveLength = Annotated[float, quantity("length", above=0.0)]
 Angle = Annotated[float, quantity("angle")]
-Stress = Annotated[float, quantity("stress")]
-PositiveStress = Annotated[float, quantity("stress", above=0.0)]
 Pressure = Annotated[float, quantity("pressure")]
 PositivePressure = Annotated[float, quantity("pressure", above=0.0)]
 Force = Annotated[float, quantity("force")]
 Temperature = Annotated[float, quantity("temperature", above=0.0)]
-Number = Annotated[float, quantity("number")]
 PositiveNumber = Annotated[float, quantity("number", above=0.0)]
 
 

@@ -101,13 +101,17 @@ def draw_wall(axes: Axes, solution: Solution, drawn: Outline) -> None:
     axes.fill(*(1e3 * drawn.wall), color=WALL, lw=0, zorder=0)
     if wall is not None:
         key, places = ("arc_m", drawn.arc) if "arc_m" in wall else ("angle_deg", drawn.given)
-        first, last = np.interp(np.asarray(wall[key]), places, drawn.angle)
-        inside = np.linspace(first, last, 99)
-        zone = [1e3 * np.interp(inside, drawn.angle, x) for x in drawn.wall]
+        ends = np.interp(np.asarray(wall[key]), places, drawn.angle)
         label = f"wall carries {wall['force_N']:.4g} N"
-        # Zones are short: the ends of the line show those that are a point on this scale.
-        axes.plot(*zone, color=CONTACT, lw=4, solid_capstyle="round", zorder=3, label=label)
-        axes.legend(loc="lower center")
+        _draw_zone(axes, ends, drawn.angle, 1e3 * drawn.wall, label)
+
+
+def _draw_zone(axes: Axes, ends: Any, angle: Any, curve: np.ndarray, label: str) -> None:
+    """Where something is touched between two angles, on a curve with points at angles."""
+    zone = [np.interp(np.linspace(*ends, 99), angle, x) for x in curve]
+    # Zones are short: the ends of the line show those that are a point on this scale.
+    axes.plot(*zone, color=CONTACT, lw=4, solid_capstyle="round", zorder=3, label=label)
+    axes.legend(loc="lower center")
 
 
 _ZONE = ("contact_from_m", "contact_to_m")
@@ -150,12 +154,9 @@ def draw_bodies(
         along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(drawn.outer), axis=0))])
         along += load["arc_position_m"] - np.interp(_angle(load, drawn), drawn.angle, along)
         places = [load["arc_position_m"] + load[key] for key in _ZONE]
-        first, last = np.interp(places, along, drawn.angle)
-        inside = np.linspace(first, last, 99)
-        zone = [np.interp(inside, angle, x) for x in outer]
+        ends = np.interp(places, along, drawn.angle)
         label = f"body presses with {load['force_N']:.4g} N"
-        axes.plot(*zone, color=CONTACT, lw=4, solid_capstyle="round", zorder=3, label=label)
-        axes.legend(loc="lower center")
+        _draw_zone(axes, ends, angle, outer, label)
 
 
 def _angle(load: dict[str, Any], drawn: Outline) -> float:

@@ -119,13 +119,8 @@ def choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
     factor = stable_factor(scene, name, counts, wall=found.wall, once=once)
     if can_sway(scene, found.plan.meshes()):
         aside = with_solve(scene, symmetry=False, model=name)
-        swayed = _attempt(
-            aside,
-            name,
-            MODELS[scene.geometry.dimension][name].given(scene),
-            once=once,
-            aside=True,
-        )
+        given = MODELS[scene.geometry.dimension][name].given(scene)
+        swayed = _attempt(aside, name, given, once=once, aside=True)
         if swayed.converged and swayed.stable:
             found = swayed
     return found._replace(outcome=found.outcome | {"stable_factor": factor}), reason

@@ -96,16 +96,9 @@ class IndentationCurve(NamedTuple):
                 break
             found = plain(point.report)
             if found["min_gap_m"] <= 0:
-                high, best = (
-                    middle,
-                    found
-                    | {
-                        "loads": [
-                            {"kind": spec.kind, **load}
-                            for spec, load in zip(self.scene.loads, found["loads"], strict=True)
-                        ]
-                    },
-                )
+                loads = zip(self.scene.loads, found["loads"], strict=True)
+                named = [{"kind": spec.kind, **load} for spec, load in loads]
+                high, best = middle, found | {"loads": named}
             else:
                 low, start = middle, point.part
         return contact_of(best) | {"depth_m": high}

@@ -21,11 +21,8 @@ _NO_OUTPUT = frozenset(
     {"volume_residual", "discretisation_error", "model_error", "key_quantities"}
 )
 _SCALE = "electrodes.lsb"
-_PLACES = (
-    ".angle_deg",
-    ".arc_m",
-    ".axial_m",
-)  # inputs themselves, left out where they are exact
+# Inputs themselves, left out where they are exact.
+_PLACES = (".angle_deg", ".arc_m", ".axial_m")
 
 
 def uncertainty(solution: Solution, errors: InputErrors) -> dict[str, float]:
