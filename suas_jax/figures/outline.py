@@ -108,7 +108,8 @@ def draw_wall(axes: Axes, solution: Solution, drawn: Outline) -> None:
 
 def _draw_zone(axes: Axes, ends: Any, angle: Any, curve: np.ndarray, label: str) -> None:
     """Where something is touched between two angles, on a curve with points at angles."""
-    zone = [np.interp(np.linspace(*ends, 99), angle, x) for x in curve]
+    inside = np.linspace(ends[0], ends[1], 99)
+    zone = [np.interp(inside, angle, x) for x in curve]
     # Zones are short: the ends of the line show those that are a point on this scale.
     axes.plot(*zone, color=CONTACT, lw=4, solid_capstyle="round", zorder=3, label=label)
     axes.legend(loc="lower center")

@@ -84,24 +84,16 @@ class Compiled:
         if key not in self._programs:
             with self._compiling:  # two threads may ask for the same one
                 if key not in self._programs:
-                    return self._first(key, function, leaves, structure, types, once, long)
+                    return self._first(key, leaves)
         return jax.block_until_ready(self._programs[key](*arrays))
 
-    def _first(
-        self,
-        key: Any,
-        function: Callable[..., Any],
-        leaves: list[Any],
-        structure: Any,
-        types: tuple[Any, ...],
-        once: bool,
-        long: bool,
-    ) -> Any:
+    def _first(self, key: Any, leaves: list[Any]) -> Any:
         """Compile a program, or load it, and call it."""
+        *_, once, long = key
         arrays = [x for x in leaves if eqx.is_array_like(x)]
         options = (_OPTIONS_ONCE_LONG if long else _OPTIONS_ONCE) if once else OPTIONS
         begin = time.perf_counter()
-        program = self._loaded_or_compiled(key, function, leaves, structure, types, options)
+        program = self._loaded_or_compiled(key, leaves, options)
         give_back_freed_memory()
         self.seconds += time.perf_counter() - begin
         found = jax.block_until_ready(program(*arrays))
@@ -125,15 +117,10 @@ class Compiled:
         self.loaded.clear()
 
     def _loaded_or_compiled(
-        self,
-        key: Any,
-        function: Callable[..., Any],
-        leaves: list[Any],
-        structure: Any,
-        types: tuple[Any, ...],
-        options: dict[str, Any],
+        self, key: Any, leaves: list[Any], options: dict[str, Any]
     ) -> Callable[..., Any]:
         """A program, to be called with the arrays alone."""
+        function, structure, types, *_ = key
         arrays = [x for x in leaves if eqx.is_array_like(x)]
         name = kept = None
         if self.store is not None:
