@@ -4,7 +4,7 @@ import json
 import time
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -59,7 +59,7 @@ def log(
     with bad_input():
         from suas_jax.acquisition.frames.registry import decoder, open_source
         from suas_jax.acquisition.log.log_file import LogWriter, log_header
-        from suas_jax.acquisition.log.record import FLAG_COLUMNS, View, record, totals_text
+        from suas_jax.acquisition.log.record import FLAG_COLUMNS, View, record
         from suas_jax.acquisition.stream import Stream, ended_by_signal
 
         if append and overwrite:
@@ -109,8 +109,18 @@ def log(
                     started=started,
                     on_progress=lambda: view.update(stream),
                 )
-    stopped, elapsed = result.pop("stopped"), result["elapsed_s"]
-    totals = f"{writer.path}: {totals_text(result)}"
+    over = duration is not None and result["elapsed_s"] >= duration
+    _tell(result, (port, output, writer.path), as_json=as_json, over=over)
+
+
+def _tell(
+    result: dict[str, Any], names: tuple[str, Path, Path], *, as_json: bool, over: bool
+) -> None:
+    """What came of a recording from a port to a file, or to another one beside it."""
+    from suas_jax.acquisition.log.record import totals_text
+
+    (port, output, path), stopped = names, result.pop("stopped")
+    totals = f"{path}: {totals_text(result)}"
     status, message = "recorded", totals
     if stopped:
         status, message = "disk_full", stopped
@@ -119,7 +129,7 @@ def log(
         message = f"{output}: was lost while it was recorded; the log is in {beside[-1]}"
     elif not result["rows"]:
         status = "no_frames"
-        message = f"{port}: no frame came in {elapsed:.1f} s; {writer.path} is empty"
+        message = f"{port}: no frame came in {result['elapsed_s']:.1f} s; {path} is empty"
     if as_json:
         summary = {"path": str(output), "status": status, "message": message}
         say(json.dumps(summary | result, allow_nan=False))
@@ -127,7 +137,6 @@ def log(
         say(totals, err=True)
     if status != "recorded":
         say(f"suas: {message}", err=True)
-    over = duration is not None and elapsed >= duration
     if status in ("disk_full", "file_lost") or (status == "no_frames" and over):
         answered(status)
         raise typer.Exit(BAD_INPUT)

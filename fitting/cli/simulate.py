@@ -2,16 +2,18 @@
 
 import re
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES
-from fitting.cli.options import argument, option
-from fitting.cli.progress import spinner
+from fitting.cli.options import argument, computing, option
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_output
+
+if TYPE_CHECKING:
+    from suas_jax.simulation.simulated_log import SimulatedLog
 
 
 def simulate(
@@ -112,52 +114,42 @@ def simulate(
                 raise ValueError(f"{scene}: is an SO log; it can be played with --live only")
             play_log(scene, on_air)
             return
-        from suas_jax.runtime.settings import configure
+        with computing("simulating"):
+            from suas_jax.simulation import simulated_log as simulated
+            from suas_jax.simulation.pad_frames import NoSolutionError
 
-        configure()
-        from suas_jax.simulation.pad_frames import NoSolutionError
-        from suas_jax.simulation.simulated_log import (
-            LogFaults,
-            simulate_log,
-            write_simulated_log,
-        )
-
-        faults = LogFaults(drop, missing, dict(_stuck(text) for text in stuck or ()))
-        settings = {
-            "noise": noise,
-            "drift": drift,
-            "bits": bits,
-            "offset": offset,
-            "refresh": refresh,
-        }
-        try:
-            with spinner("simulating"):
-                log = simulate_log(
-                    scene,
-                    rate=rate,
-                    duration=duration,
-                    faults=faults,
-                    seed=seed,
-                    settings=settings,
-                )
-        except NoSolutionError as error:
-            say(f"suas: {scene}: {error}", err=True)
-            raise typer.Exit(NO_SOLUTION) from None
+            converter = {"noise": noise, "drift": drift, "bits": bits, "offset": offset}
+            played: dict[str, Any] = {
+                "rate": rate,
+                "duration": duration,
+                "faults": simulated.LogFaults(drop, missing, dict(map(_stuck, stuck or ()))),
+                "seed": seed,
+                "settings": converter | {"refresh": refresh},
+            }
+            try:
+                log = simulated.simulate_log(scene, **played)
+            except NoSolutionError as error:
+                say(f"suas: {scene}: {error}", err=True)
+                raise typer.Exit(NO_SOLUTION) from None
         if output is not None:
-            write_simulated_log(log, output, scene)
+            simulated.write_simulated_log(log, output, scene)
+    _tell(log, output or scene, rate, written=output is not None)
+    if on_air is not None:
+        with bad_input():
+            play_live(log.readings, on_air)
+
+
+def _tell(log: "SimulatedLog", file: Path, rate: float, *, written: bool) -> None:
     frames, rows = len(log.capacitance), len(log.readings)
-    note = f"{output or scene}: {frames} frames at {rate:g} Hz, {rows} rows"
+    note = f"{file}: {frames} frames at {rate:g} Hz, {rows} rows"
     if log.sample.saturated.any():
         note += f"; {int(log.sample.saturated.sum())} counts saturated"
     touching = int((log.capacitance != log.capacitance).any(1).sum())
     if touching:
         note += f"; {touching} frames touch the wall"
-    if log.untold and output is not None:
+    if log.untold and written:
         note += f"; without its true loads ({log.untold}): suas fit sensor needs --inputs"
     say(note, err=True)
-    if on_air is not None:
-        with bad_input():
-            play_live(log.readings, on_air)
 
 
 def convert(

@@ -59,23 +59,19 @@ def assess(
     if meshes.solved.symmetric:
         problem = problem_of(parts, meshes.whole, wall=wall)
         state = found._replace(q=solved.mechanics.mirrored(found.q))
-    check = None
+    check, change, origin, start = None, None, problem, state
     if meshes.stability is not None:  # the error is judged on a part, which can't sway
         whole, part = (problem, state), (solved, found)
         check, change, forces = _stability(meshes, parts, whole, part, wall=wall)
         shown = state if change is None else jax.tree.map(jnp.add, state, change)
-        report = observe(parts, problem, shown, state)
-        report["volume_residual"] = volume_residual(problem, state)  # of the equilibrium
-        origin, start = solved, found
+        origin, start = part
     else:
         shown = corrected(problem, state).state
-        report = observe(parts, problem, shown, state)
-        report["volume_residual"] = volume_residual(problem, state)
-        change = None
         if problem.mechanics.corrected:
             change = jax.tree.map(lambda a, b: a - b, shown, state)
         forces = force_balance(solved, found)
-        origin, start = problem, state
+    report = observe(parts, problem, shown, state)
+    report["volume_residual"] = volume_residual(problem, state)  # of the equilibrium
     values = key_quantities(problem.mechanics, state, parts.forces)
     scales = error_scales(problem, values)
     by_model = [jnp.zeros_like(x) for x in values]
@@ -128,13 +124,21 @@ def assess(
     if change is not None:
         floor += error_beyond_first_order(parts, problem, state, report)
     report["model_error"] = relative_error(by_model, scales) + floor
-    errors = [*by_mesh, by_model]
-    report["key_quantities"] = {
-        "values": scales,
-        "errors": errors,
-        "by_mesh": parts_of_error,
-        "floor": floor,
-    }
+    errors = {"values": scales, "errors": [*by_mesh, by_model], "by_mesh": parts_of_error}
+    report["key_quantities"] = errors | {"floor": floor}
+    report["validity"] = _verdict(problem, state, forces, report, wall=wall)
+    return report, state, shown
+
+
+def _verdict(
+    problem: Problem,
+    state: State,
+    forces: tuple[Lanes, Lanes],
+    report: dict[str, Any],
+    *,
+    wall: bool,
+) -> Int[Array, " lane"]:
+    """Whether a state is an answer, and why it is none."""
     stretch, energy = report["stretch_min"], report["strain_energy_J"]
     verdict = validity(problem, state, forces, stretch, energy, report.pop("in_domain"))
     verdict = under_bodies(problem, state, verdict)
@@ -143,8 +147,7 @@ def assess(
         # solver finds states of a membrane crushed on the wall, which no growing load leads to.
         lost = (verdict == 0) & report["wall_contact"] & ~report["stable"]
         verdict = jnp.where(lost, index_of("unreachable_pressure"), verdict)
-    report["validity"] = verdict
-    return report, state, shown
+    return verdict
 
 
 def _stability(
