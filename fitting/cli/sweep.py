@@ -30,24 +30,21 @@ _RANGES = {
 }
 
 
+def _levels(text: str) -> Any:
+    return option(text, metavar="FROM:TO:COUNT")
+
+
 def sweep(
     scene: SceneFile,
     force: Annotated[
-        str | None,
-        option(
-            "Total force of all line loads [N]; their pattern stays.", metavar="FROM:TO:COUNT"
-        ),
+        str | None, _levels("Total force of all line loads [N]; their pattern stays.")
     ] = None,
     oil_pressure: Annotated[
-        str | None,
-        option("Oil pressure [Pa]; all loads are scaled to reach it.", metavar="FROM:TO:COUNT"),
+        str | None, _levels("Oil pressure [Pa]; all loads are scaled to reach it.")
     ] = None,
     depth: Annotated[
         str | None,
-        option(
-            "Travel of the bodies [mm]: an indentation curve; other loads stay.",
-            metavar="FROM:TO:COUNT",
-        ),
+        _levels("Travel of the bodies [mm]: an indentation curve; other loads stay."),
     ] = None,
     history: Annotated[
         Path | None,

@@ -121,12 +121,8 @@ def _leaves(scene: Spec) -> Iterator[tuple[str, Leaf, bool]]:
 
 
 def _given(specification: Spec) -> dict[str, Any]:
-    names = type(specification).model_fields
-    return {
-        name: getattr(specification, name)
-        for name in names
-        if name in specification.model_fields_set
-    }
+    fields = type(specification).model_fields
+    return {k: getattr(specification, k) for k in fields if k in specification.model_fields_set}
 
 
 def _replaced(value: Any, changes: Mapping[tuple[str, ...], float]) -> Any:

@@ -28,7 +28,7 @@ from fitting.inverse_load.search.table import LANES, LoadTable, table_key
 from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
 from suas_jax.config.input_errors import value_of
 from suas_jax.equilibrium.equilibrium import State, differentiable
-from suas_jax.files.cache_folder import kept_arrays
+from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import content_key
 from suas_jax.scene.parts import skin_parts

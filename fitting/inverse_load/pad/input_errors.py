@@ -24,7 +24,7 @@ from fitting.inverse_load.pad.rest import rest_readings, stray_counts
 from fitting.inverse_load.pad.table import PadTable
 from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
 from suas_jax.config.input_errors import value_of
-from suas_jax.files.cache_folder import kept_arrays
+from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.runtime.content_key import content_key, source_digest
 from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import Loads

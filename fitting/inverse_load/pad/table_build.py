@@ -22,7 +22,7 @@ from fitting.inverse_load.pad.rest import rest_readings, stray_counts
 from fitting.inverse_load.pad.spline import TensorSpline
 from fitting.inverse_load.pad.table import PadTable, reciprocal
 from suas_jax.config import SkinSpec, continuous_inputs, structure
-from suas_jax.files.cache_folder import kept_arrays
+from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.runtime.content_key import content_key, source_digest
 from suas_jax.scene.skin import PAD_ELEMENTS, Skin, skin_of
 

@@ -17,7 +17,7 @@ from fitting.arrays import Floats, Rows
 from fitting.inverse_load.model.evaluation import at_rest, read_program
 from suas_jax.config import SkinSpec, continuous_inputs, structure
 from suas_jax.equilibrium.equilibrium import State
-from suas_jax.files.cache_folder import kept_arrays
+from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import content_key, source_digest
 from suas_jax.scene.skin import Skin
