@@ -31,7 +31,7 @@ from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import Equilibrium, Problem, equilibrium
 from suas_jax.runtime.compiled import OPTIONS
-from suas_jax.runtime.machine_code import uncached
+from suas_jax.runtime.program_store import uncached
 from suas_jax.scene.build import plan_for, problem_of
 from suas_jax.scene.observables import load_observables
 from suas_jax.scene.parts import scene_parts

@@ -15,7 +15,7 @@ import pytest
 from suas_jax.files.cache_folder import CacheFolder
 from suas_jax.runtime import compiled, settings
 from suas_jax.runtime.compiled import COMPILED, OPTIONS, give_back_freed_memory
-from suas_jax.runtime.machine_code import keep_machine_code
+from suas_jax.runtime.program_store import keep_machine_code
 
 # The options of compiled programs for every other one, too. Read when the first is compiled.
 QUICK = {

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fitting.design.design import designed_skin
 from fitting.design.problem import Outcome
 from fitting.design.search import search
-from fitting.design.skin_file import designed_skin
 from fitting.design.want import Limit, Variable, load_want
 from suas_jax.config import ConfigError, continuous_inputs, load_skin
 

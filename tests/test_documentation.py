@@ -18,7 +18,7 @@ import typer.main
 from PIL import Image
 
 from fitting.cli.app import app
-from fitting.cli.examples import EXAMPLES, commands_of
+from fitting.cli.commands import EXAMPLES, commands_of
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.report.frame_keys import CONTACT_KEYS, FRAME_KEYS
 from fitting.inverse_load.report.text import frame_json

@@ -13,8 +13,7 @@ from suas_jax.config import SceneSpec, continuous_inputs, with_solve
 from suas_jax.equilibrium.balance import State
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.scene.build import problem_of
-from suas_jax.scene.gradient import gradient
-from suas_jax.scene.gradient_error import gradient_error_estimate
+from suas_jax.scene.gradient import gradient, gradient_error_estimate
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import inputs_of

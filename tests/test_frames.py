@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from suas_jax.acquisition.frames.checksum import crc16
 from suas_jax.acquisition.frames.formats.cobs import stuffed
-from suas_jax.acquisition.frames.reading import Reading
+from suas_jax.acquisition.frames.reading import Reading, crc16
 from suas_jax.acquisition.frames.registry import ENCODERS, FORMATS, decoder
 from suas_jax.acquisition.ports.can_bus import RECORD
 

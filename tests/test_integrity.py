@@ -4,9 +4,8 @@ import itertools
 
 import pytest
 
-from suas_jax.acquisition.device_clock import DeviceClock
 from suas_jax.acquisition.frames.reading import Reading
-from suas_jax.acquisition.integrity import STUCK_AFTER, Flags, Integrity
+from suas_jax.acquisition.integrity import STUCK_AFTER, DeviceClock, Flags, Integrity
 
 PERIOD = 0.01
 

@@ -191,7 +191,7 @@ FILL = """
     jax.config.update("jax_enable_x64", True)
     import test_program_store as test
     from suas_jax.runtime import content_key as keys
-    from suas_jax.runtime.machine_code import keep_machine_code
+    from suas_jax.runtime.program_store import keep_machine_code
     from suas_jax.runtime.program_store import ProgramStore
     keys.PACKAGES = (*keys.PACKAGES, test.__name__)
     folder = pathlib.Path({folder!r})

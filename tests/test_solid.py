@@ -24,7 +24,7 @@ from skins import (
 from suas_jax.config import continuous_inputs, scene_from_dict, with_inputs, with_solve
 from suas_jax.constitutive.laws.neo_hookean import NeoHookean
 from suas_jax.constitutive.specimens.inflation import tube
-from suas_jax.figures.solid import plot_solid
+from suas_jax.figures.section import plot_solid
 from suas_jax.mechanics.solid.layout import Layout
 from suas_jax.mechanics.solid.model import SOLID
 from suas_jax.mechanics.solid.solid import Solid

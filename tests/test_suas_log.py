@@ -31,11 +31,10 @@ from suas_jax.acquisition.log.log_file import (
     read_log,
     sequence_notes,
 )
-from suas_jax.acquisition.log.record import FLAG_COLUMNS
+from suas_jax.acquisition.log.record import FLAG_COLUMNS, totals_text
 from suas_jax.acquisition.log.record import record as record_stream
 from suas_jax.acquisition.ports.serial_port import SerialSource
 from suas_jax.acquisition.stream import Stream
-from suas_jax.acquisition.view import totals_text
 
 ROOT = Path(__file__).parent.parent
 SUAS = [sys.executable, "-c", "from fitting.cli.app import main; main()"]
@@ -409,7 +408,7 @@ def test_a_port_that_can_not_be_opened_is_named(args, words, tmp_path, capsys):
 def test_the_logger_imports_no_jax():
     program = (
         "import sys, fitting.cli.commands\n"
-        "import suas_jax.acquisition.view, suas_jax.acquisition.frames.registry\n"
+        "import suas_jax.acquisition.log.record, suas_jax.acquisition.frames.registry\n"
         "import suas_jax.acquisition.log.record\n"
         "import suas_jax.config\n"
         "print([m for m in sys.modules if m.split('.')[0] in ('jax', 'equinox', 'scipy')])"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fitting.arrays import Floats
-from fitting.design.skin_file import skin_with_taxels
+from fitting.design.design import skin_with_taxels
 from fitting.design.taxels import Variances, select
 from fitting.design.want import load_want
 from suas_jax import skin_of

@@ -6,7 +6,7 @@ from typing import Any
 import typer.main
 
 from fitting.cli.app import app
-from fitting.cli.examples import EXAMPLES
+from fitting.cli.commands import EXAMPLES
 
 HEAD = """# Commands
 

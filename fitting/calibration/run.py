@@ -23,8 +23,7 @@ from suas_jax.acquisition.baseline import Baseline, take_baseline
 from suas_jax.acquisition.frames.registry import decoder, open_source
 from suas_jax.acquisition.health import Health, log_health
 from suas_jax.acquisition.log.log_file import log_header, read_log
-from suas_jax.acquisition.signals import ended_by_signal
-from suas_jax.acquisition.stream import Stream
+from suas_jax.acquisition.stream import Stream, ended_by_signal
 from suas_jax.config import SkinSpec, continuous_inputs, load_skin
 from suas_jax.files.writing import write_text
 from suas_jax.sensing.taxels import taxel_places

@@ -1,7 +1,6 @@
-"""The console script `suas`: what has to stand before anything else is imported.
+"""The console script `suas`, which answers Ctrl-C from the first line of `main` on.
 
-Ctrl-C is answered from the first line of `main` on, so nothing is imported above that an
-interpreter has not loaded anyway, but for `signal`.
+So nothing is imported above that an interpreter has not loaded anyway, but for `signal`.
 """
 
 import os

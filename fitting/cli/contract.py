@@ -1,8 +1,7 @@
-"""Answers of a command that can't do what it was asked: a line, and its exit status.
+"""Answers of a command, and its exit status where it can't do what it was asked.
 
-0 done; 2 bad input, or this machine can't do it (memory, disk, a closed output); 3 no
-solution; 130 interrupted. With `--json` a failure is also an object with a status and a
-message on the standard output.
+0 done; 2 bad input, or this machine can't do it (memory, disk, a closed output); 3 no solution;
+130 interrupted. With `--json` a failure is also an object with a status and a message.
 """
 
 import contextlib
@@ -11,13 +10,16 @@ import io
 import os
 import sys
 import traceback
-from collections.abc import Callable, Iterator
-from typing import Annotated, Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import new_console, printable, say
+
+if TYPE_CHECKING:
+    from fitting.report.description import Part
 
 BAD_INPUT = 2
 NO_SOLUTION = 3
@@ -42,6 +44,21 @@ def bad_input() -> Iterator[None]:
             raise
         _tell(*_in_words(error))
         raise typer.Exit(BAD_INPUT) from None
+
+
+def answer(as_json: bool, report: Any, show: Callable[[], None]) -> None:
+    """Print a result: as JSON for programs, else what is shown to a person."""
+    if as_json:
+        say(json_text(report))
+    else:
+        show()
+
+
+def print_report(parts: "Sequence[Part]") -> None:
+    """Print a report's parts for a person."""
+    from fitting.report.description import print_parts
+
+    print_parts(new_console(), parts)
 
 
 def run(program: Callable[[], Any]) -> int:

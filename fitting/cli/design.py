@@ -4,14 +4,19 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from fitting.cli.contract import Overwrite, bad_input
-from fitting.cli.options import AsJson, Plot, TrustNetwork, Workers, check_figures, executor
-from fitting.cli.progress import spinner
-from fitting.json_text import json_text
-from suas_jax.acquisition.terminal import new_console, say
-from suas_jax.files.writing import check_outputs, write_text
+from fitting.cli.contract import Overwrite, answer, bad_input, print_report
+from fitting.cli.options import (
+    AsJson,
+    Plot,
+    TrustNetwork,
+    Workers,
+    argument,
+    check_files,
+    computing,
+    option,
+)
+from suas_jax.acquisition.terminal import say
+from suas_jax.files.writing import write_text
 
 if TYPE_CHECKING:
     from fitting.design.choice import Choice
@@ -20,17 +25,15 @@ if TYPE_CHECKING:
 
 def design(
     want: Annotated[
-        Path,
-        typer.Argument(metavar="WANT", help="Goals and limits (TOML), see docs/datasheet.md."),
+        Path, argument("Goals and limits (TOML), see docs/datasheet.md.", metavar="WANT")
     ],
     as_json: AsJson = False,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Skin file to write.")
+        Path | None, option("Skin file to write.", "-o", "--output", metavar="FILE")
     ] = None,
     plot: Plot = None,
     starts: Annotated[
-        int | None,
-        typer.Option(min=1, help="Number of starts of the search; default: the file's."),
+        int | None, option("Number of starts of the search; default: the file's.", min=1)
     ] = None,
     workers: Workers = None,
     trust_network: TrustNetwork = False,
@@ -51,25 +54,17 @@ def design(
         wanted = load_want(want)
         if starts is not None:
             wanted = dataclasses.replace(wanted, starts=starts)
-        check_outputs([output, plot], overwrite=overwrite)
-        check_figures(plot)
-        with (
-            executor(workers, trust_network) as processes,
-            spinner("designing") as show,
-        ):
-            from suas_jax.runtime.settings import configure
-
-            configure()
+        check_files(plot, others=[output], overwrite=overwrite)
+        with computing("designing", workers, trust_network) as (show, processes):
             designed: Choice | Design
             if wanted.keep is not None:
                 from fitting.design.choice import choose_taxels
-                from fitting.design.skin_file import skin_with_taxels
+                from fitting.design.design import skin_with_taxels
 
                 designed = choose_taxels(wanted, show, processes)
                 text = partial(skin_with_taxels, wanted, designed.kept)
             else:
-                from fitting.design.design import design_skin
-                from fitting.design.skin_file import designed_skin
+                from fitting.design.design import design_skin, designed_skin
 
                 designed = design_skin(wanted, show)
                 text = partial(designed_skin, wanted, designed.found.x)
@@ -79,11 +74,6 @@ def design(
                 from suas_jax.figures.style import written
 
                 written(designed.drawn(), plot)
-    if as_json:
-        say(json_text(designed.report()))
-        return
-    from fitting.report.description import print_parts
-
-    print_parts(new_console(), designed.described())
-    if output is not None:
+    answer(as_json, designed.report(), lambda: print_report(designed.described()))
+    if output is not None and not as_json:
         say(f"{output}: suas datasheet {output} -o sheet.html", err=True)

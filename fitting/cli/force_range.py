@@ -1,53 +1,44 @@
 """`suas range`: where a skin's range of forces ends."""
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
-import typer
 
-from fitting.cli.contract import Overwrite, bad_input
+from fitting.cli.contract import Overwrite, answer, bad_input
 from fitting.cli.options import (
     AsJson,
+    Noise,
     Plot,
+    SkinFile,
     TrustNetwork,
     Workers,
-    check_figures,
-    executor,
+    check_files,
+    computing,
     material_note,
+    option,
     pad_settings,
 )
-from fitting.cli.progress import spinner
-from fitting.json_text import json_text
-from suas_jax.acquisition.terminal import new_console, say
-from suas_jax.files.writing import check_outputs
+from suas_jax.acquisition.terminal import print_table
 
 if TYPE_CHECKING:
     from fitting.force_range.bound import ForceRange
     from fitting.force_range.pad import PadForceRange
 
 
+_Table: TypeAlias = tuple[list[str], list[list[str]], str | None]
+
+
 def find_range(
-    skin: Annotated[Path, typer.Argument(metavar="SKIN", help="Skin file (TOML).")],
+    skin: SkinFile,
     as_json: AsJson = False,
-    angles: Annotated[
-        int, typer.Option(min=1, help="How many angles, from clamp to clamp.")
-    ] = 17,
-    axials: Annotated[
-        int, typer.Option(min=1, help="On a pad: how many places along the axis.")
-    ] = 11,
+    angles: Annotated[int, option("How many angles, from clamp to clamp.", min=1)] = 17,
+    axials: Annotated[int, option("On a pad: how many places along the axis.", min=1)] = 11,
     diameter: Annotated[
-        str | None,
-        typer.Option(metavar="LENGTH", help="On a pad: diameter of the contact; default 6 mm."),
+        str | None, option("On a pad: diameter of the contact; default 6 mm.", metavar="LENGTH")
     ] = None,
     workers: Workers = None,
     trust_network: TrustNetwork = False,
-    noise: Annotated[
-        float | None,
-        typer.Option(
-            help="Standard deviation of a reading, in counts; default: the skin file's."
-        ),
-    ] = None,
+    noise: Noise = None,
     plot: Plot = None,
     overwrite: Overwrite = False,
 ) -> None:
@@ -61,109 +52,73 @@ def find_range(
         from suas_jax.config import load_skin
 
         spec = load_skin(skin)
-        check_figures(plot)
-        check_outputs([plot], overwrite=overwrite)
-        settings = pad_settings(diameter, None)
-        with (
-            executor(workers, trust_network) as processes,
-            spinner("finding the range") as show,
-        ):
-            from suas_jax.runtime.settings import configure
+        check_files(plot, overwrite=overwrite)
+        settings: dict[str, Any] = pad_settings(diameter, None)
+        with computing("finding the range", workers, trust_network) as (show, processes):
+            from fitting.force_range import figure
 
-            configure()
+            found: ForceRange | PadForceRange
             if spec.geometry.dimension == 3:
-                from fitting.force_range.figure import plot_pad_range
                 from fitting.force_range.pad import pad_force_range
 
                 if diameter == "free":
                     raise ValueError("--diameter free: a length is needed")
-                on_pad = pad_force_range(
-                    spec,
-                    (angles, axials),
-                    noise,
-                    progress=show,
-                    workers=processes,
-                    **settings,  # type: ignore[arg-type]
-                )
+                settings |= {"progress": show, "workers": processes}
+                found = on_pad = pad_force_range(spec, (angles, axials), noise, **settings)
+                table = _pad_rows(on_pad)
                 if plot is not None:
-                    plot_pad_range(on_pad, plot)
-                report, table = on_pad.report(), _pad_rows(on_pad)
-                where = "in the middle of the pad; --plot and --json show all of it"
+                    figure.plot_pad_range(on_pad, plot)
             else:
                 from fitting.force_range.bound import force_range
-                from fitting.force_range.figure import plot_range
 
                 if settings or workers is not None:
                     raise ValueError("--diameter and --workers are for pads")
-                found = force_range(spec, angles, noise, show)
+                found = section = force_range(spec, angles, noise, show)
+                table = _section_rows(section)
                 if plot is not None:
-                    plot_range(found, plot)
-                report, table, where = found.report(), _section_rows(found), None
-    note = material_note(spec)
-    if as_json:
-        say(json_text(report | note))
-        return
-    from rich.table import Table
-
-    # Markup would swallow the units in brackets.
-    shown = Table(*table[0], caption=where)
-    for row in table[1:]:
-        shown.add_row(*row)
-    new_console(markup=False).print(shown)
+                    figure.plot_range(section, plot)
+    answer(as_json, found.report() | material_note(spec), lambda: print_table(*table))
 
 
-def _section_rows(found: "ForceRange") -> list[list[str]]:
+def _section_rows(found: "ForceRange") -> _Table:
     """What a person wants to see of a section: names of the columns, then a row an angle."""
     places, what = found.along.shown(found.angle)
-    rows = [
-        [
-            what,
-            "first contact [N]",
-            "95 % by the skin file [N]",
-            "oil [kPa]",
-            "measurable from [N]",
-            "measurable to [N]",
-            "a taxel saturates at [N]",
-        ]
+    names = [
+        what,
+        "first contact [N]",
+        "95 % by the skin file [N]",
+        "oil [kPa]",
+        "measurable from [N]",
+        "measurable to [N]",
+        "a taxel saturates at [N]",
     ]
+    rows = []
     for i, place in enumerate(places):
-        values = (
-            1e-3 * found.oil_pressure[i],
-            found.smallest[i],
-            found.largest[i],
-            found.saturation[i],
-        )
         low, high = found.contact_interval(i)
         interval = f"{low:.4g} to {high:.4g}" if np.isfinite(low) else "–"
+        further = (1e-3 * found.oil_pressure, found.smallest, found.largest, found.saturation)
         first = _shown(found.first_contact[i])
-        rows.append([f"{place:.1f}", first, interval, *(_shown(x) for x in values)])
-    return rows
+        rows.append([f"{place:.1f}", first, interval, *(_shown(x[i]) for x in further)])
+    return names, rows, None
 
 
-def _pad_rows(found: "PadForceRange") -> list[list[str]]:
+def _pad_rows(found: "PadForceRange") -> _Table:
     """The same of a pad, halfway between its ends."""
     force, middle = found.reference, int(np.abs(found.axial).argmin())
     places, what = found.along.shown(found.angle)
+    columns = {
+        "first contact [N]": found.first_contact,
+        "oil [kPa]": 1e-3 * found.oil_pressure,
+        "measurable from [N]": found.smallest,
+        f"place at {force:g} N [mm]": 1e3 * found.position_error[..., -1],
+        f"force at {force:g} N [%]": 100 * found.error[2, ..., -1] / force,
+    }
     rows = [
-        [
-            what,
-            "first contact [N]",
-            "oil [kPa]",
-            "measurable from [N]",
-            f"place at {force:g} N [mm]",
-            f"force at {force:g} N [%]",
-        ]
+        [f"{place:.1f}", *(_shown(x[i, middle]) for x in columns.values())]
+        for i, place in enumerate(places)
     ]
-    for i, place in enumerate(places):
-        values = (
-            found.first_contact[i, middle],
-            1e-3 * found.oil_pressure[i, middle],
-            found.smallest[i, middle],
-            1e3 * found.position_error[i, middle, -1],
-            100 * found.error[2, i, middle, -1] / force,
-        )
-        rows.append([f"{place:.1f}", *(_shown(x) for x in values)])
-    return rows
+    where = "in the middle of the pad; --plot and --json show all of it"
+    return [what, *columns], rows, where
 
 
 def _shown(value: float) -> str:

@@ -4,14 +4,10 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from fitting.cli.contract import Overwrite, bad_input
+from fitting.cli.contract import Overwrite, answer, bad_input
 from fitting.cli.log import FORMAT_NAMES
-from fitting.cli.options import Plot, check_figures
-from fitting.json_text import json_text
+from fitting.cli.options import Plot, argument, check_files, option
 from suas_jax.acquisition.terminal import new_console, say
-from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
     from suas_jax.acquisition.health import Health
@@ -20,24 +16,22 @@ if TYPE_CHECKING:
 
 def health(
     source: Annotated[
-        str, typer.Argument(metavar="LOG|PORT", help="SO log, or a port as for `suas log`.")
+        str, argument("SO log, or a port as for `suas log`.", metavar="LOG|PORT")
     ],
     skin: Annotated[
         Path | None,
-        typer.Option(
-            help="Skin file: neighbours are the nearest taxels; else those next in number."
-        ),
+        option("Skin file: neighbours are the nearest taxels; else those next in number."),
     ] = None,
     format_name: Annotated[
-        str, typer.Option("--format", metavar="NAME", help=f"Port: {', '.join(FORMAT_NAMES)}.")
+        str, option(f"Port: {', '.join(FORMAT_NAMES)}.", "--format", metavar="NAME")
     ] = "text",
-    baud: Annotated[int, typer.Option(min=1, help="Port: bits per second.")] = 115200,
+    baud: Annotated[int, option("Port: bits per second.", min=1)] = 115200,
     duration: Annotated[
-        float, typer.Option(min=0.5, max=3600.0, metavar="S", help="Port: how long to listen.")
+        float, option("Port: how long to listen.", min=0.5, max=3600.0, metavar="S")
     ] = 10.0,
     plot: Plot = None,
     overwrite: Overwrite = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: Annotated[bool, option("Print JSON.", "--json")] = False,
 ) -> None:
     """Judge every taxel: noise, stuck, saturation, drift, loss, correlation with neighbours.
 
@@ -45,8 +39,7 @@ def health(
     Exit status: 0 judged, whatever was found; 2 bad input, or nothing came.
     """
     with bad_input():
-        check_outputs([plot], overwrite=overwrite)
-        check_figures(plot)
+        check_files(plot, overwrite=overwrite)
         from suas_jax.acquisition.health import health_json, log_health
         from suas_jax.acquisition.log.log_file import read_log
 
@@ -60,10 +53,7 @@ def health(
             from suas_jax.figures.health import plot_health
 
             plot_health(found, plot)
-    if as_json:
-        say(json_text(health_json(found)))
-    else:
-        _print(found)
+    answer(as_json, health_json(found), lambda: _print(found))
 
 
 def _listened(port: str, format_name: str, baud: int, duration: float) -> "SoLog":

@@ -4,12 +4,18 @@ import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from fitting.cli.contract import Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES
-from fitting.cli.options import TrustNetwork, Workers, executor, material_note, pad_settings
-from fitting.cli.progress import spinner
+from fitting.cli.options import (
+    SkinFile,
+    TrustNetwork,
+    Workers,
+    argument,
+    computing,
+    material_note,
+    option,
+    pad_settings,
+)
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_outputs
 
@@ -22,106 +28,83 @@ if TYPE_CHECKING:
 
 
 def invert(
-    skin: Annotated[Path, typer.Argument(metavar="SKIN", help="Skin file (TOML).")],
+    skin: SkinFile,
     log: Annotated[
         Path | None,
-        typer.Argument(
-            metavar="LOG", help="SO log; with --live, where readings are recorded (optional)."
-        ),
+        argument("SO log; with --live, where readings are recorded (optional).", metavar="LOG"),
     ] = None,
     live: Annotated[
-        str | None, typer.Option(metavar="PORT", help="Port to read, as for `suas log`.")
+        str | None, option("Port to read, as for `suas log`.", metavar="PORT")
     ] = None,
     format_name: Annotated[
-        str, typer.Option("--format", metavar="NAME", help=f"Live: {', '.join(FORMAT_NAMES)}.")
+        str, option(f"Live: {', '.join(FORMAT_NAMES)}.", "--format", metavar="NAME")
     ] = "text",
-    baud: Annotated[int, typer.Option(min=1, help="Live: bits per second.")] = 115200,
+    baud: Annotated[int, option("Live: bits per second.", min=1)] = 115200,
     duration: Annotated[
-        float | None, typer.Option(min=0.0, metavar="S", help="Live: stop after this long.")
+        float | None, option("Live: stop after this long.", min=0.0, metavar="S")
     ] = None,
     latency: Annotated[
-        float,
-        typer.Option(
-            metavar="S",
-            help="Live: drop frames older than this, except the newest.",
-        ),
+        float, option("Live: drop frames older than this, except the newest.", metavar="S")
     ] = 0.1,
-    baseline: Annotated[
-        Path | None, typer.Option(help="Readings at rest, from `suas baseline`.")
-    ] = None,
+    baseline: Annotated[Path | None, option("Readings at rest, from `suas baseline`.")] = None,
     zero: Annotated[
         str | None,
-        typer.Option(
+        option(
+            "What `suas zero` wrote; default: SKIN.zero.toml beside the skin, if any.",
             metavar="FILE|none",
-            help="What `suas zero` wrote; default: SKIN.zero.toml beside the skin, if any.",
         ),
     ] = None,
     direction: Annotated[
         bool,
-        typer.Option(
-            "--direction", help="Estimate the directions of forces; without it they are radial."
-        ),
+        option("Estimate the directions of forces; without it they are radial.", "--direction"),
     ] = False,
     false_alarm: Annotated[
-        float,
-        typer.Option(metavar="RATE", help="How often to report a contact where there is none."),
+        float, option("How often to report a contact where there is none.", metavar="RATE")
     ] = 0.01,
     contacts: Annotated[
         int,
-        typer.Option(
-            min=1, max=4, help="Largest number of contacts to look for; on a section at most 3."
-        ),
+        option("Largest number of contacts to look for; on a section at most 3.", min=1, max=4),
     ] = 3,
     diameter: Annotated[
         str | None,
-        typer.Option(
+        option(
+            "On a pad: diameter expected of contacts (6 mm), or 'free' to tell theirs.",
             metavar="LENGTH",
-            help="On a pad: diameter expected of contacts (6 mm), or 'free' to tell theirs.",
         ),
     ] = None,
     pressure_noise: Annotated[
         str | None,
-        typer.Option(
-            metavar="PRESSURE",
-            help="On a pad: standard deviation of the log's oil_pressure_Pa, which is then "
+        option(
+            "On a pad: standard deviation of the log's oil_pressure_Pa, which is then "
             "used, such as '5 Pa'.",
+            metavar="PRESSURE",
         ),
     ] = None,
     workers: Workers = None,
     trust_network: TrustNetwork = False,
     noise: Annotated[
-        float | None,
-        typer.Option(metavar="COUNTS", help="Noise of a reading; default: the skin file's."),
+        float | None, option("Noise of a reading; default: the skin file's.", metavar="COUNTS")
     ] = None,
     model_error: Annotated[
         float | None,
-        typer.Option(
-            metavar="SHARE", help="Error of the model, as a share of the change of readings."
-        ),
+        option("Error of the model, as a share of the change of readings.", metavar="SHARE"),
     ] = None,
     smooth: Annotated[
-        bool,
-        typer.Option("--filter", help="Add loads filtered over time (constant velocity)."),
+        bool, option("Add loads filtered over time (constant velocity).", "--filter")
     ] = False,
-    plot: Annotated[
-        Path | None, typer.Option(help="Write a figure of the loads over time.")
-    ] = None,
+    plot: Annotated[Path | None, option("Write a figure of the loads over time.")] = None,
     posterior: Annotated[
-        int | None,
-        typer.Option(metavar="SEQ", help="Sample the loads of the frame with this number."),
+        int | None, option("Sample the loads of the frame with this number.", metavar="SEQ")
     ] = None,
     mcap: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Also record taxels and loads as MCAP (ROS 2)."),
+        Path | None, option("Also record taxels and loads as MCAP (ROS 2).", metavar="FILE")
     ] = None,
     serve: Annotated[
         str | None,
-        typer.Option(
-            metavar="HOST:PORT", help="Live: send JSON lines to programs that connect (TCP)."
-        ),
+        option("Live: send JSON lines to programs that connect (TCP).", metavar="HOST:PORT"),
     ] = None,
     overwrite: Overwrite = False,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON line a frame.")] = False,
+    as_json: Annotated[bool, option("One JSON line a frame.", "--json")] = False,
 ) -> None:
     """Estimate contacts from readings: where, how strong, how sure.
 
@@ -139,18 +122,15 @@ def invert(
 
             require_mcap()
         on_pad = pad_settings(diameter, pressure_noise)
-        from suas_jax.runtime.settings import configure
-
         spec = _spec_of(skin, zero)
-        configure()
 
         def prepare(spec: "SkinSpec" = spec) -> "LoadEstimator":
             from fitting.inverse_load.memory.series import assumed_of_memory
             from fitting.inverse_load.zero.skin_estimator import estimator_of
 
-            with (
-                executor(workers, trust_network) as processes,
-                spinner("preparing the estimate") as show,
+            with computing("preparing the estimate", workers, trust_network) as (
+                show,
+                processes,
             ):
                 estimator = estimator_of(
                     spec,

@@ -32,26 +32,17 @@ from suas_jax.config import SkinSpec
 
 def read_for(
     spec: SkinSpec,
-    log: Path,
-    noise: float | None,
+    log: Path,  # SO log
+    noise: float | None,  # standard deviation of a reading [counts]; the skin file's if None
     *,
-    as_json: bool,
-    plot: Path | None,
-    posterior: int | None,
+    as_json: bool,  # whether JSON lines are printed
+    plot: Path | None,  # file of a figure, if one is wanted
+    posterior: int | None,  # number of the frame whose loads are sampled, if one is wanted
 ) -> LogReadings:
     """Read and judge a log, before the estimator is made, which may take minutes.
 
-    Args:
-        spec: the skin.
-        log: SO log.
-        noise: standard deviation of a reading [counts]; the skin file's if None.
-        as_json: whether JSON lines are printed.
-        plot: file of a figure, if one is wanted.
-        posterior: number of the frame whose loads are sampled, if one is wanted.
-
-    Raises:
-        Exit: the log can't be used.
-        ValueError: no such frame, or no such figure; or the skin has no electrodes.
+    Raises Exit: the log can't be used; ValueError: no such frame, or no such figure; or the
+    skin has no electrodes.
     """
     check_figures(plot)
     try:
@@ -74,30 +65,19 @@ def read_for(
 
 
 def invert_log(
-    estimator: LoadEstimator,
-    readings: LogReadings,
+    estimator: LoadEstimator,  # of the skin
+    readings: LogReadings,  # of the log, by `read_for`
     skin: Path,
-    log: Path,
+    log: Path,  # SO log
     *,
-    as_json: bool,
-    smooth: bool,
-    plot: Path | None,
-    posterior: int | None,
+    as_json: bool,  # print a JSON line a frame, not a table
+    smooth: bool,  # add loads filtered over time
+    plot: Path | None,  # file of a figure, if one is wanted
+    posterior: int | None,  # number of the frame whose loads are sampled, if one is wanted
 ) -> list[LoadEstimate]:
     """Estimate a log, print and draw what was found, and return it.
 
-    Args:
-        estimator: of the skin.
-        readings: of the log, by `read_for`.
-        skin: its file.
-        log: SO log.
-        as_json: print a JSON line a frame, not a table.
-        smooth: add loads filtered over time.
-        plot: file of a figure, if one is wanted.
-        posterior: number of the frame whose loads are sampled, if one is wanted.
-
-    Raises:
-        ValueError: the frame has no load to sample.
+    Raises ValueError: the frame has no load to sample.
     """
     modes = None if posterior is None else _modes(estimator, readings, posterior)
     with bar("estimating loads", len(readings.so)) as advance:

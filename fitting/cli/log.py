@@ -4,11 +4,12 @@ import json
 import time
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from fitting.cli.contract import BAD_INPUT, Overwrite, answered, bad_input
+from fitting.cli.options import argument, option
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_output
 from suas_jax.runtime.registry import model_names
@@ -22,41 +23,31 @@ FORMAT_NAMES = model_names("suas_jax.acquisition.frames.formats")
 def log(
     port: Annotated[
         str,
-        typer.Argument(
+        argument(
+            "Device file, VID:PID[:SERIAL], socket://host:port, rfc2217://host:port.",
             metavar="PORT",
-            help="Device file, VID:PID[:SERIAL], socket://host:port, rfc2217://host:port.",
         ),
     ],
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="LOG.csv", help="Log to write.")
-    ],
+    output: Annotated[Path, option("Log to write.", "-o", "--output", metavar="LOG.csv")],
     format_name: Annotated[
-        str,
-        typer.Option(
-            "--format",
-            metavar="NAME",
-            help=f"Frame format: {', '.join(FORMAT_NAMES)}.",
-        ),
+        str, option(f"Frame format: {', '.join(FORMAT_NAMES)}.", "--format", metavar="NAME")
     ],
-    baud: Annotated[int, typer.Option(min=1, help="Bits per second.")] = 115200,
+    baud: Annotated[int, option("Bits per second.", min=1)] = 115200,
     duration: Annotated[
-        float | None, typer.Option(min=0.0, metavar="S", help="Stop after this many seconds.")
+        float | None, option("Stop after this many seconds.", min=0.0, metavar="S")
     ] = None,
     skin: Annotated[
-        Path | None, typer.Option(help="Skin file: its name and scale go into the header.")
+        Path | None, option("Skin file: its name and scale go into the header.")
     ] = None,
     flush: Annotated[
-        float, typer.Option(min=0.0, metavar="S", help="Seconds between writes to the file.")
+        float, option("Seconds between writes to the file.", min=0.0, metavar="S")
     ] = 0.2,
     rotate: Annotated[
-        float | None,
-        typer.Option(min=0.01, metavar="MB", help="Begin a new file at this size."),
+        float | None, option("Begin a new file at this size.", min=0.01, metavar="MB")
     ] = None,
     overwrite: Overwrite = False,
-    append: Annotated[
-        bool, typer.Option("--append", help="Continue LOG.csv if it exists.")
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the totals as JSON.")] = False,
+    append: Annotated[bool, option("Continue LOG.csv if it exists.", "--append")] = False,
+    as_json: Annotated[bool, option("Print the totals as JSON.", "--json")] = False,
 ) -> None:
     """Record a port to a log until Ctrl-C, SIGTERM or the end of --duration.
 
@@ -68,10 +59,8 @@ def log(
     with bad_input():
         from suas_jax.acquisition.frames.registry import decoder, open_source
         from suas_jax.acquisition.log.log_file import LogWriter, log_header
-        from suas_jax.acquisition.log.record import FLAG_COLUMNS, record
-        from suas_jax.acquisition.signals import ended_by_signal
-        from suas_jax.acquisition.stream import Stream
-        from suas_jax.acquisition.view import View, totals_text
+        from suas_jax.acquisition.log.record import FLAG_COLUMNS, View, record
+        from suas_jax.acquisition.stream import Stream, ended_by_signal
 
         if append and overwrite:
             raise ValueError("--append and --overwrite: choose one")
@@ -120,8 +109,18 @@ def log(
                     started=started,
                     on_progress=lambda: view.update(stream),
                 )
-    stopped, elapsed = result.pop("stopped"), result["elapsed_s"]
-    totals = f"{writer.path}: {totals_text(result)}"
+    over = duration is not None and result["elapsed_s"] >= duration
+    _tell(result, (port, output, writer.path), as_json=as_json, over=over)
+
+
+def _tell(
+    result: dict[str, Any], names: tuple[str, Path, Path], *, as_json: bool, over: bool
+) -> None:
+    """What came of a recording from a port to a file, or to another one beside it."""
+    from suas_jax.acquisition.log.record import totals_text
+
+    (port, output, path), stopped = names, result.pop("stopped")
+    totals = f"{path}: {totals_text(result)}"
     status, message = "recorded", totals
     if stopped:
         status, message = "disk_full", stopped
@@ -130,7 +129,7 @@ def log(
         message = f"{output}: was lost while it was recorded; the log is in {beside[-1]}"
     elif not result["rows"]:
         status = "no_frames"
-        message = f"{port}: no frame came in {elapsed:.1f} s; {writer.path} is empty"
+        message = f"{port}: no frame came in {result['elapsed_s']:.1f} s; {path} is empty"
     if as_json:
         summary = {"path": str(output), "status": status, "message": message}
         say(json.dumps(summary | result, allow_nan=False))
@@ -138,7 +137,6 @@ def log(
         say(totals, err=True)
     if status != "recorded":
         say(f"suas: {message}", err=True)
-    over = duration is not None and elapsed >= duration
     if status in ("disk_full", "file_lost") or (status == "no_frames" and over):
         answered(status)
         raise typer.Exit(BAD_INPUT)
@@ -158,37 +156,30 @@ def _skin_header(skin: Path | None) -> tuple[dict[str, str], dict[int, int]]:
 
 
 def baseline(
-    path: Annotated[
-        Path, typer.Argument(metavar="LOG", help="Log of the unloaded skin, a few seconds.")
-    ],
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="BASELINE", help="Baseline (JSON).")
-    ],
+    path: Annotated[Path, argument("Log of the unloaded skin, a few seconds.", metavar="LOG")],
+    output: Annotated[Path, option("Baseline (JSON).", "-o", "--output", metavar="BASELINE")],
     tolerance: Annotated[
         float | None,
-        typer.Option(
+        option(
+            "Allowed change within the log; default: what its noise explains.",
             min=0.0,
             metavar="COUNTS",
-            help="Allowed change within the log; default: what its noise explains.",
         ),
     ] = None,
     reference: Annotated[
-        Path | None, typer.Option(metavar="BASELINE", help="Earlier baseline to agree with.")
+        Path | None, option("Earlier baseline to agree with.", metavar="BASELINE")
     ] = None,
     reference_tolerance: Annotated[
-        float, typer.Option(min=0.0, help="Allowed relative deviation from --reference.")
+        float, option("Allowed relative deviation from --reference.", min=0.0)
     ] = 0.02,
     skin: Annotated[
-        Path | None,
-        typer.Option(help="Skin or scene to agree with at rest; default: the log's."),
+        Path | None, option("Skin or scene to agree with at rest; default: the log's.")
     ] = None,
     model_tolerance: Annotated[
-        float, typer.Option(min=0.0, help="Allowed relative deviation from the rest pattern.")
+        float, option("Allowed relative deviation from the rest pattern.", min=0.0)
     ] = 0.05,
     overwrite: Overwrite = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print the baseline as JSON.")
-    ] = False,
+    as_json: Annotated[bool, option("Print the baseline as JSON.", "--json")] = False,
 ) -> None:
     """Average a log of the skin at rest; refuse a skin that is loaded or drifts.
 
@@ -215,7 +206,7 @@ def baseline(
             refuse_loaded(taken, rest, tolerance=reference_tolerance, source=str(reference))
         skin = skin_of_log(log) if skin is None else skin
         if skin is not None:
-            from suas_jax.simulation.rest_pattern import rest_pattern
+            from suas_jax.simulation.capacitances import rest_pattern
 
             refuse_loaded(
                 taken,

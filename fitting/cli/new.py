@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from fitting.cli.contract import Overwrite, bad_input
+from fitting.cli.options import argument, option
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_output, check_outputs, write_bytes, write_text
 
@@ -109,14 +110,14 @@ def skin(
     file: Annotated[Path, _FILE] = Path("skin.toml"),
     pad: Annotated[
         str | None,
-        typer.Option(
-            metavar="ROWSxCOLUMNS",
-            help="A pad in three dimensions, covered with so many ROBOSKIN triangles along "
+        option(
+            "A pad in three dimensions, covered with so many ROBOSKIN triangles along "
             "axis and arc, such as 4x8; without it a section with eight taxels.",
+            metavar="ROWSxCOLUMNS",
         ),
     ] = None,
     section: Annotated[
-        str, typer.Option(help=f"Shape of the section: {', '.join(_SECTIONS)}.")
+        str, option(f"Shape of the section: {', '.join(_SECTIONS)}.")
     ] = "circle",
     overwrite: Overwrite = False,
 ) -> None:
@@ -136,12 +137,8 @@ def skin(
 
 
 def scene(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write.")] = Path(
-        "scene.toml"
-    ),
-    skin: Annotated[Path, typer.Option(help="Skin file that the loads act on.")] = Path(
-        "skin.toml"
-    ),
+    file: Annotated[Path, argument("File to write.", metavar="FILE")] = Path("scene.toml"),
+    skin: Annotated[Path, option("Skin file that the loads act on.")] = Path("skin.toml"),
     overwrite: Overwrite = False,
 ) -> None:
     """Write a scene file: a load on a skin, every key explained.
@@ -246,9 +243,7 @@ def _pad_text(rows: int, columns: int) -> str:
 def examples(
     folder: Annotated[
         Path,
-        typer.Argument(
-            metavar="FOLDER", help="Where to copy them; the folder is made if it is missing."
-        ),
+        argument("Where to copy them; the folder is made if it is missing.", metavar="FOLDER"),
     ] = Path("configs"),
     overwrite: Overwrite = False,
 ) -> None:

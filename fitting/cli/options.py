@@ -1,13 +1,15 @@
 """Options that several commands share, and what is read of their values."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fitting.cli.progress import spinner
 from suas_jax.acquisition.terminal import say
+from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -15,30 +17,41 @@ if TYPE_CHECKING:
     from suas_jax.config import SceneSpec, SkinSpec
     from suas_jax.config.quantities import DimensionName
 
-Plot = Annotated[Path | None, typer.Option(help="Write a figure (PNG, PDF, SVG).")]
 
-SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, SI units in the keys.")]
-Model = Annotated[
-    str | None, typer.Option(help='"auto", "shell" or "solid"; overrides the scene.')
+def option(text: str, *names: str, **rules: Any) -> Any:
+    """An option of a command, described by a text."""
+    return typer.Option(*names, help=text, **rules)
+
+
+def argument(text: str, **rules: Any) -> Any:
+    """An argument of a command, described by a text."""
+    return typer.Argument(help=text, **rules)
+
+
+Plot = Annotated[Path | None, option("Write a figure (PNG, PDF, SVG).")]
+
+SceneFile = Annotated[Path, argument("Scene file (TOML).", metavar="SCENE")]
+SkinFile = Annotated[Path, argument("Skin file (TOML).", metavar="SKIN")]
+Noise = Annotated[
+    float | None,
+    option("Standard deviation of a reading, in counts; default: the skin file's."),
 ]
-Rtol = Annotated[float | None, typer.Option(help="Wanted relative error; overrides the scene.")]
+AsJson = Annotated[bool, option("Print JSON, SI units in the keys.", "--json")]
+Model = Annotated[str | None, option('"auto", "shell" or "solid"; overrides the scene.')]
+Rtol = Annotated[float | None, option("Wanted relative error; overrides the scene.")]
 
 _MOST = 1024
 _WHAT = "N processes, or on workers of a Dask scheduler (tls://host:port)"
 Workers = Annotated[
-    str | None,
-    typer.Option(metavar="N|ADDRESS", help=f"On a pad: solve a new skin's table on {_WHAT}."),
+    str | None, option(f"On a pad: solve a new skin's table on {_WHAT}.", metavar="N|ADDRESS")
 ]
-ManyWorkers = Annotated[
-    str, typer.Option("--workers", metavar="N|ADDRESS", help=f"Calibrate on {_WHAT}.")
-]
+ManyWorkers = Annotated[str, option(f"Calibrate on {_WHAT}.", "--workers", metavar="N|ADDRESS")]
 TrustNetwork = Annotated[
     bool,
-    typer.Option(
-        "--trust-network",
-        help="Also allow a scheduler at tcp://: anyone who can reach its port can run code as "
+    option(
+        "Also allow a scheduler at tcp://: anyone who can reach its port can run code as "
         "this user.",
+        "--trust-network",
     ),
 ]
 
@@ -46,8 +59,7 @@ TrustNetwork = Annotated[
 def quantity_option(option: str, text: str, dimension: "DimensionName") -> float:
     """SI value of an option such as ``--diameter "6 mm"``.
 
-    Raises:
-        ValueError: not such a quantity; names the option.
+    Raises ValueError: not such a quantity; names the option.
     """
     from suas_jax.config.quantities import parse_quantity
 
@@ -57,15 +69,35 @@ def quantity_option(option: str, text: str, dimension: "DimensionName") -> float
         raise ValueError(f'{option} "{text}": {error}') from None
 
 
-def check_figures(*files: Path | None) -> None:
-    """Refuse endings that no figure can have.
+def check_files(
+    *figures: Path | None, others: Iterable[Path | None] = (), overwrite: bool
+) -> None:
+    """Refuse figures of no known kind, and files that exist unless they may be replaced.
 
-    Args:
-        files: of figures; those that are None are not wanted.
-
-    Raises:
-        ValueError: names the file.
+    Raises ValueError: names the file; OSError: it exists, or can't be written.
     """
+    check_figures(*figures)
+    check_outputs([*figures, *others], overwrite=overwrite)
+
+
+@contextlib.contextmanager
+def computing(
+    what: str, workers: str | None = None, trust_network: bool = False
+) -> "Iterator[tuple[Callable[[str], None], Executor | None]]":
+    """Set JAX up, and show on a terminal what is being done.
+
+    Yields:
+        A function that shows something else, and what `--workers` names.
+    """
+    with executor(workers, trust_network) as processes, spinner(what) as show:
+        from suas_jax.runtime.settings import configure
+
+        configure()
+        yield show, processes
+
+
+def check_figures(*files: Path | None) -> None:
+    """Refuse endings that no figure can have, with a ValueError; None is no figure."""
     for file in files:
         if file is not None:
             from suas_jax.figures.style import check_figure_file
@@ -76,8 +108,7 @@ def check_figures(*files: Path | None) -> None:
 def named_values(text: str | None, option: str, example: str) -> dict[str, str]:
     """Values by name of an option such as --specimen "width=6 mm,thickness=2 mm".
 
-    Raises:
-        ValueError: a part is no NAME=VALUE.
+    Raises ValueError: a part is no NAME=VALUE.
     """
     values = {}
     for part in (text or "").split(","):
@@ -95,8 +126,7 @@ def named_file(
 ) -> tuple[str, str]:
     """Name and file of an option such as --data uniaxial=A.csv.
 
-    Raises:
-        ValueError: the name or the file is missing.
+    Raises ValueError: the name or the file is missing.
     """
     mode, equals, path = text.partition("=")
     if not equals or not path:
@@ -107,8 +137,7 @@ def named_file(
 def named_bounds(text: str) -> tuple[str, tuple[float, float]]:
     """Name and bounds of an option such as --bound alpha.0=1:3; either may be left open.
 
-    Raises:
-        ValueError: it is no NAME=LOW:HIGH, or the bounds leave nothing between them.
+    Raises ValueError: it is no NAME=LOW:HIGH, or the bounds leave nothing between them.
     """
     name, _, limits = text.partition("=")
     low, colon, high = limits.partition(":")
@@ -128,19 +157,14 @@ def named_bounds(text: str) -> tuple[str, tuple[float, float]]:
 def pad_settings(diameter: str | None, pressure_noise: str | None) -> dict[str, float | None]:
     """What options say of contacts and pressure, in SI units; those given alone.
 
-    Args:
-        diameter: a length, or "free", which is None in the result.
-        pressure_noise: a pressure.
-
-    Raises:
-        ValueError: an option can't be understood.
+    A diameter is a length, or "free", which is None in the result. Raises ValueError: an option
+    can't be understood.
     """
     settings: dict[str, float | None] = {}
-    if diameter is not None:
-        free = diameter == "free"
-        settings["diameter"] = (
-            None if free else quantity_option("--diameter", diameter, "length")
-        )
+    if diameter == "free":
+        settings["diameter"] = None
+    elif diameter is not None:
+        settings["diameter"] = quantity_option("--diameter", diameter, "length")
     if pressure_noise is not None:
         noise = quantity_option("--pressure-noise", pressure_noise, "pressure")
         settings["pressure_noise"] = noise
@@ -157,15 +181,9 @@ def material_note(spec: "SkinSpec") -> dict[str, str]:
 
 
 def scene_of(path: Path, model: str | None, rtol: float | None) -> "SceneSpec":
-    """The scene of a file, with what the options override.
+    """The scene of a file; a model or a relative error that is given overrides the file's.
 
-    Args:
-        path: the file.
-        model: of the membrane; None leaves the file's.
-        rtol: wanted relative error; None leaves the file's.
-
-    Raises:
-        ConfigError: the file or an option can't be understood.
+    Raises ConfigError: the file or an option can't be understood.
     """
     from suas_jax.config import load_scene, with_solve
 
@@ -181,9 +199,8 @@ def scene_of(path: Path, model: str | None, rtol: float | None) -> "SceneSpec":
 def executor(workers: str | None, trust_network: bool) -> "Iterator[Executor | None]":
     """What `--workers` names, until the block is left; None where it isn't given.
 
-    Raises:
-        ValueError: it is neither a number of processes nor an address that is allowed.
-        OSError: no scheduler answers at the address.
+    Raises ValueError: it is neither a number of processes nor an address that is allowed;
+    OSError: no scheduler answers at the address.
     """
     if workers is None:
         yield None

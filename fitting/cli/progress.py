@@ -48,15 +48,7 @@ def fitting_spinner() -> Iterator[Callable[[str], None]]:
 
 @contextlib.contextmanager
 def bar(what: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Show how much of a known total is done.
-
-    Args:
-        what: is being done.
-        total: how much there is.
-
-    Yields:
-        A function of how much is done.
-    """
+    """Show how much of a total is done of something; yields a function that is told."""
     if not sys.stderr.isatty():
         yield lambda done: None
         return

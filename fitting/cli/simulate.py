@@ -2,104 +2,89 @@
 
 import re
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES
-from fitting.cli.progress import spinner
+from fitting.cli.options import argument, computing, option
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_output
+
+if TYPE_CHECKING:
+    from suas_jax.simulation.simulated_log import SimulatedLog
 
 
 def simulate(
     scene: Annotated[
         Path,
-        typer.Argument(
+        argument(
+            "Scene (TOML), load path (CSV) that names one, or, with --live, an SO log.",
             metavar="SCENE|PATH",
-            help="Scene (TOML), load path (CSV) that names one, or, with --live, an SO log.",
         ),
     ],
     output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="LOG.csv", help="SO log to write."),
+        Path | None, option("SO log to write.", "-o", "--output", metavar="LOG.csv")
     ] = None,
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Frames per second.")] = 10.0,
+    rate: Annotated[float, option("Frames per second.", metavar="HZ")] = 10.0,
     duration: Annotated[
         float | None,
-        typer.Option(
-            metavar="S",
-            help="How long to simulate; default: the path's length, 10 s for a scene.",
+        option(
+            "How long to simulate; default: the path's length, 10 s for a scene.", metavar="S"
         ),
     ] = None,
     noise: Annotated[
-        float | None,
-        typer.Option(metavar="COUNTS", help="Noise of a reading; default: electrodes.noise."),
+        float | None, option("Noise of a reading; default: electrodes.noise.", metavar="COUNTS")
     ] = None,
     drift: Annotated[
-        float,
-        typer.Option(metavar="COUNTS/S", help="Standard deviation of the taxels' drift."),
+        float, option("Standard deviation of the taxels' drift.", metavar="COUNTS/S")
     ] = 0.0,
-    bits: Annotated[int, typer.Option(help="Bits of the converter: 16 or 8.")] = 16,
+    bits: Annotated[int, option("Bits of the converter: 16 or 8.")] = 16,
     offset: Annotated[
-        float,
-        typer.Option(
-            metavar="FARAD", help="Capacitance that the converter's offset DAC subtracts."
-        ),
+        float, option("Capacitance that the converter's offset DAC subtracts.", metavar="FARAD")
     ] = 0.0,
     refresh: Annotated[
         float | None,
-        typer.Option(
+        option(
+            "Time between two results of the converter; faster frames repeat the last.",
             metavar="S",
-            help="Time between two results of the converter; faster frames repeat the last.",
         ),
     ] = None,
-    drop: Annotated[float, typer.Option(help="Probability that a frame is lost.")] = 0.0,
-    missing: Annotated[
-        float, typer.Option(help="Probability that a single count is missing.")
-    ] = 0.0,
+    drop: Annotated[float, option("Probability that a frame is lost.")] = 0.0,
+    missing: Annotated[float, option("Probability that a single count is missing.")] = 0.0,
     stuck: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="MODULE.TAXEL@S", help="A taxel that keeps its count from a time on."
-        ),
+        option("A taxel that keeps its count from a time on.", metavar="MODULE.TAXEL@S"),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of noise, drift and faults.")] = 0,
+    seed: Annotated[int, option("Seed of noise, drift and faults.", min=0)] = 0,
     overwrite: Overwrite = False,
     live: Annotated[
-        bool,
-        typer.Option("--live", help="Play as a device on a pseudo-terminal, at its own pace."),
+        bool, option("Play as a device on a pseudo-terminal, at its own pace.", "--live")
     ] = False,
     frame_format: Annotated[
         str,
-        typer.Option(
-            "--format",
-            metavar="NAME",
-            help=f"Live: {', '.join(FORMAT_NAMES)}, or text-checked.",
+        option(
+            f"Live: {', '.join(FORMAT_NAMES)}, or text-checked.", "--format", metavar="NAME"
         ),
     ] = "text",
     port: Annotated[
-        Path | None,
-        typer.Option(metavar="LINK", help="Live: symbolic link to the pseudo-terminal."),
+        Path | None, option("Live: symbolic link to the pseudo-terminal.", metavar="LINK")
     ] = None,
     fault: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NAME=VALUE",
-            help="Live: corrupt=P, drop=P, duplicate=P, unplug=AT:FOR, clock-wrap=AT, "
+        option(
+            "Live: corrupt=P, drop=P, duplicate=P, unplug=AT:FOR, clock-wrap=AT, "
             "clock-jump=AT:BY:FOR, restart=AT, taxels=AT:N, stuck=MODULE/TAXEL, seed=N.",
+            metavar="NAME=VALUE",
         ),
     ] = None,
     speed: Annotated[
-        float,
-        typer.Option(
-            metavar="FACTOR", help="Live: speed of play; 2 is twice as fast as real time."
-        ),
+        float, option("Live: speed of play; 2 is twice as fast as real time.", metavar="FACTOR")
     ] = 1.0,
-    loop: Annotated[bool, typer.Option("--loop", help="Live: play over and over.")] = False,
+    loop: Annotated[bool, option("Live: play over and over.", "--loop")] = False,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Live: print the port and what was played as JSON.")
+        bool, option("Live: print the port and what was played as JSON.", "--json")
     ] = False,
 ) -> None:
     """Simulate the sensor output of a skin under a scene or a path of loads.
@@ -118,8 +103,8 @@ def simulate(
 
         on_air = None
         if live:
+            from suas_jax.acquisition.device.device import LiveOptions, play_live, play_log
             from suas_jax.acquisition.device.faults import parse_faults
-            from suas_jax.acquisition.device.live import LiveOptions, play_live, play_log
 
             on_air = LiveOptions(
                 frame_format, port, parse_faults(fault or ()), speed, duration, loop, as_json
@@ -129,59 +114,47 @@ def simulate(
                 raise ValueError(f"{scene}: is an SO log; it can be played with --live only")
             play_log(scene, on_air)
             return
-        from suas_jax.runtime.settings import configure
+        with computing("simulating"):
+            from suas_jax.simulation import simulated_log as simulated
+            from suas_jax.simulation.pad_frames import NoSolutionError
 
-        configure()
-        from suas_jax.simulation.pad_frames import NoSolutionError
-        from suas_jax.simulation.simulated_log import (
-            LogFaults,
-            simulate_log,
-            write_simulated_log,
-        )
-
-        faults = LogFaults(drop, missing, dict(_stuck(text) for text in stuck or ()))
-        settings = {
-            "noise": noise,
-            "drift": drift,
-            "bits": bits,
-            "offset": offset,
-            "refresh": refresh,
-        }
-        try:
-            with spinner("simulating"):
-                log = simulate_log(
-                    scene,
-                    rate=rate,
-                    duration=duration,
-                    faults=faults,
-                    seed=seed,
-                    settings=settings,
-                )
-        except NoSolutionError as error:
-            say(f"suas: {scene}: {error}", err=True)
-            raise typer.Exit(NO_SOLUTION) from None
+            converter = {"noise": noise, "drift": drift, "bits": bits, "offset": offset}
+            played: dict[str, Any] = {
+                "rate": rate,
+                "duration": duration,
+                "faults": simulated.LogFaults(drop, missing, dict(map(_stuck, stuck or ()))),
+                "seed": seed,
+                "settings": converter | {"refresh": refresh},
+            }
+            try:
+                log = simulated.simulate_log(scene, **played)
+            except NoSolutionError as error:
+                say(f"suas: {scene}: {error}", err=True)
+                raise typer.Exit(NO_SOLUTION) from None
         if output is not None:
-            write_simulated_log(log, output, scene)
-    frames, rows = len(log.capacitance), len(log.readings)
-    note = f"{output or scene}: {frames} frames at {rate:g} Hz, {rows} rows"
-    if log.sample.saturated.any():
-        note += f"; {int(log.sample.saturated.sum())} counts saturated"
-    touching = int((log.capacitance != log.capacitance).any(1).sum())
-    if touching:
-        note += f"; {touching} frames touch the wall"
-    if log.untold and output is not None:
-        note += f"; without its true loads ({log.untold}): suas fit sensor needs --inputs"
-    say(note, err=True)
+            simulated.write_simulated_log(log, output, scene)
+    _tell(log, output or scene, rate, written=output is not None)
     if on_air is not None:
         with bad_input():
             play_live(log.readings, on_air)
 
 
+def _tell(log: "SimulatedLog", file: Path, rate: float, *, written: bool) -> None:
+    frames, rows = len(log.capacitance), len(log.readings)
+    note = f"{file}: {frames} frames at {rate:g} Hz, {rows} rows"
+    if log.sample.saturated.any():
+        note += f"; {int(log.sample.saturated.sum())} counts saturated"
+    touching = int((log.capacitance != log.capacitance).any(1).sum())
+    if touching:
+        note += f"; {touching} frames touch the wall"
+    if log.untold and written:
+        note += f"; without its true loads ({log.untold}): suas fit sensor needs --inputs"
+    say(note, err=True)
+
+
 def convert(
-    source: Annotated[Path, typer.Argument(metavar="LOG", help="Log: .csv, .parquet or .nc.")],
-    target: Annotated[
-        Path, typer.Argument(metavar="FILE", help="File to write: .csv, .parquet or .nc.")
-    ],
+    source: Annotated[Path, argument("Log: .csv, .parquet or .nc.", metavar="LOG")],
+    target: Annotated[Path, argument("File to write: .csv, .parquet or .nc.", metavar="FILE")],
     overwrite: Overwrite = False,
 ) -> None:
     """Convert an SO log between CSV, Parquet and NetCDF (xarray).

@@ -1,30 +1,30 @@
-"""`suas solve`.
-
-JAX is imported inside the command, so that the help and commands that don't compute start at
-once.
-"""
+"""`suas solve`. JAX is imported inside the command, so that the help starts at once."""
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
+from fitting.cli.contract import NO_SOLUTION, Overwrite, answer, bad_input
 from fitting.cli.options import (
     AsJson,
     Model,
     Plot,
     Rtol,
     SceneFile,
-    check_figures,
+    check_files,
+    computing,
     material_note,
+    option,
     scene_of,
 )
-from fitting.cli.progress import spinner
-from fitting.json_text import json_text
-from suas_jax.acquisition.terminal import new_console, say
-from suas_jax.files.writing import check_outputs
+from suas_jax.acquisition.terminal import new_console, print_table, say
+
+if TYPE_CHECKING:
+    from suas_jax.config import InputErrors, SceneSpec
+    from suas_jax.scene.solve import Solution
 
 
 def solve(
@@ -34,25 +34,19 @@ def solve(
     rtol: Rtol = None,
     gradient: Annotated[
         str | None,
-        typer.Option(
-            metavar="QUANTITY",
-            help="Also differentiate a quantity of the JSON (such as oil_pressure_Pa or "
+        option(
+            "Also differentiate a quantity of the JSON (such as oil_pressure_Pa or "
             "loads.0.displacement_m) by every continuous input.",
+            metavar="QUANTITY",
         ),
     ] = None,
     plot: Plot = None,
-    pad: Annotated[
-        Path | None, typer.Option(help="Write a figure of the taxels' sensor output.")
-    ] = None,
+    pad: Annotated[Path | None, option("Write a figure of the taxels' sensor output.")] = None,
     vtu: Annotated[
-        Path | None,
-        typer.Option(help="Write the fields of the solid, or of a pad, for ParaView."),
+        Path | None, option("Write the fields of the solid, or of a pad, for ParaView.")
     ] = None,
     repeat: Annotated[
-        int,
-        typer.Option(
-            min=1, max=100_000, help="Time the solve as the median of this many runs."
-        ),
+        int, option("Time the solve as the median of this many runs.", min=1, max=100_000)
     ] = 1,
     overwrite: Overwrite = False,
 ) -> None:
@@ -64,8 +58,7 @@ def solve(
         spec = scene_of(scene, model, rtol)
         if vtu is not None and spec.geometry.dimension == 2 and spec.solve.model != "solid":
             raise ValueError("--vtu: a section's fields come with the solid model only")
-        check_figures(plot, pad)
-        check_outputs([plot, pad, vtu], overwrite=overwrite)
+        check_files(plot, pad, others=[vtu], overwrite=overwrite)
         if pad is not None and spec.electrodes is None:
             raise ValueError(
                 "--pad: the skin has no [electrodes], so there are no taxels to draw"
@@ -74,58 +67,53 @@ def solve(
             from suas_jax.scene.report_keys import require_reported
 
             require_reported(gradient, len(spec.loads))
-        with spinner("solving"):
-            from suas_jax.runtime.settings import configure
-
-            configure()
+        with computing("solving"):
             from suas_jax.config import input_errors
             from suas_jax.scene.solve import solve as run
 
             solution = run(spec, repeat=repeat)
-            report = solution.report
             errors = input_errors(spec)
-            report["uncertainty"] = None
-            if solution.converged:
-                from suas_jax.scene.uncertainty import uncertainty
-
-                report["uncertainty"] = uncertainty(solution, errors)
-            if gradient is not None:
-                from suas_jax.scene.gradient import gradient as differentiate
-                from suas_jax.scene.gradient_error import gradient_error_estimate
-
-                report["gradient"] = report["gradient_error_estimate"] = None
-                if solution.converged:
-                    report["gradient"] = differentiate(solution, gradient)
-                    found = gradient_error_estimate(solution, gradient)
-                    report["gradient_error_estimate"] = found
-            if plot is not None:
-                from suas_jax.figures.solution import plot_solution
-
-                plot_solution(solution, plot)
-            if pad is not None:
-                from suas_jax.figures.pad import plot_pad
-
-                plot_pad(spec, [taxel["so"] for taxel in report["taxels"]], pad)
-            if vtu is not None:
-                from suas_jax.figures.vtu import write_vtu
-
-                write_vtu(solution, vtu)
+            _complete(solution, errors, gradient)
+            _draw(solution, plot, pad, vtu)
     if errors.text:
         say(f"suas: {errors.text}", err=True)
-    report |= material_note(spec)
-    if as_json:
-        say(json_text(report))
-    else:
-        _print_report(report)
-        if report.get("gradient"):
-            from suas_jax.config import continuous_inputs
-
-            print_gradient(report["gradient"], continuous_inputs(spec))
-            error = report["gradient_error_estimate"]
-            text = "unknown" if error is None else f"{error:.1e}"
-            say(f"estimated error of the gradient: {text}")
+    report = solution.report | material_note(spec)
+    answer(as_json, report, lambda: _print_report(report, spec))
     if not solution.converged:
         raise typer.Exit(NO_SOLUTION)
+
+
+def _complete(solution: "Solution", errors: "InputErrors", quantity: str | None) -> None:
+    """Add what a report has beside the state itself: standard deviations, derivatives."""
+    report = solution.report
+    report["uncertainty"] = None
+    if quantity is not None:
+        report["gradient"] = report["gradient_error_estimate"] = None
+    if not solution.converged:
+        return
+    from suas_jax.scene.uncertainty import uncertainty
+
+    report["uncertainty"] = uncertainty(solution, errors)
+    if quantity is not None:
+        from suas_jax.scene.gradient import gradient, gradient_error_estimate
+
+        report["gradient"] = gradient(solution, quantity)
+        report["gradient_error_estimate"] = gradient_error_estimate(solution, quantity)
+
+
+def _draw(solution: "Solution", plot: Path | None, pad: Path | None, vtu: Path | None) -> None:
+    if plot is not None:
+        from suas_jax.figures.solution import plot_solution
+
+        plot_solution(solution, plot)
+    if pad is not None:
+        from suas_jax.figures.pad import plot_pad
+
+        plot_pad(solution.scene, [taxel["so"] for taxel in solution.report["taxels"]], pad)
+    if vtu is not None:
+        from suas_jax.figures.vtu import write_vtu
+
+        write_vtu(solution, vtu)
 
 
 def _two_digits(x: float) -> str:
@@ -133,7 +121,7 @@ def _two_digits(x: float) -> str:
     return f"{float(f'{x:.2g}'):g}"
 
 
-def _print_report(report: dict[str, Any]) -> None:
+def _print_report(report: dict[str, Any], spec: "SceneSpec") -> None:
     """What a person wants to see first, with units."""
     from rich.markup import escape
     from rich.table import Table
@@ -143,6 +131,19 @@ def _print_report(report: dict[str, Any]) -> None:
     message = escape(report["message"])
     console.print(f"[{colour}]{report['status']}[/] ({report['model']}) {message}")
     table = Table(show_header=False, box=None)
+    for row in _rows(report):
+        table.add_row(*row)
+    console.print(table)
+    if report.get("gradient"):
+        from suas_jax.config import continuous_inputs
+
+        print_gradient(report["gradient"], continuous_inputs(spec))
+        error = report["gradient_error_estimate"]
+        text = "unknown" if error is None else f"{error:.1e}"
+        say(f"estimated error of the gradient: {text}")
+
+
+def _rows(report: dict[str, Any]) -> Iterator[tuple[str, str]]:
     band = report.get("uncertainty") or {}
 
     def spread(path: str, factor: float) -> str:
@@ -151,67 +152,58 @@ def _print_report(report: dict[str, Any]) -> None:
         return "" if not sigma else f" ± {_two_digits(factor * sigma)}"
 
     for i, load in enumerate(report["loads"]):
-        if load["kind"] != "pressure":
-            place = f"{load['angle_deg']:.4g} deg"
-            if "axial_m" in load:
-                place += f", {1e3 * load['axial_m']:.4g} mm"
-            own = f"loads.{i}."
-            force = f"{load['force_N']:.5g}{spread(own + 'force_N', 1.0)} N at {place}"
-            table.add_row(f"load {i}", force)
-            if load["kind"] == "body":
-                depth = f"{1e3 * load['depth_m']:.5g}{spread(own + 'depth_m', 1e3)} mm"
-                area = f"touches {1e6 * load['contact_area_m2']:.4g} mm²"
-                table.add_row("", f"by a body {depth} in, which {area}")
-            moved = f"{1e3 * load['displacement_m']:.4g}{spread(own + 'displacement_m', 1e3)}"
-            inner = f"{1e3 * load['inner_displacement_m']:.4g}"
-            table.add_row("", f"moves {moved} mm, the inner face {inner} mm")
-        else:
-            pressure = f"external pressure {1e-3 * load['pressure_Pa']:.5g} kPa"
-            table.add_row(f"load {i}", pressure)
+        if load["kind"] == "pressure":
+            yield f"load {i}", f"external pressure {1e-3 * load['pressure_Pa']:.5g} kPa"
+            continue
+        place, own = f"{load['angle_deg']:.4g} deg", f"loads.{i}."
+        if "axial_m" in load:
+            place += f", {1e3 * load['axial_m']:.4g} mm"
+        yield f"load {i}", f"{load['force_N']:.5g}{spread(own + 'force_N', 1.0)} N at {place}"
+        if load["kind"] == "body":
+            depth = f"{1e3 * load['depth_m']:.5g}{spread(own + 'depth_m', 1e3)} mm"
+            area = f"touches {1e6 * load['contact_area_m2']:.4g} mm²"
+            yield "", f"by a body {depth} in, which {area}"
+        moved = f"{1e3 * load['displacement_m']:.4g}{spread(own + 'displacement_m', 1e3)}"
+        yield (
+            "",
+            f"moves {moved} mm, the inner face {1e3 * load['inner_displacement_m']:.4g} mm",
+        )
     pressure = f"{1e-3 * report['oil_pressure_Pa']:.5g}{spread('oil_pressure_Pa', 1e-3)} kPa"
-    table.add_row("oil pressure", pressure)
+    yield "oil pressure", pressure
     if "absolute_oil_pressure_Pa" in report:
-        absolute = 1e-3 * report["absolute_oil_pressure_Pa"]
-        table.add_row("", f"{absolute:.5g} kPa absolute")
+        yield "", f"{1e-3 * report['absolute_oil_pressure_Pa']:.5g} kPa absolute"
     for name, key in (
         ("smallest gap", "min_gap"),
         ("largest displacement", "max_displacement"),
         ("largest bulge", "bulge"),
     ):
         size = f"{round(1e3 * report[key + '_m'], 6):.4g}"  # to the nanometre
-        size += spread(key + "_m", 1e3)
         # A place in the middle is known to rounding errors, which nobody wants to read.
         angle = round(report[key + "_angle_deg"], 6) + 0.0
-        text = f"{size} mm at {angle:.3g} deg"
+        text = f"{size}{spread(key + '_m', 1e3)} mm at {angle:.3g} deg"
         if key + "_axial_m" in report:
             axial = round(1e3 * report[key + "_axial_m"], 6) + 0.0
             text += f", {axial:.3g} mm along the axis"
-        table.add_row(name, text)
+        yield name, text
     if report["wall"] is not None:
-        table.add_row("wall", _wall(report["wall"]))
+        yield "wall", _wall(report["wall"])
     if report.get("rest"):
-        table.add_row("at rest", _stress(report["rest"]))
+        yield "at rest", _stress(report["rest"])
     so = [taxel["so"] for taxel in report["taxels"] if taxel["so"] == taxel["so"]]
     if so:
-        text = f"{min(so):.5g} to {max(so):.5g} counts"
         sigma = max((v for k, v in band.items() if k.endswith(".so")), default=0.0)
-        table.add_row(
-            "sensor output", text + (f", each ± {_two_digits(sigma)} or less" if sigma else "")
-        )
-    table.add_row("strain energy", f"{1e3 * report['strain_energy_J']:.4g} mJ")
-    table.add_row("stretch", f"{report['stretch_min']:.4f} to {report['stretch_max']:.4f}")
-    stable = "stable" if report["stable"] else "[red]unstable[/]"
-    material = "stable" if report["material_stable"] else "[red]outside its window[/]"
-    table.add_row("equilibrium", stable)
-    table.add_row("material", material)
+        each = f", each ± {_two_digits(sigma)} or less" if sigma else ""
+        yield "sensor output", f"{min(so):.5g} to {max(so):.5g} counts{each}"
+    yield "strain energy", f"{1e3 * report['strain_energy_J']:.4g} mJ"
+    yield "stretch", f"{report['stretch_min']:.4f} to {report['stretch_max']:.4f}"
+    yield "equilibrium", "stable" if report["stable"] else "[red]unstable[/]"
+    yield "material", "stable" if report["material_stable"] else "[red]outside its window[/]"
     mesh, model = report["discretisation_error"], report["model_error"]
-    error = "unknown" if mesh is None else f"{mesh:.1e} by the mesh, {model:.1e} by the model"
-    table.add_row("estimated error", error)
+    known = mesh is not None
+    error = f"{mesh:.1e} by the mesh, {model:.1e} by the model" if known else "unknown"
+    yield "estimated error", error
     times = report["timings_s"]
-    table.add_row(
-        "solve / compile", f"{1e3 * times['solve']:.2f} ms / {times['compile']:.2f} s"
-    )
-    console.print(table)
+    yield "solve / compile", f"{1e3 * times['solve']:.2f} ms / {times['compile']:.2f} s"
 
 
 def _wall(wall: dict[str, Any]) -> str:
@@ -236,10 +228,7 @@ def _stress(rest: dict[str, Any]) -> str:
 
 def print_gradient(slopes: dict[str, float], inputs: dict[str, float]) -> None:
     """Derivatives by what a per cent of each input does, the largest first."""
-    from rich.table import Table
-
     effects = {name: 0.01 * slope * inputs[name] for name, slope in slopes.items()}
-    table = Table("input (SI)", "derivative", "1 % of the input")
     rounding = 1e-12 * max(filter(math.isfinite, map(abs, effects.values())), default=0.0)
 
     def acts(name: str) -> bool:
@@ -248,12 +237,17 @@ def print_gradient(slopes: dict[str, float], inputs: dict[str, float]) -> None:
             return slopes[name] != 0.0
         return not abs(effects[name]) <= rounding
 
-    felt = list(filter(acts, slopes))
-    for name in sorted(felt, key=lambda name: (-abs(effects[name]), -abs(slopes[name]))):
-        effect = f"{effects[name]:+.4g}" if inputs[name] != 0.0 else "input is zero"
-        table.add_row(name, f"{slopes[name]:+.6g}", effect)
-    console = new_console(highlight=False)
-    console.print(table)
+    felt = sorted(
+        filter(acts, slopes), key=lambda name: (-abs(effects[name]), -abs(slopes[name]))
+    )
+    rows = [
+        (
+            name,
+            f"{slopes[name]:+.6g}",
+            f"{effects[name]:+.4g}" if inputs[name] != 0.0 else "input is zero",
+        )
+        for name in felt
+    ]
+    print_table(("input (SI)", "derivative", "1 % of the input"), rows)
     if len(felt) < len(slopes):
-        count = len(slopes) - len(felt)
-        console.print(f"{count} other inputs have no effect (--json lists them).")
+        say(f"{len(slopes) - len(felt)} other inputs have no effect (--json lists them).")

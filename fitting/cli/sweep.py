@@ -5,74 +5,67 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
+from fitting.cli.contract import NO_SOLUTION, Overwrite, answer, bad_input, print_report
 from fitting.cli.options import (
     AsJson,
     Model,
     Plot,
     Rtol,
     SceneFile,
-    check_figures,
+    check_files,
+    computing,
     material_note,
+    option,
     scene_of,
 )
-from fitting.cli.progress import spinner
-from fitting.json_text import json_text
-from suas_jax.acquisition.terminal import new_console, say
-from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
     from suas_jax.scene.sweep import Sweep
 
 _MOST_POINTS = 10_000
-_UNITS = {"--force": "SI units", "--oil-pressure": "SI units", "--depth": "millimetres"}
-_EXAMPLES = {"--force": "0:30:31", "--oil-pressure": "0:10000:21", "--depth": "0:4:41"}
+_RANGES = {
+    "--force": ("SI units", "0:30:31"),
+    "--oil-pressure": ("SI units", "0:10000:21"),
+    "--depth": ("millimetres", "0:4:41"),
+}
+
+
+def _levels(text: str) -> Any:
+    return option(text, metavar="FROM:TO:COUNT")
 
 
 def sweep(
     scene: SceneFile,
     force: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FROM:TO:COUNT",
-            help="Total force of all line loads [N]; their pattern stays.",
-        ),
+        str | None, _levels("Total force of all line loads [N]; their pattern stays.")
     ] = None,
     oil_pressure: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FROM:TO:COUNT", help="Oil pressure [Pa]; all loads are scaled to reach it."
-        ),
+        str | None, _levels("Oil pressure [Pa]; all loads are scaled to reach it.")
     ] = None,
     depth: Annotated[
         str | None,
-        typer.Option(
-            metavar="FROM:TO:COUNT",
-            help="Travel of the bodies [mm]: an indentation curve; other loads stay.",
-        ),
+        _levels("Travel of the bodies [mm]: an indentation curve; other loads stay."),
     ] = None,
     history: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Loads over time: CSV with t_s and force_N or factor; stress relaxes as "
+        option(
+            "Loads over time: CSV with t_s and force_N or factor; stress relaxes as "
             "[material] says.",
+            metavar="FILE",
         ),
     ] = None,
     gradient: Annotated[
         str | None,
-        typer.Option(
-            metavar="QUANTITY",
-            help="Of a history: also differentiate a quantity of its last point (such as "
+        option(
+            "Of a history: also differentiate a quantity of its last point (such as "
             "oil_pressure_Pa), or of points.3.oil_pressure_Pa, by every continuous input.",
+            metavar="QUANTITY",
         ),
     ] = None,
     as_json: AsJson = False,
     model: Model = None,
     rtol: Rtol = None,
-    csv_file: Annotated[
-        Path | None, typer.Option("--csv", help="Write the curve as CSV.")
-    ] = None,
+    csv_file: Annotated[Path | None, option("Write the curve as CSV.", "--csv")] = None,
     plot: Plot = None,
     overwrite: Overwrite = False,
 ) -> None:
@@ -81,8 +74,7 @@ def sweep(
     Exit status: 0 all points converged, 2 bad input, 3 some did not.
     """
     with bad_input():
-        given = [x for x in (force, oil_pressure, depth, history) if x is not None]
-        if len(given) != 1:
+        if sum(x is not None for x in (force, oil_pressure, depth, history)) != 1:
             raise ValueError(
                 "--force, --oil-pressure, --depth, --history: give one of them, all but the "
                 "last as FROM:TO:COUNT"
@@ -92,15 +84,13 @@ def sweep(
                 "--gradient goes with --history; of one load, `suas solve --gradient` does it"
             )
         spec = scene_of(scene, model, rtol)
-        check_figures(plot)
-        check_outputs([csv_file, plot], overwrite=overwrite)
-        forces = None if force is None else _range("--force", force)
-        pressures = None if oil_pressure is None else _range("--oil-pressure", oil_pressure)
-        depths = None if depth is None else [1e-3 * x for x in _range("--depth", depth)]
-        with spinner("sweeping"):
-            from suas_jax.runtime.settings import configure
-
-            configure()
+        check_files(plot, others=[csv_file], overwrite=overwrite)
+        levels = {
+            "forces": _range("--force", force),
+            "oil_pressures": _range("--oil-pressure", oil_pressure),
+            "depths": _range("--depth", depth, 1e-3),
+        }
+        with computing("sweeping"):
             if history is not None:
                 from suas_jax.dynamics.history import history_sweep, read_history
 
@@ -108,81 +98,71 @@ def sweep(
             else:
                 from suas_jax.scene.sweep import sweep as run
 
-                curve = run(spec, forces=forces, oil_pressures=pressures, depths=depths)
+                curve = run(spec, **levels)
             if csv_file is not None:
                 curve.write_csv(csv_file)
             if plot is not None:
                 from suas_jax.figures.curve import plot_sweep
 
                 plot_sweep(curve, plot)
-    note = material_note(spec)
-    if as_json:
-        result: dict[str, Any] = {"points": curve.points, "first_contact": curve.first_contact}
-        result |= note
-        if curve.film is not None:
-            result["film"] = curve.film
-        if gradient is not None:
-            result["gradient"] = curve.gradient
-        say(json_text(result))
-    else:
-        _print_curve(curve)
-        if curve.gradient is not None:
-            from fitting.cli.solve import print_gradient
-            from suas_jax.config import continuous_inputs
-
-            print_gradient(curve.gradient, continuous_inputs(curve.scene))
+    report: dict[str, Any] = {"points": curve.points, "first_contact": curve.first_contact}
+    report |= material_note(spec)
+    if curve.film is not None:
+        report["film"] = curve.film
+    if gradient is not None:
+        report["gradient"] = curve.gradient
+    answer(as_json, report, lambda: _print_curve(curve))
     if any(point["status"] != "converged" for point in curve.points):
         raise typer.Exit(NO_SOLUTION)
 
 
-def _range(option: str, text: str) -> list[float]:
-    """Parse FROM:TO:COUNT."""
+def _range(option: str, text: str | None, unit: float = 1.0) -> list[float] | None:
+    """Values of FROM:TO:COUNT in SI units, if it is given."""
+    if text is None:
+        return None
     try:
         first, last, count = text.split(":")
         start, stop, n = float(first), float(last), int(count)
         if not 1 <= n <= _MOST_POINTS:
             raise ValueError
     except ValueError:
+        units, example = _RANGES[option]
         raise ValueError(
-            f'{option} = "{text[:80]}": expected FROM:TO:COUNT in {_UNITS[option]}, for '
-            f"example {_EXAMPLES[option]}; COUNT is at most {_MOST_POINTS}"
+            f'{option} = "{text[:80]}": expected FROM:TO:COUNT in {units}, for example '
+            f"{example}; COUNT is at most {_MOST_POINTS}"
         ) from None
-    if n == 1:
-        return [start]
-    return [start + (stop - start) * i / (n - 1) for i in range(n)]
+    return [unit * (start + (stop - start) * i / max(n - 1, 1)) for i in range(n)]
 
 
 def _print_curve(curve: "Sweep") -> None:
-    from rich.table import Table
+    from fitting.report.description import Remark, ReportTable
 
-    console = new_console(markup=False)  # which would swallow the units in brackets
-    names = (
-        "force [N]",
-        "oil [kPa]",
-        "moved [mm]",
-        "gap [mm]",
-        "wall [N]",
-    )
-    timed = "t_s" in curve.points[0]
-    table = Table(*(("t [s]",) if timed else ()), *names, "status")
-    for row in curve.rows():
-        table.add_row(
-            *((f"{row['t_s']:.6g}",) if timed else ()),
+    names = ("force [N]", "oil [kPa]", "moved [mm]", "gap [mm]", "wall [N]", "status")
+    time = ("t [s]",) if "t_s" in curve.points[0] else ()
+    rows = [
+        [
+            *(f"{row['t_s']:.6g}" for _ in time),
             f"{row['force_N']:.4g}",
             f"{1e-3 * row['oil_pressure_Pa']:.4g}",
             f"{round(1e3 * row['max_displacement_m'], 6):.4g}",  # to the nanometre
             f"{1e3 * row['min_gap_m']:.4g}",
             f"{row['wall_force_N']:.4g}",
             row["status"] if row["stable"] else f"{row['status']}, unstable",
-        )
-    console.print(table)
-    if curve.film is not None:
-        console.print(curve.film["message"])
-    contact = curve.first_contact
-    if contact is None:
-        console.print("The inner face does not reach the wall.")
-    else:
-        console.print(
+        ]
+        for row in curve.rows()
+    ]
+    film, contact = curve.film, curve.first_contact
+    touch = "The inner face does not reach the wall."
+    if contact is not None:
+        touch = (
             f"First wall contact at {contact['force_N']:.4g} N "
             f"({1e-3 * contact['oil_pressure_Pa']:.4g} kPa), {contact['angle_deg']:.3g} deg."
         )
+    said = [touch] if film is None else [film["message"], touch]
+    table = ReportTable("", (*time, *names), rows)
+    print_report([table, *map(Remark, said)])
+    if curve.gradient is not None:
+        from fitting.cli.solve import print_gradient
+        from suas_jax.config import continuous_inputs
+
+        print_gradient(curve.gradient, continuous_inputs(curve.scene))

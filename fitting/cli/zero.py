@@ -3,12 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
-from fitting.cli.contract import Overwrite, bad_input
-from fitting.cli.options import AsJson
-from fitting.cli.progress import spinner
-from fitting.json_text import json_text
+from fitting.cli.contract import Overwrite, answer, bad_input
+from fitting.cli.options import AsJson, SkinFile, argument, computing, option
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.reading import read_bytes
 from suas_jax.files.writing import check_output, write_text
@@ -18,30 +14,29 @@ if TYPE_CHECKING:
 
 
 def zero(
-    skin: Annotated[Path, typer.Argument(metavar="SKIN", help="Skin file (TOML).")],
+    skin: SkinFile,
     log: Annotated[
-        Path, typer.Argument(metavar="LOG", help="SO log: some seconds at rest, then presses.")
+        Path, argument("SO log: some seconds at rest, then presses.", metavar="LOG")
     ],
     known: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="PRESS",
-            help='A press, such as "500 g at 0 deg" or "5 N +- 0.05 N at arc 12 mm"; once for '
+        option(
+            'A press, such as "500 g at 0 deg" or "5 N +- 0.05 N at arc 12 mm"; once for '
             "each press, in order. Without --known the log's columns state them "
             "(load_0_force_N, load_0_angle_deg).",
+            metavar="PRESS",
         ),
     ] = None,
     inputs: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Known inputs in a CSV of their own (t_s)."),
+        Path | None, option("Known inputs in a CSV of their own (t_s).", metavar="FILE")
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option(
+        option(
+            "File to write; default: SKIN.zero.toml beside the skin file.",
             "-o",
             "--output",
             metavar="FILE",
-            help="File to write; default: SKIN.zero.toml beside the skin file.",
         ),
     ] = None,
     overwrite: Overwrite = False,
@@ -60,19 +55,14 @@ def zero(
         if known and inputs is not None:
             raise ValueError("--known, --inputs: both say what the presses were; leave one out")
         from suas_jax.config import load_skin
-        from suas_jax.runtime.settings import configure
 
         spec = load_skin(skin)
-        configure()
-        from fitting.inverse_load.zero.from_log import zero_from_log
+        with computing("updating the inputs by the known presses"):
+            from fitting.inverse_load.zero.from_log import zero_from_log
 
-        with spinner("updating the inputs by the known presses"):
             found = zero_from_log(spec, log, known or (), inputs)
         write_text(target, zero_text(found, skin, log))
-    if as_json:
-        say(json_text(_report(found, target)))
-    else:
-        _print(found, target)
+    answer(as_json, _report(found, target), lambda: _print(found, target))
 
 
 def _wrote(path: Path, mark: str) -> bool:
@@ -81,8 +71,13 @@ def _wrote(path: Path, mark: str) -> bool:
     return mark in read_bytes(path, MOST_BYTES, remember=False).decode(errors="replace")
 
 
+def _by_error(found: "Zero") -> "zip[tuple[Any, ...]]":
+    posterior = found.posterior
+    variance = posterior.covariance.diagonal()
+    return zip(found.errors.names, posterior.mean, variance, strict=True)
+
+
 def _report(found: "Zero", target: Path) -> dict[str, Any]:
-    errors, posterior = found.errors, found.posterior
     return {
         "status": found.status,
         "zero_file": str(target),
@@ -101,11 +96,9 @@ def _report(found: "Zero", target: Path) -> dict[str, Any]:
         ],
         "errors": {
             name: {"mean": float(mean), "deviation": float(variance) ** 0.5}
-            for name, mean, variance in zip(
-                errors.names, posterior.mean, posterior.covariance.diagonal(), strict=True
-            )
+            for name, mean, variance in _by_error(found)
         },
-        "parameters": list(errors.paths),
+        "parameters": list(found.errors.paths),
         "values": found.values.tolist(),
         "covariance": found.covariance.tolist(),
     }
@@ -116,10 +109,7 @@ def _print(found: "Zero", target: Path) -> None:
         known = f"{100 * after:.2g} % ({100 * before:.2g} % without the zero)"
         say(f"{press.text}: forces there are known to {known}")
     say("errors of the inputs, in standard deviations of what the file allows:")
-    covariance = found.posterior.covariance.diagonal()
-    for name, mean, variance in zip(
-        found.errors.names, found.posterior.mean, covariance, strict=True
-    ):
+    for name, mean, variance in _by_error(found):
         say(f"  {name}: {mean:+.2f} +- {variance**0.5:.2f}")
     say(f"chi2 per degree of freedom {found.chi2_per_dof:.2f}, {found.status}")
     say(f"written: {target}", err=True)

@@ -15,6 +15,8 @@ slopes by x and F, each over s::
                          the gap is closed already, which makes its derivatives exact
 """
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import jax
@@ -33,60 +35,37 @@ CURRIE = 3.29
 FAR = 4.0
 """Films and membranes between a contact and a taxel that counts as crosstalk."""
 _DISTANCES = 60  # of two contacts that are tried
+_RATED = 0.3  # of the smallest first contact
 
 
 class Cases(NamedTuple):
-    """Readings of contacts at places, [taxel, *skin, place] where they have taxels.
+    """Readings of contacts at places, [taxel, *skin, place] where they have taxels."""
 
-    Attributes:
-        rest: without force.
-        half: at half of the rated force.
-        rated: at the rated force.
-        touch: close to first contact with the wall.
-        force: of those [*skin, place] [N].
-    """
-
-    rest: Readings
-    half: Readings
-    rated: Readings
-    touch: Readings
-    force: Any
+    rest: Readings  # without force
+    half: Readings  # at half of the rated force
+    rated: Readings  # at the rated force
+    touch: Readings  # close to first contact with the wall
+    force: Any  # of those [*skin, place] [N]
 
 
 class Figures(NamedTuple):
-    """Figures at places, [*skin, place] each.
+    """Figures at places, [*skin, place] each."""
 
-    Attributes:
-        first_contact: force at which the membrane reaches the wall [N].
-        min_gap: smallest to the wall under the rated force [m].
-        sensitivity: of all taxels together, at rest [counts/N].
-        detection_limit: force [N].
-        force_resolution: least standard deviation of the force in one frame [N].
-        place_resolution: of the place on the outer face [m].
-        nonlinearity: at half of the rated force, over the reading at the rated force.
-        crosstalk: of far taxels, over the largest change; NaN where none is far.
-    """
-
-    first_contact: Array
-    min_gap: Array
-    sensitivity: Array
-    detection_limit: Array
-    force_resolution: Array
-    place_resolution: Array
-    nonlinearity: Array
-    crosstalk: Array
+    first_contact: Array  # force at which the membrane reaches the wall [N]
+    min_gap: Array  # smallest to the wall under the rated force [m]
+    sensitivity: Array  # of all taxels together, at rest [counts/N]
+    detection_limit: Array  # force [N]
+    force_resolution: Array  # least standard deviation of the force in one frame [N]
+    place_resolution: Array  # of the place on the outer face [m]
+    nonlinearity: Array  # at half of the rated force, over the reading at the rated force
+    crosstalk: Array  # of far taxels, over the largest change; NaN where none is far
 
 
 class Accuracy(NamedTuple):
-    """How readings are weighed.
+    """How readings are weighed."""
 
-    Attributes:
-        noise: standard deviation of a reading [counts].
-        model_error: of the model, a share of the reading's change from rest.
-    """
-
-    noise: float
-    model_error: float
+    noise: float  # standard deviation of a reading [counts]
+    model_error: float  # of the model, a share of the reading's change from rest
 
     @property
     def variance(self) -> float:
@@ -97,13 +76,7 @@ class Accuracy(NamedTuple):
 def figures_at(
     cases: Cases, accuracy: Accuracy, far: Bool[np.ndarray, "taxel place"]
 ) -> Figures:
-    """The figures of places.
-
-    Args:
-        cases: readings there.
-        accuracy: of a reading.
-        far: taxels that a contact at a place should leave alone.
-    """
+    """The figures of places, `far` being the taxels that a contact there should leave alone."""
     rest, light = cases.rest.so, cases.rest.slope[-1]
     slope = jax.lax.stop_gradient(cases.touch.gap_slope)
     sensitivity = _norm(light)
@@ -153,12 +126,7 @@ def unlike(columns: Float[Array, "coordinate taxel *place"]) -> Array:
 
 
 def told(cases: Cases, accuracy: Accuracy, change: Any) -> Float[Array, "coordinate *place"]:
-    """What a change of the readings is taken for, by the best weighted fit.
-
-    Args:
-        cases: readings as the model has them.
-        accuracy: of a reading.
-        change: that it knows nothing of [taxel, *place] [counts].
+    """What a change of readings [taxel, *place] [counts] is taken for, by the best fit.
 
     Returns:
         Changes of the place's coordinates [m] and of the force [N].
@@ -177,14 +145,9 @@ def two_point(
 ) -> Floats:
     """Distance from which on two contacts are told apart [place] [m]; NaN where none is.
 
-    From the bound of two light contacts, whose readings add: that of their distance is
-    1/3.29 of it.
-
-    Args:
-        arc: places, rising [m].
-        light: derivatives of the readings by the force there [counts/N].
-        force: of each [N].
-        variance: of a reading.
+    From the bound of two light contacts of a force each [N], whose readings add: that of their
+    distance is 1/3.29 of it. Places along the arc rise [m]; `light` are derivatives of the
+    readings by the force there [counts/N].
     """
     spline = CubicSpline(arc, light.T)
     distance = np.geomspace(1e-3, 1.0, _DISTANCES) * (arc[-1] - arc[0])
@@ -209,3 +172,24 @@ def two_point(
 def _norm(columns: Array) -> Array:
     square = jnp.sum(columns**2, 0)
     return jnp.sqrt(jnp.where(square == 0, 1e-300, square))
+
+
+class Measured(NamedTuple):
+    """Readings of a skin and its neighbours, and where they were taken."""
+
+    cases: Cases  # the readings [taxel, skin, place]
+    coordinates: dict[str, Floats]  # of the places by key, as a person states them [place]
+    arc: Floats  # along the outer face [place] [m]
+    region: np.ndarray  # whether a place counts for the figures of the whole skin [place]
+    far: np.ndarray  # taxels that count as crosstalk [taxel, place]
+    rated: float  # the rated force [N]
+    accuracy: Accuracy  # of a reading
+    grid: tuple[int, int]  # places along the arc and along the axis
+    # why figures have no value on such a skin, by key
+    missing: Mapping[str, str] = MappingProxyType({})
+
+
+def rated_force(first_contact: Floats) -> float:
+    """30 % of the smallest first contact, to one significant digit [N]; 1 N where none is."""
+    known = first_contact[np.isfinite(first_contact)]
+    return float(f"{_RATED * known.min():.0e}") if known.size else 1.0

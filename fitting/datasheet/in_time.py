@@ -31,12 +31,9 @@ def creep(relaxation: RelaxationSpec, time: float) -> float:
 
         J(t) = 1 + sum_k (v.f_k)^2 (1 - exp(l_k t)) / -l_k
 
-    with v_i = sqrt(g_i / tau_i), and l_k, f_k eigenvalues and vectors of v v' - diag(1/tau).
-    That holds for a skin that nothing stresses at rest, whose displacements are small.
-
-    Args:
-        relaxation: the Prony series.
-        time: since the press [s].
+    with v_i = sqrt(g_i / tau_i), and l_k, f_k eigenvalues and vectors of v v' - diag(1/tau), at
+    a time since the press [s]. That holds for a skin that nothing stresses at rest, whose
+    displacements are small.
     """
     g, tau = (np.array(x, float) for x in (relaxation.g, relaxation.tau))
     v = np.sqrt(g / tau)
@@ -50,14 +47,7 @@ def creep(relaxation: RelaxationSpec, time: float) -> float:
 
 
 def motion_figures(spec: SkinSpec) -> tuple[dict[str, float], str]:
-    """Lowest frequency, damping and bandwidth, or why there are none.
-
-    Args:
-        spec: the skin.
-
-    Returns:
-        Figures by key, and the reason where there are none.
-    """
+    """Lowest frequency, damping and bandwidth by key, and the reason where there are none."""
     try:
         found = modes(scene_of(spec), 1)
     except ConfigError as error:
@@ -76,16 +66,11 @@ def motion_figures(spec: SkinSpec) -> tuple[dict[str, float], str]:
 
 
 def buckling_mismatch(spec: SkinSpec) -> tuple[float, str]:
-    """How much longer the membrane could be than its seat before it buckles at rest.
+    """How much longer the membrane could be than its seat before it buckles at rest, a share.
 
     Linear buckling: of the motions that keep the oil's volume, K + m K' is singular at the
-    smallest positive mismatch m along the arc, K' being the stiffness's slope by it.
-
-    Args:
-        spec: the skin, which names ``geometry.mounting``.
-
-    Returns:
-        The further mismatch, a share of the length, and the reason where there is none.
+    smallest positive mismatch m along the arc, K' being the stiffness's slope by it. The skin
+    names ``geometry.mounting``; beside the mismatch stands the reason where there is none.
     """
     if not spec.oil.trapped:
         return math.nan, "the oil is vented, so that nothing but the membrane holds the arch"

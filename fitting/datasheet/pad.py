@@ -1,8 +1,7 @@
 """Readings of a pad for its data sheet, from a table of solved states under one round contact.
 
-Sensitivities to tolerances are those of `suas invert`: exact for what the electrodes see, and
-for the membrane the change of stiffness that solved states show. They move readings alone: of
-figures that need more, the interval is unknown.
+Sensitivities to tolerances are those of `suas invert`. They move readings alone: of figures
+that need more, the interval is unknown.
 """
 
 from collections.abc import Callable
@@ -11,8 +10,7 @@ from concurrent.futures import Executor
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.datasheet.figures import FAR, Accuracy, Cases
-from fitting.datasheet.measured import Measured, rated_force
+from fitting.datasheet.figures import FAR, Accuracy, Cases, Measured, rated_force
 from fitting.datasheet.readings import Readings
 from fitting.datasheet.variants import DEEPER, STEP, WARMER, Variants, why_constant
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
@@ -29,23 +27,14 @@ _NEVER = 1e8  # stands for a force of first contact that the table doesn't know 
 
 
 def measure_pad(
-    variants: Variants,
-    places: tuple[int, int],
-    noise: float,
-    force: float | None,
-    progress: Callable[[str], None],
-    workers: Executor | None = None,
+    variants: Variants,  # the pad and its neighbours
+    places: tuple[int, int],  # how many along the arc and along the axis, from edge to edge
+    noise: float,  # standard deviation of a reading [counts]
+    force: float | None,  # the rated force [N]; see `rated_force`
+    progress: Callable[[str], None],  # called with what is being done
+    workers: Executor | None = None,  # that solve the table; None: this process
 ) -> Measured:
-    """Readings under round contacts of 6 mm over a pad.
-
-    Args:
-        variants: the pad and its neighbours.
-        places: how many along the arc and along the axis, from edge to edge.
-        noise: standard deviation of a reading [counts].
-        force: the rated force [N]; see `rated_force`.
-        progress: called with what is being done.
-        workers: that solve the table; None: this process.
-    """
+    """Readings under round contacts of 6 mm over a pad."""
 
     def shown(done: int, total: int) -> None:
         progress(f"table of solved states: {done} of {total} columns")
@@ -149,12 +138,7 @@ def _readings(
 
 
 def _moved(own: Floats, slopes: Floats) -> Floats:
-    """Values of the pad itself, then of each change downwards and upwards.
-
-    Args:
-        own: its values [taxel, place].
-        slopes: by the changes [taxel, change, place].
-    """
+    """Values of the pad itself [taxel, place], then of each change downwards and upwards."""
     sides = np.tile([-STEP, STEP], slopes.shape[1])[:, None]
     steps = np.repeat(slopes, 2, axis=1) * sides
     return np.concatenate([own[:, None], own[:, None] + steps], 1)

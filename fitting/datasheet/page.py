@@ -10,8 +10,7 @@ from importlib.metadata import version
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from fitting.datasheet.curves import plot_places, plot_tolerances
-from fitting.datasheet.drawing import plot_skin
+from fitting.datasheet.pictures import plot_places, plot_skin, plot_tolerances
 from fitting.datasheet.sheet import DataSheet
 from fitting.datasheet.sheet import Figure as SheetFigure
 from fitting.datasheet.words import WORDS
@@ -22,12 +21,7 @@ _COLUMNS = ("figure", "value", "95 %", "at", "meaning")
 
 
 def described(sheet: DataSheet, *, meanings: bool = True) -> list[Part]:
-    """The sheet's tables and remarks.
-
-    Args:
-        sheet: the data sheet.
-        meanings: whether every figure's stands beside it; else reasons follow the table.
-    """
+    """The sheet's tables and remarks; reasons follow them unless meanings stand in them."""
     rows = [_row(sheet, figure)[: 5 if meanings else 4] for figure in sheet.figures]
     reasons: dict[str, list[str]] = {}
     for figure in () if meanings else sheet.figures:
@@ -53,12 +47,7 @@ def described(sheet: DataSheet, *, meanings: bool = True) -> list[Part]:
 
 
 def html_page(sheet: DataSheet, name: str) -> str:
-    """The page.
-
-    Args:
-        sheet: the data sheet.
-        name: of the skin, such as its file.
-    """
+    """The page of a skin, named such as its file."""
     measured = sheet.measured
     return page(
         "fitting.datasheet",

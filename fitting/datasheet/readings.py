@@ -1,7 +1,6 @@
-"""Readings of a skin under single contacts, with their slopes, many skins and places at once.
+"""Readings of skins under single contacts, with their slopes, many skins and places at once.
 
-The one file of this folder that asks the model for readings. A lane is one contact on one skin;
-all lanes of a skin, and of its neighbours with changed inputs, go through one program.
+A lane is one contact on one skin; all lanes of a skin and its neighbours share a program.
 """
 
 import functools
@@ -23,34 +22,20 @@ _CHUNK = 128  # lanes of a call, so that one program serves any number of them
 
 
 class Readings(NamedTuple):
-    """What contacts do, arrays of JAX or of NumPy.
+    """What contacts do, arrays of JAX or of NumPy."""
 
-    Attributes:
-        so: sensor output [taxel, lane] [counts].
-        slope: its derivatives by the contact's coordinates, the force last; the others are
-            lengths along the outer face [coordinate, taxel, lane] [counts/m, counts/N].
-        gap: smallest between membrane and wall [lane] [m].
-        gap_slope: its derivative by the force [lane] [m/N].
-        pressure: of the oil [lane] [Pa].
-        result: index of the outcome, 0 where converged [lane].
-    """
-
-    so: Any
+    so: Any  # sensor output [taxel, lane] [counts]
+    # its derivatives by the contact's coordinates, the force last; the others are lengths along
+    # the outer face [coordinate, taxel, lane] [counts/m, counts/N]
     slope: Any
-    gap: Any
-    gap_slope: Any
-    pressure: Any
-    result: Any
+    gap: Any  # smallest between membrane and wall [lane] [m]
+    gap_slope: Any  # its derivative by the force [lane] [m/N]
+    pressure: Any  # of the oil [lane] [Pa]
+    result: Any  # index of the outcome, 0 where converged [lane]
 
 
 def read(skin: Skin, angle: Lanes, force: Lanes) -> Readings:
-    """Readings under radial line loads; differentiable by every array.
-
-    Args:
-        skin: in one lane, or in as many as there are contacts.
-        angle: of the contacts [rad].
-        force: inwards [N].
-    """
+    """Readings under radial line loads at angles [rad], inwards [N]; differentiable."""
     loads = Loads.line(angle, force).in_lanes()
 
     def of(loads: Loads) -> tuple[tuple[Array, ...], Array]:
@@ -75,11 +60,9 @@ def _read(skin: Skin, angle: Lanes, force: Lanes) -> Readings:
 
 
 def skins_in_lanes(spec: SkinSpec, inputs: dict[str, np.ndarray]) -> Skin:
-    """Skins that differ in their inputs, side by side; the membrane passes through the wall.
+    """Skins that differ in their inputs by TOML path [skin], SI, side by side.
 
-    Args:
-        spec: the skin.
-        inputs: values by TOML path [skin], SI.
+    The membrane passes through the wall.
     """
     built = eqx.filter_vmap(lambda own: skin_of(spec, own, contact=False))(
         {path: jnp.asarray(values, float) for path, values in inputs.items()}
@@ -88,16 +71,9 @@ def skins_in_lanes(spec: SkinSpec, inputs: dict[str, np.ndarray]) -> Skin:
 
 
 def read_all(skins: Skin, which: np.ndarray, angle: np.ndarray, force: np.ndarray) -> Readings:
-    """Readings of any number of contacts, chunk by chunk.
+    """Readings of any number of contacts at angles [lane] [rad], inwards [lane] [N], in NumPy.
 
-    Args:
-        skins: side by side.
-        which: the skin of each contact [lane].
-        angle: of the contacts [lane] [rad].
-        force: inwards [lane] [N].
-
-    Returns:
-        NumPy arrays.
+    `which` is the skin of each contact, among those side by side.
     """
     count = len(angle)
     found: list[Any] = []

@@ -6,24 +6,13 @@ import jax
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.datasheet.figures import FAR, Accuracy, Cases
-from fitting.datasheet.measured import Measured, rated_force
+from fitting.datasheet.figures import FAR, Accuracy, Cases, Measured, rated_force
 from fitting.datasheet.readings import Readings, read_all, skins_in_lanes
 from fitting.datasheet.variants import Variants
-from fitting.force_range.bound import first_contacts
+from fitting.force_range.bound import angles_over, first_contacts
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import MODEL_ERROR
 from suas_jax import Skin, skin_of
-
-_CLOSEST = 2.0  # thicknesses from a clamp within which no contact is put
-
-
-def angles_over(skin: Skin, places: int) -> Floats:
-    """Angles evenly from clamp to clamp [rad]."""
-    geometry = skin.geometry
-    closest = _CLOSEST * geometry.thickness[0] / geometry.mid_size[0]
-    edge = float(geometry.half_angle[0] - closest)
-    return np.linspace(-edge, edge, places)
 
 
 def between_taxels(skin: Skin, angle: Floats) -> np.ndarray:
@@ -42,24 +31,16 @@ def far_taxels(skin: Skin, angle: Floats) -> np.ndarray:
 
 
 def measure_section(
-    variants: Variants,
-    places: int,
-    noise: float,
-    force: float | None,
-    progress: Callable[[str], None],
+    variants: Variants,  # the skin and its neighbours
+    places: int,  # how many, from clamp to clamp
+    noise: float,  # standard deviation of a reading [counts]
+    force: float | None,  # the rated force [N]; see `rated_force`
+    progress: Callable[[str], None],  # called with what is being done
+    # angles of the first and the last place, all of which count [rad]; None for places from
+    # clamp to clamp, of which those between the outermost taxels count
     between: tuple[float, float] | None = None,
 ) -> Measured:
-    """Readings under line loads over a section.
-
-    Args:
-        variants: the skin and its neighbours.
-        places: how many, from clamp to clamp.
-        noise: standard deviation of a reading [counts].
-        force: the rated force [N]; see `rated_force`.
-        progress: called with what is being done.
-        between: angles of the first and the last place, all of which count [rad]; None for
-            places from clamp to clamp, of which those between the outermost taxels count.
-    """
+    """Readings under line loads over a section."""
     spec = variants.spec
     free = skin_of(spec, contact=False)
     angle = angles_over(free, places) if between is None else np.linspace(*between, places)

@@ -11,13 +11,21 @@ import jax
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.datasheet.figures import Accuracy, Cases, Figures, figures_at, told, two_point
+from fitting.datasheet.figures import (
+    Accuracy,
+    Cases,
+    Figures,
+    Measured,
+    figures_at,
+    told,
+    two_point,
+)
 from fitting.datasheet.in_time import buckling_mismatch, creep, motion_figures
-from fitting.datasheet.measured import Measured
 from fitting.datasheet.pad import measure_pad
 from fitting.datasheet.section import measure_section
 from fitting.datasheet.variants import DEEPER, WARMER, Variants, variants_of, why_constant
 from fitting.datasheet.words import PLACED, WORDS
+from fitting.force_range.inputs import reading_noise
 from suas_jax.config import SkinSpec
 from suas_jax.config.inputs import given_inputs
 from suas_jax.config.tolerance import deviation_of
@@ -28,21 +36,14 @@ _95 = 1.96
 
 @dataclass(frozen=True)
 class Figure:
-    """One line of the sheet.
+    """One line of the sheet."""
 
-    Attributes:
-        key: as in `WORDS`, with its SI unit.
-        value: NaN where there is none.
-        deviation: one standard deviation by the skin's tolerances; NaN where unknown.
-        reason: why there is no value, or why it is what it is.
-        place: index of the place that decides it; None where none does.
-    """
-
-    key: str
-    value: float
+    key: str  # as in `WORDS`, with its SI unit
+    value: float  # NaN where there is none
+    # one standard deviation by the skin's tolerances; NaN where unknown
     deviation: float = math.nan
-    reason: str = ""
-    place: int | None = None
+    reason: str = ""  # why there is no value, or why it is what it is
+    place: int | None = None  # index of the place that decides it; None where none does
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -55,26 +56,18 @@ class Figure:
 
 @dataclass(frozen=True)
 class DataSheet:
-    """What a skin will measure, and how well.
+    """What a skin will measure, and how well."""
 
-    Attributes:
-        spec: the skin.
-        variants: its tolerances.
-        measured: readings that the figures are made of.
-        figures: one each of `WORDS`.
-        at: figures of every place by their keys [place], with one standard deviation.
-        effects: of every tolerance of one standard deviation on the told force (a share), on
-            the told place [m] and on the range (a share) [change, 3].
-        two_point: distance from which on two contacts are told apart [place] [m].
-    """
-
-    spec: SkinSpec
-    variants: Variants
-    measured: Measured
-    figures: tuple[Figure, ...]
+    spec: SkinSpec  # the skin
+    variants: Variants  # its tolerances
+    measured: Measured  # readings that the figures are made of
+    figures: tuple[Figure, ...]  # one each of `WORDS`
+    # figures of every place by their keys [place], with one standard deviation
     at: dict[str, tuple[Floats, Floats]]
+    # of every tolerance of one standard deviation on the told force (a share), on the told
+    # place [m] and on the range (a share) [change, 3]
     effects: Floats
-    two_point: Floats
+    two_point: Floats  # distance from which on two contacts are told apart [place] [m]
 
     @property
     def order(self) -> list[int]:
@@ -181,9 +174,7 @@ def data_sheet(
     """
     if spec.electrodes is None:
         raise ValueError("the skin has no [electrodes], so there is nothing to sense")
-    deviation = spec.electrodes.noise if noise is None else noise
-    if not (np.isfinite(deviation) and deviation >= 0):
-        raise ValueError(f"noise = {deviation}: zero or more counts are needed")
+    deviation = reading_noise(spec, noise)
     if force is not None and not (np.isfinite(force) and force > 0):
         raise ValueError(f"force = {force}: a force above zero is needed")
     if min(places) < 4:
@@ -252,14 +243,7 @@ def _deviation(values: Floats, variants: Variants) -> Floats:
 def _worst(
     key: str, values: Floats, measured: Measured, deviation: Floats | None = None
 ) -> Figure:
-    """The worst of a figure over the region.
-
-    Args:
-        key: of the figure.
-        values: of it [place].
-        measured: says which places count.
-        deviation: by the tolerances [place].
-    """
+    """The worst of a figure [place] over the region."""
     inside = np.where(measured.region, values, np.nan)
     if not np.isfinite(inside).any():
         return Figure(key, math.nan, reason=measured.missing.get(key, WORDS[key].missing))
@@ -272,17 +256,7 @@ def _worst(
 def _all_figures(
     cases: Cases, accuracy: Accuracy, far: np.ndarray, moved: np.ndarray
 ) -> tuple[Figures, jax.Array]:
-    """Figures of every skin [skin, place], and what the first one takes changes for.
-
-    Args:
-        cases: readings.
-        accuracy: of a reading.
-        far: taxels that count as crosstalk.
-        moved: changes of its readings [taxel, change, place].
-
-    Returns:
-        The figures; place [m] and force [N] [coordinate, change, place].
-    """
+    """Figures of every skin [skin, place], and what the first one takes changes for."""
     own: Cases = jax.tree.map(lambda x: x[..., :1, :], cases)
     return figures_at(cases, accuracy, far), told(own, accuracy, moved)
 
@@ -290,9 +264,7 @@ def _all_figures(
 def _summed(effects: Floats, measured: Measured) -> Floats:
     """Roots of mean squares over the region, force and range as shares [change, 3].
 
-    Args:
-        effects: on told force [N], told place [m] and first contact [N] [3, change, place].
-        measured: says which places count.
+    The effects are on told force [N], told place [m] and first contact [N] [3, change, place].
     """
     share = effects[..., measured.region] / np.array([measured.rated, 1.0, 1.0])[:, None, None]
     share[2] /= np.asarray(measured.cases.force)[0, measured.region]
@@ -325,19 +297,15 @@ def _coefficients(measured: Measured, variants: Variants, effects: Floats) -> li
 
 def _in_time(spec: SkinSpec) -> list[Figure]:
     """Creep, motion and buckling."""
-    found = []
     relaxation = spec.material.relaxation
-    for key, time in (("creep_1min", 60.0), ("creep_1h", 3600.0)):
-        if relaxation is None:
-            reason = (
-                "the skin file states no [material] relaxation; `suas fit material` finds it"
-            )
-            found.append(Figure(key, math.nan, reason=reason))
-        else:
-            found.append(Figure(key, creep(relaxation, time)))
+    times = {"creep_1min": 60.0, "creep_1h": 3600.0}
+    if relaxation is None:
+        why = "the skin file states no [material] relaxation; `suas fit material` finds it"
+        found = [Figure(key, math.nan, reason=why) for key in times]
+    else:
+        found = [Figure(key, creep(relaxation, time)) for key, time in times.items()]
     motion, reason = motion_figures(spec)
     for key in ("lowest_frequency_Hz", "damping_ratio", "bandwidth_Hz"):
         found.append(Figure(key, motion.get(key, math.nan), reason=reason))
     mismatch, reason = buckling_mismatch(spec)
-    found.append(Figure("buckling_mismatch", mismatch, reason=reason))
-    return found
+    return [*found, Figure("buckling_mismatch", mismatch, reason=reason)]

@@ -17,16 +17,11 @@ STEP = 0.02
 
 @dataclass(frozen=True)
 class Variants:
-    """A skin, then each change of its inputs downwards and upwards.
+    """A skin, then each change of its inputs downwards and upwards."""
 
-    Attributes:
-        spec: names every input that moves.
-        errors: its tolerances.
-        inputs: values by TOML path [skin]: the skin's own, then two a change.
-    """
-
-    spec: SkinSpec
-    errors: InputErrors
+    spec: SkinSpec  # names every input that moves
+    errors: InputErrors  # its tolerances
+    # values by TOML path [skin]: the skin's own, then two a change
     inputs: dict[str, np.ndarray]
 
     @property
@@ -36,25 +31,13 @@ class Variants:
 
     @staticmethod
     def slopes(values: Floats, axis: int = 0) -> Floats:
-        """Derivatives of a figure by the changes, from its values for every skin.
-
-        Args:
-            values: with an axis of skins.
-            axis: which one.
-
-        Returns:
-            With an axis of changes in its place.
-        """
+        """Derivatives by the changes of what has an axis of skins, from its values."""
         moved = np.moveaxis(values, axis, 0)[1:]
         return np.moveaxis((moved[1::2] - moved[::2]) / (2 * STEP), 0, axis)
 
 
 def named(spec: SkinSpec) -> SkinSpec:
-    """The skin with every input named that may move; its numbers are the same.
-
-    Args:
-        spec: the skin.
-    """
+    """The skin with every input named that may move; its numbers are the same."""
     spec = as_assembled(spec)
     around = spec.environment or EnvironmentSpec()
     own = {}
@@ -74,11 +57,7 @@ def named(spec: SkinSpec) -> SkinSpec:
 
 
 def variants_of(spec: SkinSpec) -> Variants:
-    """The neighbours of a skin.
-
-    Args:
-        spec: the skin.
-    """
+    """The neighbours of a skin."""
     spec = named(spec)
     errors = input_errors(spec)
     paths = dict.fromkeys((*errors.paths, WARMER, DEEPER))
@@ -93,12 +72,7 @@ def variants_of(spec: SkinSpec) -> Variants:
 
 
 def why_constant(spec: SkinSpec, path: str) -> str:
-    """Why a skin does not feel its surroundings; empty where it does.
-
-    Args:
-        spec: the skin.
-        path: `WARMER` or `DEEPER`.
-    """
+    """Why a skin does not feel `WARMER` or `DEEPER` surroundings; empty where it does."""
     parts = (spec.material, spec.oil, spec.wall)
     if path == WARMER and all(part.expansion is None for part in parts):
         return (

@@ -4,120 +4,86 @@ from typing import NamedTuple
 
 
 class Word(NamedTuple):
-    """A figure.
+    """A figure."""
 
-    Attributes:
-        title: for a person.
-        meaning: in a sentence.
-        unit: that a person reads it in.
-        size: of that unit in SI.
-        field: of `fitting.datasheet.figures.Figures`; empty where it has no place.
-        least: whether the smallest over the region is the worst; else the largest.
-        missing: why it may have no value.
-    """
+    title: str  # for a person
+    meaning: str  # in a sentence
+    unit: str = ""  # that a person reads it in
+    field: str = ""  # of `fitting.datasheet.figures.Figures`; empty where it has no place
+    least: bool = False  # whether the smallest over the region is the worst; else the largest
+    missing: str = "no state was found at any place"  # why it may have no value
 
-    title: str
-    meaning: str
-    unit: str = ""
-    size: float = 1.0
-    field: str = ""
-    least: bool = False
-    missing: str = "no state was found at any place"
+    @property
+    def size(self) -> float:
+        """Of its unit in SI."""
+        return {"mm": 1e-3, "%": 1e-2}.get(self.unit.split("/")[0], 1.0)
 
 
+_BY_REST = "Of an estimated force, readings counted from rest."
+_OF_MOST = "Of the taxel that drifts most."
+_IN_ONE = "Least standard deviation of {}, at the rated force."
 _NEVER = "the membrane never reaches the wall, or no state was found on the way"
+_APART = "two contacts cannot be told apart at any distance that fits on the skin"
 WORDS: dict[str, Word] = {
     "range_N": Word(
         "Range",
         "Force at which the membrane reaches the wall; beyond it the wall carries the rest.",
-        "N",
-        field="first_contact",
-        least=True,
-        missing=_NEVER,
+        *("N", "first_contact", True, _NEVER),
     ),
     "min_gap_m": Word(
-        "Smallest gap", "To the wall, under the rated force.", "mm", 1e-3, "min_gap", True
+        "Smallest gap", "To the wall, under the rated force.", "mm", "min_gap", True
     ),
     "sensitivity_counts_per_N": Word(
         "Sensitivity",
         "Change of all taxels together (root of the sum of squares) per newton, at rest.",
-        "counts/N",
-        1.0,
-        "sensitivity",
-        True,
+        *("counts/N", "sensitivity", True),
     ),
     "detection_limit_N": Word(
         "Detection limit",
         "Smallest force found in the noise of one frame with 5 % false alarms and 5 % misses.",
-        "N",
-        1.0,
-        "detection_limit",
+        *("N", "detection_limit"),
     ),
     "force_resolution_N": Word(
         "Force resolution",
-        "Least standard deviation of a force estimated from one frame, at the rated force.",
-        "N",
-        1.0,
-        "force_resolution",
+        _IN_ONE.format("a force estimated from one frame"),
+        *("N", "force_resolution"),
     ),
     "place_resolution_m": Word(
         "Place resolution",
-        "Least standard deviation of the place on the outer face, at the rated force.",
-        "mm",
-        1e-3,
-        "place_resolution",
+        _IN_ONE.format("the place on the outer face"),
+        *("mm", "place_resolution"),
     ),
     "two_point_m": Word(
         "Two-point discrimination",
         "Distance at which that of two contacts of half the rated force is known to 1/3.29.",
-        "mm",
-        1e-3,
-        missing="two contacts cannot be told apart at any distance that fits on the skin",
+        *("mm", "", False, _APART),
     ),
     "nonlinearity": Word(
         "Nonlinearity",
         "Departure of the reading at half of the rated force from the straight line.",
-        "%",
-        1e-2,
-        "nonlinearity",
+        *("%", "nonlinearity"),
     ),
     "crosstalk": Word(
         "Crosstalk",
         "Largest change of a taxel farther from the contact than four times membrane and film, "
         "over the largest of all.",
-        "%",
-        1e-2,
-        "crosstalk",
-        missing="no taxel is far from any place",
+        *("%", "crosstalk", False, "no taxel is far from any place"),
     ),
     "force_accuracy": Word(
         "Accuracy of force",
         "Standard deviation of an estimated force by the skin file's tolerances, uncalibrated.",
         "%",
-        1e-2,
     ),
-    "force_per_kelvin": Word(
-        "Temperature coefficient",
-        "Of an estimated force, readings counted from rest.",
-        "%/K",
-        1e-2,
-    ),
-    "zero_counts_per_kelvin": Word(
-        "Zero by temperature", "Of the taxel that drifts most.", "counts/K"
-    ),
-    "force_per_metre_of_depth": Word(
-        "Depth coefficient", "Of an estimated force, readings counted from rest.", "%/m", 1e-2
-    ),
-    "zero_counts_per_metre_of_depth": Word(
-        "Zero by depth", "Of the taxel that drifts most.", "counts/m"
-    ),
+    "force_per_kelvin": Word("Temperature coefficient", _BY_REST, "%/K"),
+    "zero_counts_per_kelvin": Word("Zero by temperature", _OF_MOST, "counts/K"),
+    "force_per_metre_of_depth": Word("Depth coefficient", _BY_REST, "%/m"),
+    "zero_counts_per_metre_of_depth": Word("Zero by depth", _OF_MOST, "counts/m"),
     "creep_1min": Word(
         "Creep, 1 min",
         "Rise of displacements under a held force since one second after the press.",
         "%",
-        1e-2,
     ),
-    "creep_1h": Word("Creep, 1 h", "The same after an hour.", "%", 1e-2),
+    "creep_1h": Word("Creep, 1 h", "The same after an hour.", "%"),
     "lowest_frequency_Hz": Word("Lowest frequency", "Undamped, about rest.", "Hz"),
     "damping_ratio": Word("Damping ratio", "Of that mode, over critical damping."),
     "bandwidth_Hz": Word("Bandwidth", "Up to which statics is right to 1 %.", "Hz"),
@@ -125,7 +91,6 @@ WORDS: dict[str, Word] = {
         "Stability margin",
         "How much longer than its seat the membrane may further be before it buckles at rest.",
         "%",
-        1e-2,
     ),
 }
 PLACED = {key: word for key, word in WORDS.items() if word.field}

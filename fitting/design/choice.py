@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from fitting.datasheet.figures import weighted
-from fitting.datasheet.measured import Measured
+from fitting.datasheet.figures import Measured, weighted
 from fitting.datasheet.pad import measure_pad
 from fitting.datasheet.page import place_text
 from fitting.datasheet.section import measure_section
@@ -27,19 +26,12 @@ _AXIALS = 7  # places along a pad's axis, as in its data sheet
 
 
 class Choice(NamedTuple):
-    """Taxels that are kept, and what they tell.
+    """Taxels that are kept, and what they tell."""
 
-    Attributes:
-        want: what was wanted.
-        measured: readings of the skin.
-        places: that count, by their numbers in `measured`.
-        selection: of the taxels.
-    """
-
-    want: Want
-    measured: Measured
-    places: np.ndarray
-    selection: Selection
+    want: Want  # what was wanted
+    measured: Measured  # readings of the skin
+    places: np.ndarray  # that count, by their numbers in `measured`
+    selection: Selection  # of the taxels
 
     @property
     def kept(self) -> list[int]:

@@ -1,8 +1,5 @@
-"""Figures of a skin as functions of its variables, with exact derivatives.
+"""Figures of a skin as functions of its variables, with exact derivatives through `forward`.
 
-Readings at all places, without force, at half and all of the rated force and at first contact,
-are one batch of lanes of `forward`; their slopes by place and force are one of its derivatives,
-and those of the figures by the variables a further one, through the equilibrium and the bound.
 First contact is found by bisection; one step of Newton's method from there, which does not move
 it, has its derivatives. Frequencies and buckling have central differences.
 """
@@ -17,14 +14,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.datasheet.figures import Accuracy, Cases, figures_at
+from fitting.datasheet.figures import Accuracy, Cases, figures_at, rated_force
 from fitting.datasheet.in_time import buckling_mismatch, motion_figures, scene_of
-from fitting.datasheet.measured import rated_force
 from fitting.datasheet.readings import Readings, read
-from fitting.datasheet.section import angles_over, far_taxels, first_contacts
+from fitting.datasheet.section import far_taxels
 from fitting.datasheet.variants import named
 from fitting.datasheet.words import PLACED
 from fitting.design.want import BY_DIFFERENCES, Variable, Want
+from fitting.force_range.bound import angles_over, first_contacts
 from fitting.inverse_load.estimator import MODEL_ERROR
 from suas_jax import skin_of
 from suas_jax.config import SkinSpec, continuous_inputs, structure, with_inputs
@@ -36,50 +33,27 @@ _STEP = 1e-3  # of a variable's range, for central differences
 
 
 class Outcome(NamedTuple):
-    """Figures of a design.
+    """Figures of a design."""
 
-    Attributes:
-        values: by key [place]; of figures without a place [1].
-        slopes: their derivatives by the variables [place, variable].
-        found: whether every state was.
-    """
-
-    values: dict[str, Floats]
-    slopes: dict[str, Floats]
-    found: bool
+    values: dict[str, Floats]  # by key [place]; of figures without a place [1]
+    slopes: dict[str, Floats]  # their derivatives by the variables [place, variable]
+    found: bool  # whether every state was
 
 
 class Numbers(NamedTuple):
-    """What a program of figures is given beside the variables.
+    """What a program of figures is given beside the variables."""
 
-    Attributes:
-        own: inputs of the skin to start from, by path.
-        low: bounds of the variables [variable].
-        high: see `low`.
-        angle: of the places [rad].
-        rated: the rated force [N].
-        noise: standard deviation of a reading [counts].
-        far: taxels that count as crosstalk [taxel, place].
-    """
-
-    own: dict[str, Any]
-    low: Any
-    high: Any
-    angle: Any
-    rated: Any
-    noise: Any
-    far: Any
+    own: dict[str, Any]  # inputs of the skin to start from, by path
+    low: Any  # bounds of the variables [variable]
+    high: Any  # see `low`
+    angle: Any  # of the places [rad]
+    rated: Any  # the rated force [N]
+    noise: Any  # standard deviation of a reading [counts]
+    far: Any  # taxels that count as crosstalk [taxel, place]
 
 
 class Asked(Keyed):
-    """What decides the compiled program of figures: all but numbers.
-
-    Args:
-        spec: the skin to start from.
-        variables: what may change.
-        keys: of the figures.
-        elements: of the mesh.
-    """
+    """What decides the compiled program of some figures: all but numbers."""
 
     def __init__(
         self,
@@ -94,16 +68,9 @@ class Asked(Keyed):
 
 
 def figures(asked: Asked, x: Any, touch: Any, numbers: Numbers) -> tuple[Any, Any]:
-    """Figures of a design, differentiable by its variables.
+    """Figures of a design [key, place], and outcomes of their states [lane]; differentiable.
 
-    Args:
-        asked: the skin, its variables and the figures.
-        x: variables between 0 and 1 [variable].
-        touch: forces that close the gap [place] [N].
-        numbers: all else.
-
-    Returns:
-        Figures [key, place], and the outcomes of their states [lane].
+    The variables x are between 0 and 1; `touch` are forces that close the gap [place] [N].
     """
     inputs = dict(numbers.own)
     values = numbers.low + (numbers.high - numbers.low) * x
@@ -138,21 +105,13 @@ def _slopes(asked: Asked, x: Any, touch: Any, numbers: Numbers) -> tuple[Any, tu
 
 @dataclass
 class Problem:
-    """The figures that a search asks for.
+    """The figures that a search asks for."""
 
-    Attributes:
-        want: what is wanted.
-        elements: of the mesh.
-        angle: places that count [rad].
-        rated: the rated force [N].
-        calls: designs evaluated so far.
-    """
-
-    want: Want
-    elements: int = 32
-    angle: Floats = field(init=False)
-    rated: float = field(init=False)
-    calls: int = field(init=False, default=0)
+    want: Want  # what is wanted
+    elements: int = 32  # of the mesh
+    angle: Floats = field(init=False)  # places that count [rad]
+    rated: float = field(init=False)  # the rated force [N]
+    calls: int = field(init=False, default=0)  # designs evaluated so far
 
     def __post_init__(self) -> None:
         want, spec = self.want, self.want.spec
@@ -163,9 +122,8 @@ class Problem:
         low, high = -edge, edge
         if want.region is not None:
             name = "angle" if spec.geometry.has_angle else "arc"
-            low, high = np.clip(
-                angles_at(spec.geometry, name, np.array(want.region)), -edge, edge
-            )
+            ends = angles_at(spec.geometry, name, np.array(want.region))
+            low, high = np.clip(ends, -edge, edge)
         self.angle = np.linspace(low, high, want.places)
         self.rated = want.force or rated_force(first_contacts(skin, self.angle)[0])
         wanted = {want.goal, *(limit.key for limit in want.limits)}
@@ -189,11 +147,7 @@ class Problem:
         return first_contacts(skin, self.angle)[0]
 
     def __call__(self, x: Floats) -> Outcome:
-        """The figures of a design.
-
-        Args:
-            x: its variables, between 0 and 1.
-        """
+        """The figures of a design, of which `x` are the variables, between 0 and 1."""
         self.calls += 1
         touch = self.first_contacts(x)
         known = np.where(np.isfinite(touch), touch, self.rated)
@@ -223,9 +177,8 @@ class Problem:
         by_x = np.zeros((len(self._others), len(x)))
         for i in range(len(x)):
             step = np.where(np.arange(len(x)) == i, _STEP, 0.0)
-            by_x[:, i] = (self._without_place(x + step) - self._without_place(x - step)) / (
-                2 * _STEP
-            )
+            change = self._without_place(x + step) - self._without_place(x - step)
+            by_x[:, i] = change / (2 * _STEP)
         values = dict(zip(self._others, own[:, None], strict=True))
         rows = dict(zip(self._others, by_x[:, None], strict=True))
         found = outcome.found and bool(np.isfinite(own).all())

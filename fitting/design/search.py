@@ -27,71 +27,43 @@ _AGREE = 2e-3  # relative difference of goals that agree
 
 
 class Trial(NamedTuple):
-    """Where a search from one start ended.
+    """Where a search from one start ended."""
 
-    Attributes:
-        start: its variables, between 0 and 1.
-        x: those of its end.
-        goal: the figure there, the worst over the region; NaN where limits are not kept.
-        message: how it ended.
-    """
-
-    start: Floats
-    x: Floats
-    goal: float
-    message: str
+    start: Floats  # its variables, between 0 and 1
+    x: Floats  # those of its end
+    goal: float  # the figure there, the worst over the region; NaN where limits are not kept
+    message: str  # how it ended
 
 
 class Price(NamedTuple):
-    """A limit or a bound that holds the design.
+    """A limit or a bound that holds the design."""
 
-    Attributes:
-        name: of the figure or the variable.
-        least: whether it is a lower one.
-        value: of the limit, SI; of a bound, as the file has it.
-        place: index of the place; None for a bound.
-        price: relative change of the goal by a relative change of the limit; of a bound, by
-            the whole range of the variable. Above zero where the limit makes the goal worse.
-    """
-
-    name: str
-    least: bool
-    value: float
-    place: int | None
+    name: str  # of the figure or the variable
+    least: bool  # whether it is a lower one
+    value: float  # of the limit, SI; of a bound, as the file has it
+    place: int | None  # index of the place; None for a bound
+    # relative change of the goal by a relative change of the limit; of a bound, by the whole
+    # range of the variable. Above zero where the limit makes the goal worse.
     price: float
 
 
 class Found(NamedTuple):
-    """The best design.
+    """The best design."""
 
-    Attributes:
-        x: its variables, between 0 and 1.
-        goal: the worst over the region there.
-        before: the same of the skin to start from, its variables moved into their bounds.
-        trials: all searches, the best first.
-        prices: what holds it.
-        agreeing: searches that ended with the same goal.
-    """
-
-    x: Floats
-    goal: float
-    before: float
-    trials: tuple[Trial, ...]
-    prices: tuple[Price, ...]
-    agreeing: int
+    x: Floats  # its variables, between 0 and 1
+    goal: float  # the worst over the region there
+    before: float  # the same of the skin to start from, its variables moved into their bounds
+    trials: tuple[Trial, ...]  # all searches, the best first
+    prices: tuple[Price, ...]  # what holds it
+    agreeing: int  # searches that ended with the same goal
 
 
 def search(
     problem: Problem, progress: Callable[[int, float], None] = lambda done, goal: None
 ) -> Found:
-    """Search from every start.
+    """Search from every start; `progress` hears how many are done, and the best goal so far.
 
-    Args:
-        problem: figures and their derivatives.
-        progress: called with the number of starts that are done, and the best goal so far.
-
-    Raises:
-        ValueError: no start leads to a design that keeps the limits.
+    Raises ValueError: no start leads to a design that keeps the limits.
     """
     want = problem.want
     sampler = qmc.LatinHypercube(len(want.variables), seed=want.seed)

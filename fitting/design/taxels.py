@@ -1,14 +1,12 @@
 """Which taxels to keep: the fewest that tell a contact's force or place well at every place.
 
-One frame's Fisher information at a place is the sum of its taxels' shares c c', c being the
-slopes of a taxel's reading by place and force over its deviation. With weights w from 0 to 1,
-whose sum is the number to keep, the variance v(w) of the force (or of the place) by the bound
-of Cramer and Rao is convex, and so is its power mean over the places, which is near the worst
-of them for a high power. That minimum is found first; its largest weights are the first
-choice, others are drawn by them, and taxels are exchanged as long as the worst place gains,
-then as long as the mean of all places does and the worst loses nothing. Of the relaxed
-problem, the tangent plane of any mean of v over places is a bound that no choice of as many
-taxels is below (Boyd & Vandenberghe, Convex Optimization, sections 3.1.3 and 7.5.2).
+One frame's Fisher information is the sum of its taxels' shares c c', c being the slopes of a
+reading by place and force over its deviation. With weights w from 0 to 1, whose sum is the
+number to keep, the variance v(w) by the bound of Cramer and Rao is convex, and so is its power
+mean over the places, near the worst of them for a high power. From that minimum taxels are
+exchanged as long as the worst place gains, then as long as the mean does and the worst loses
+nothing. The tangent plane of any mean of v is a bound that no choice of as many taxels is below
+(Boyd & Vandenberghe, Convex Optimization, sections 3.1.3 and 7.5.2).
 """
 
 from collections.abc import Iterator
@@ -29,21 +27,14 @@ _SMALLEST = 1e-6  # weight of a taxel, so that the information can be inverted
 
 
 class Selection(NamedTuple):
-    """A choice of taxels.
+    """A choice of taxels."""
 
-    Attributes:
-        kept: whether a taxel is [taxel].
-        every: the figure at the places with all taxels [place].
-        chosen: with those that are kept [place].
-        bound: no choice of as many is below it at its worst place.
-        costs: what the place that suffers most loses without each taxel that is kept, a
-            share; NaN of others [taxel].
-    """
-
-    kept: NDArray[np.bool_]
-    every: Floats
-    chosen: Floats
-    bound: float
+    kept: NDArray[np.bool_]  # whether a taxel is [taxel]
+    every: Floats  # the figure at the places with all taxels [place]
+    chosen: Floats  # with those that are kept [place]
+    bound: float  # no choice of as many is below it at its worst place
+    # what the place that suffers most loses without each taxel that is kept, a share; NaN of
+    # others [taxel]
     costs: Floats
 
 
@@ -102,11 +93,7 @@ class Variances:
 
 
 def select(variances: Variances, keep: int) -> Selection:
-    """Choose taxels.
-
-    Args:
-        variances: of the figure, finite with all of them.
-        keep: how many.
+    """Choose so many taxels by variances of a figure, finite with all of them.
 
     Raises:
         ValueError: there are not more taxels than that, or they are too few to tell the figure.
@@ -188,11 +175,7 @@ def _first(relaxed: Floats, keep: int) -> Iterator[NDArray[np.bool_]]:
 def _exchanged(
     variances: Variances, kept: NDArray[np.bool_]
 ) -> tuple[NDArray[np.bool_], Floats]:
-    """Exchange one taxel for another as long as the worst place gains by it.
-
-    Returns:
-        The taxels that are kept, and the variances with them [place].
-    """
+    """Exchange taxels one by one as long as the worst place gains; those kept, variances."""
     most, even = np.inf, False  # of the worst variance, once all places count alike
     for _ in range(_EXCHANGES):
         weights = kept.astype(float)

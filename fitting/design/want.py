@@ -30,76 +30,45 @@ GOALS = tuple(PLACED)
 
 
 class Variable(NamedTuple):
-    """What may change.
+    """What may change."""
 
-    Attributes:
-        name: as in the file.
-        paths: of the inputs that it sets.
-        low: its bounds, in SI units, or as factors on the inputs of the skin file.
-        high: see `low`.
-        factor: whether they are factors.
-    """
-
-    name: str
-    paths: tuple[str, ...]
-    low: float
-    high: float
-    factor: bool
+    name: str  # as in the file
+    paths: tuple[str, ...]  # of the inputs that it sets
+    low: float  # its bounds, in SI units, or as factors on the inputs of the skin file
+    high: float  # see `low`
+    factor: bool  # whether they are factors
 
 
 class Limit(NamedTuple):
-    """A figure that must not be worse than a value.
+    """A figure that must not be worse than a value."""
 
-    Attributes:
-        key: of the figure.
-        value: in SI units.
-        least: whether the figure must be at least as large; else at most.
-    """
-
-    key: str
-    value: float
-    least: bool
+    key: str  # of the figure
+    value: float  # in SI units
+    least: bool  # whether the figure must be at least as large; else at most
 
 
 @dataclass(frozen=True)
 class Want:
-    """What is wanted.
+    """What is wanted."""
 
-    Attributes:
-        skin: file of the skin to start from.
-        spec: that skin.
-        variables: what may change.
-        goal: key of the figure whose worst over the region is to be as good as it can be.
-        maximise: whether that means large.
-        limits: on other figures.
-        region: of the places that count, as the skin's scenes state them [rad or m]; None
-            for all of the skin.
-        places: how many.
-        force: the rated force [N]; None for that of the data sheet of the skin to start from.
-        starts: of the search, the skin itself first.
-        seed: of the other starts.
-        keep: how many of the skin's taxels; None where they are no question.
-    """
-
-    skin: Path
-    spec: SkinSpec
-    variables: tuple[Variable, ...]
-    goal: str
-    maximise: bool
-    limits: tuple[Limit, ...]
+    skin: Path  # file of the skin to start from
+    spec: SkinSpec  # that skin
+    variables: tuple[Variable, ...]  # what may change
+    goal: str  # key of the figure whose worst over the region is to be as good as it can be
+    maximise: bool  # whether that means large
+    limits: tuple[Limit, ...]  # on other figures
+    # of the places that count, as the skin's scenes state them [rad or m]; None for all of the
+    # skin
     region: tuple[float, float] | None
-    places: int
+    places: int  # how many
+    # the rated force [N]; None for that of the data sheet of the skin to start from
     force: float | None
-    starts: int
-    seed: int
-    keep: int | None = None
+    starts: int  # of the search, the skin itself first
+    seed: int  # of the other starts
+    keep: int | None = None  # how many of the skin's taxels; None where they are no question
 
     def inputs(self, x: Any) -> dict[str, Any]:
-        """Inputs of the skin by path, from variables between 0 and 1.
-
-        Args:
-            x: the variables [variable], traced or not.
-        """
+        """Inputs of the skin by path, from variables between 0 and 1, traced or not."""
         own = continuous_inputs(self.spec)
         found = {}
         for i, variable in enumerate(self.variables):
@@ -167,10 +136,7 @@ CHOOSABLE = ("force_resolution_N", "place_resolution_m")
 
 
 def load_want(file: Path) -> Want:
-    """Read what is wanted.
-
-    Args:
-        file: the TOML file; the path of its skin is relative to it.
+    """Read what is wanted; the path of the skin is relative to the file that names it.
 
     Raises:
         ConfigError: it can't be understood; the message names key, value and what is allowed.

@@ -1,14 +1,10 @@
 """Cramér-Rao bounds of a load from a skin's taxels, before and after it reaches the wall.
 
-No unbiased estimate of a load's angle and force has a smaller covariance than ::
-
-    C = (J^T W J)^-1            (Cramer and Rao)
-
-with the exact derivatives J of all readings by angle and force and the inverse variances W of
-the readings: the converter's noise, its rounding, 1/12, and the model's error, a share of the
-reading's change from rest, as in the inverse. Saturated taxels say nothing. Once
-the membrane lies on the wall nearly all further load goes there: readings hardly change and
-the bound on the force grows by orders of magnitude. That is where the range ends.
+No unbiased estimate of a load's angle and force has a smaller covariance than (J^T W J)^-1,
+with the exact derivatives J of all readings and their inverse variances W: the converter's
+noise, its rounding, 1/12, and the model's error, a share of the reading's change from rest.
+Saturated taxels say nothing. Once the membrane lies on the wall nearly all further load goes
+there, and the bound on the force grows by orders of magnitude: there the range ends.
 """
 
 from collections.abc import Callable, Mapping
@@ -20,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.arrays import Flags, Floats
-from fitting.force_range.inputs import contact_deviation
+from fitting.force_range.inputs import contact_deviation, reading_noise
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import MODEL_ERROR
 from fitting.inverse_load.fit.covariance import inverse
@@ -46,37 +42,24 @@ _95 = 1.96  # standard deviations
 
 @dataclass(frozen=True)
 class ForceRange:
-    """The range of one radial line load over the skin.
+    """The range of one radial line load over the skin."""
 
-    Attributes:
-        angle: of the load [angle] [rad].
-        first_contact: force at which the membrane reaches the wall [angle] [N]; NaN where
-            it never does, or where the way there has no equilibrium.
-        oil_pressure: there [angle] [Pa].
-        force: at which the bound is evaluated [angle, force] [N].
-        force_error: least standard deviation of an estimated force [angle, force] [N].
-        angle_error: of an estimated angle [angle, force] [rad].
-        wall_force: that the wall carries [angle, force] [N].
-        saturated: taxels at the converter's limit [angle, force, taxel].
-        noise: standard deviation of a reading, rounding included [counts].
-        modelled: whether the wall holds the membrane, so that anything beyond first
-            contact is known.
-        along: what scenes call places.
-        deviation: relative standard deviation of the forces of first contact by the skin
-            file's own inputs, as found in the middle; NaN where it is unknown.
-    """
-
-    angle: Floats
+    angle: Floats  # of the load [angle] [rad]
+    # force at which the membrane reaches the wall [angle] [N]; NaN where it never does, or
+    # where the way there has no equilibrium
     first_contact: Floats
-    oil_pressure: Floats
-    force: Floats
-    force_error: Floats
-    angle_error: Floats
-    wall_force: Floats
-    saturated: Flags
-    noise: float
+    oil_pressure: Floats  # there [angle] [Pa]
+    force: Floats  # at which the bound is evaluated [angle, force] [N]
+    force_error: Floats  # least standard deviation of an estimated force [angle, force] [N]
+    angle_error: Floats  # of an estimated angle [angle, force] [rad]
+    wall_force: Floats  # that the wall carries [angle, force] [N]
+    saturated: Flags  # taxels at the converter's limit [angle, force, taxel]
+    noise: float  # standard deviation of a reading, rounding included [counts]
+    # whether the wall holds the membrane, so that anything beyond first contact is known
     modelled: bool
-    along: ContactPlaces
+    along: ContactPlaces  # what scenes call places
+    # relative standard deviation of the forces of first contact by the skin file's own inputs,
+    # as found in the middle; NaN where it is unknown
     deviation: float = float("nan")
 
     @property
@@ -146,35 +129,30 @@ class ForceRange:
         }
 
 
+def angles_over(skin: Skin, places: int) -> Floats:
+    """Angles evenly from clamp to clamp [rad]."""
+    geometry = skin.geometry
+    closest = _CLOSEST * geometry.thickness[0] / geometry.mid_size[0]
+    edge = float(geometry.half_angle[0] - closest)
+    return np.linspace(-edge, edge, places)
+
+
 def force_range(
-    spec: SkinSpec,
-    angles: int = 17,
+    spec: SkinSpec,  # the skin, with electrodes
+    angles: int = 17,  # how many, evenly from clamp to clamp
+    # standard deviation of a reading [counts]; the skin file's if None
     noise: float | None = None,
-    progress: Callable[[str], None] = lambda text: None,
+    progress: Callable[[str], None] = lambda text: None,  # called with what is being done
 ) -> ForceRange:
     """Find where the range of a radial line load ends, for loads over the skin.
 
-    Args:
-        spec: the skin, with electrodes.
-        angles: how many, evenly from clamp to clamp.
-        noise: standard deviation of a reading [counts]; the skin file's if None.
-        progress: called with what is being done.
-
-    Raises:
-        ValueError: the skin has no electrodes, or an argument makes no sense.
+    Raises ValueError: the skin has no electrodes, or an argument makes no sense.
     """
     if angles < 1:
         raise ValueError(f"angles = {angles}: at least one is needed")
     free = skin_of(spec, contact=False)
-    assert spec.electrodes is not None
-    deviation = spec.electrodes.noise if noise is None else noise
-    if not (np.isfinite(deviation) and deviation >= 0):
-        raise ValueError(f"noise = {deviation}: zero or more counts are needed")
-    geometry = free.geometry
-    edge = float(
-        geometry.half_angle[0] - _CLOSEST * geometry.thickness[0] / geometry.mid_size[0]
-    )
-    angle = np.linspace(-edge, edge, angles) if angles > 1 else np.zeros(1)
+    deviation = reading_noise(spec, noise)
+    angle = angles_over(free, angles) if angles > 1 else np.zeros(1)
     progress("first contact")
     touch, pressure = first_contacts(free, angle)
     held = skin_of(spec)
@@ -202,7 +180,7 @@ def force_range(
         np.moveaxis(saturated, 0, -1),
         float(np.sqrt(reading)),
         held.wall is not None,
-        ContactPlaces(spec.geometry, geometry),
+        ContactPlaces(spec.geometry, free.geometry),
         _deviation(spec, angle, touch, progress),
     )
 
@@ -224,19 +202,12 @@ def _deviation(
 
 
 class _Solved(NamedTuple):
-    """States under line loads, the wall left out: a lane each.
+    """States under line loads, the wall left out: a lane each."""
 
-    Attributes:
-        min_gap: [m].
-        oil_pressure: [Pa].
-        so: readings [taxel, lane] [counts].
-        result: index of the outcome.
-    """
-
-    min_gap: Floats
-    oil_pressure: Floats
-    so: Floats
-    result: NDArray[np.int64]
+    min_gap: Floats  # [m]
+    oil_pressure: Floats  # [Pa]
+    so: Floats  # readings [taxel, lane] [counts]
+    result: NDArray[np.int64]  # index of the outcome
 
 
 @eqx.filter_jit
@@ -257,14 +228,10 @@ def _sensitivity(skin: Skin, loads: Loads) -> tuple[Any, ...]:
 
 
 def first_contacts(skin: Skin, angle: Floats) -> tuple[Floats, Floats]:
-    """Forces at which the gap closes, by doubling and bisection, and the oil's pressure.
+    """Forces [angle] [N] at which the gap closes, by bisection, and the pressures there [Pa].
 
-    Args:
-        skin: a section, without its wall.
-        angle: of radial line loads [angle] [rad].
-
-    Returns:
-        Forces [angle] [N] and pressures there [Pa]; NaN where the gap closes under no force.
+    Of radial line loads at angles [rad] on a section without its wall; NaN where the gap closes
+    under no force.
     """
     low, high = np.full(len(angle), _SMALLEST), np.full(len(angle), np.inf)
     lost = np.zeros(len(angle), bool)
@@ -305,11 +272,9 @@ def least_errors(jacobian: Floats, weight: Floats) -> Floats:
 def _sensitivities(
     skin: Skin, angle: Floats, force: Floats
 ) -> tuple[Floats, Floats, Floats, Flags]:
-    """Readings, derivatives by angle and force, the wall's force, what has no solution.
+    """Readings [taxel, angle, force], their derivatives by angle and force, the wall's force.
 
-    Returns:
-        [taxel, angle, force], [parameter, taxel, angle, force], [angle, force] and
-        [1, angle, force].
+    Last comes what has no solution [1, angle, force].
     """
     known = np.isfinite(force)
     loads = Loads.line(

@@ -16,12 +16,7 @@ _WIDEST = 100.0  # largest value that is told from others in terms of the smalle
 
 @styled
 def plot_range(found: ForceRange, file: Path | None = None) -> Figure:
-    """Draw first contact over the skin, and the least error of a force before and after.
-
-    Args:
-        found: the range.
-        file: where to write the figure; its ending chooses the format.
-    """
+    """Draw first contact over the skin, and the least error of a force before and after."""
     figure = Figure(figsize=(11, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     at, what = found.along.shown(found.angle)
@@ -53,12 +48,7 @@ def plot_range(found: ForceRange, file: Path | None = None) -> Figure:
 
 @styled
 def plot_pad_range(found: PadForceRange, file: Path | None = None) -> Figure:
-    """Draw first contact, the force that can be told and the least errors over a pad.
-
-    Args:
-        found: the range.
-        file: where to write the figure; its ending chooses the format.
-    """
+    """Draw first contact, the force that can be told and the least errors over a pad."""
     figure = Figure(figsize=(12, 8.6), layout="constrained")
     force = found.reference
     relative = 100 * found.error[2][..., -1] / force

@@ -1,8 +1,6 @@
 """What the errors of a skin file's inputs do to the force of first contact.
 
-At a force shortly before it, the smallest gap is as uncertain as the inputs leave it; over its
-slope by the force, that is the uncertainty of the force at which it closes. Both are
-differences of the program that has found the force.
+Shortly before it, the smallest gap's deviation over its slope by the force is the force's.
 """
 
 import math
@@ -20,11 +18,8 @@ _SENSING = "electrodes."  # what moves no membrane
 def contact_deviation(spec: SkinSpec, force: float, smallest_gap: SmallestGap) -> float:
     """Standard deviation of the force of first contact, relative; NaN where it is unknown.
 
-    Args:
-        spec: the skin.
-        force: of first contact [N].
-        smallest_gap: [m] of the skin with some inputs changed, by path, under a force [N]; NaN
-            where there is no equilibrium.
+    `smallest_gap` is that [m] of the skin with some inputs changed, by path, under a force [N];
+    NaN where there is no equilibrium.
     """
     if not math.isfinite(force):
         return math.nan
@@ -44,3 +39,15 @@ def contact_deviation(spec: SkinSpec, force: float, smallest_gap: SmallestGap) -
     lower = smallest_gap({}, (_BEFORE - _STEP) * force)
     slope = (smallest_gap({}, _BEFORE * force) - lower) / (_STEP * force)
     return math.sqrt(variance) / abs(slope) / force if slope else math.nan
+
+
+def reading_noise(spec: SkinSpec, noise: float | None) -> float:
+    """Standard deviation of a reading of a skin with electrodes, as given or as in its file.
+
+    Raises ValueError: it makes no sense.
+    """
+    assert spec.electrodes is not None
+    deviation = spec.electrodes.noise if noise is None else noise
+    if not (math.isfinite(deviation) and deviation >= 0):
+        raise ValueError(f"noise = {deviation}: zero or more counts are needed")
+    return deviation

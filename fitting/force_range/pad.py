@@ -1,8 +1,6 @@
-"""Cramér-Rao bounds of a contact from the taxels of a pad, over the pad.
+"""Cramér-Rao bounds (`bound`) of one round radial contact, over a pad, by its table of states.
 
-The bound of Cramer and Rao as for a section (`bound`), for the angle, the axial position and
-the force of one round radial contact, from the table of solved states that estimates begin
-with. Its states pass through the wall: nothing is said of forces beyond first contact.
+Its states pass through the wall: nothing is said of forces beyond first contact.
 """
 
 from collections.abc import Callable
@@ -15,6 +13,7 @@ from numpy.typing import NDArray
 
 from fitting.arrays import Floats
 from fitting.force_range.bound import LADDER, TOLD, least_errors
+from fitting.force_range.inputs import reading_noise
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
 from fitting.inverse_load.pad.interpolant import MOST, PadInterpolant
@@ -29,36 +28,25 @@ _REFERENCE = 0.3  # force of the map of errors in terms of the smallest first co
 
 @dataclass(frozen=True)
 class PadForceRange:
-    """The range of one round contact over a pad.
+    """The range of one round contact over a pad."""
 
-    Attributes:
-        angle: of the contact [angle] [rad], see `suas_jax.skin.section`.
-        axial: of the contact [axial] [m].
-        diameter: of the contact [m].
-        along: what scenes call places.
-        first_contact: force at which the membrane reaches the wall [angle, axial] [N]; NaN
-            where it is far beyond the table.
-        oil_pressure: there [angle, axial] [Pa]; NaN beyond the table.
-        force: at which the bound is evaluated [angle, axial, force] [N]; the last one is the
-            same everywhere.
-        error: least standard deviations of angle [rad], axial position [m] and force [N]
-            [parameter, angle, axial, force].
-        saturated: taxels at the converter's limit [angle, axial, force].
-        noise: standard deviation of a reading, rounding included [counts].
-        taxels: angle [rad] and axial position [m] [taxel, 2].
-    """
-
-    angle: Floats
-    axial: Floats
-    diameter: float
-    along: ContactPlaces
+    angle: Floats  # of the contact [angle] [rad], see `suas_jax.skin.section`
+    axial: Floats  # of the contact [axial] [m]
+    diameter: float  # of the contact [m]
+    along: ContactPlaces  # what scenes call places
+    # force at which the membrane reaches the wall [angle, axial] [N]; NaN where it is far
+    # beyond the table
     first_contact: Floats
-    oil_pressure: Floats
+    oil_pressure: Floats  # there [angle, axial] [Pa]; NaN beyond the table
+    # at which the bound is evaluated [angle, axial, force] [N]; the last one is the same
+    # everywhere
     force: Floats
+    # least standard deviations of angle [rad], axial position [m] and force [N] [parameter,
+    # angle, axial, force]
     error: Floats
-    saturated: NDArray[np.int64]
-    noise: float
-    taxels: Floats
+    saturated: NDArray[np.int64]  # taxels at the converter's limit [angle, axial, force]
+    noise: float  # standard deviation of a reading, rounding included [counts]
+    taxels: Floats  # angle [rad] and axial position [m] [taxel, 2]
 
     @property
     def reference(self) -> float:
@@ -131,28 +119,21 @@ class PadForceRange:
 
 
 def pad_force_range(
-    spec: SkinSpec,
+    spec: SkinSpec,  # the pad, with electrodes
+    # how many along the arc and along the axis, from edge to edge
     places: tuple[int, int] = (17, 11),
+    # standard deviation of a reading [counts]; the skin file's if None
     noise: float | None = None,
     *,
-    diameter: float = DIAMETER,
-    progress: Callable[[str], None] = lambda text: None,
+    diameter: float = DIAMETER,  # of the contact [m]
+    progress: Callable[[str], None] = lambda text: None,  # called with what is being done
+    # that solve the table (`fitting.workers`); None: this process
     workers: Executor | None = None,
 ) -> PadForceRange:
     """Find the range of a round radial contact over a pad.
 
-    The table of a new skin takes minutes; it is kept.
-
-    Args:
-        spec: the pad, with electrodes.
-        places: how many along the arc and along the axis, from edge to edge.
-        noise: standard deviation of a reading [counts]; the skin file's if None.
-        diameter: of the contact [m].
-        progress: called with what is being done.
-        workers: that solve the table (`fitting.workers`); None: this process.
-
-    Raises:
-        ValueError: the skin has no electrodes, or an argument makes no sense.
+    The table of a new skin takes minutes; it is kept. Raises ValueError: the skin has no
+    electrodes, or an argument makes no sense.
     """
     if spec.electrodes is None:
         raise ValueError(
@@ -165,9 +146,7 @@ def pad_force_range(
             f"diameter = {diameter:g} m: a length above zero and below a quarter of the pad's "
             "width is needed"
         )
-    deviation = spec.electrodes.noise if noise is None else noise
-    if not (np.isfinite(deviation) and deviation >= 0):
-        raise ValueError(f"noise = {deviation}: zero or more counts are needed")
+    deviation = reading_noise(spec, noise)
     skin, table = table_of_pad(spec, diameter, progress, workers)
     progress("what the taxels tell")
     own = skin.electrodes.taxels
@@ -178,20 +157,12 @@ def pad_force_range(
 
 def range_from_table(
     table: PadTable,
-    along: ContactPlaces,
-    taxels: Floats,
-    places: tuple[int, int],
-    noise: float,
+    along: ContactPlaces,  # what scenes call places
+    taxels: Floats,  # angle and axial position [taxel, 2]
+    places: tuple[int, int],  # how many along the arc and along the axis
+    noise: float,  # standard deviation of a reading [counts]
 ) -> PadForceRange:
-    """The range of a contact over a pad whose states are known.
-
-    Args:
-        table: the states.
-        along: what scenes call places.
-        taxels: angle and axial position [taxel, 2].
-        places: how many along the arc and along the axis.
-        noise: standard deviation of a reading [counts].
-    """
+    """The range of a contact over a pad whose states are known."""
     angle, axial = (
         np.linspace(-x[-1], x[-1], n) if n > 1 else np.zeros(1)
         for x, n in zip((table.angle, table.axial), places, strict=True)

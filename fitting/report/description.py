@@ -70,7 +70,7 @@ def print_parts(console: Console, parts: Sequence[Part]) -> None:
         else:
             table = TerminalTable()
             for i, name in enumerate(part.names):
-                table.add_column(name, no_wrap=i == 0, overflow="fold")
+                table.add_column(escape(name), no_wrap=i == 0, overflow="fold")
             for i, (first, *rest) in enumerate(part.rows):
                 mark = "[bold]" if i == part.chosen else ""
                 table.add_row(mark + escape(first), *map(escape, rest))

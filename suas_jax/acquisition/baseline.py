@@ -1,9 +1,7 @@
 """Baselines: what each taxel reads while nothing touches the skin.
 
-They are kept apart from the data, which stays raw, and are refused unless the skin was at
-rest. A log shows by itself that a taxel drifts or jumps. A load that was on from the first
-frame to the last it can't show; for that it is held against what the taxels read at rest
-before (an earlier baseline), or against the pattern that the skin's model gives.
+They are refused unless the skin was at rest: a log shows that a taxel drifts or jumps, an
+earlier baseline or the skin's model that a load was on from the first frame to the last.
 """
 
 import json
@@ -39,35 +37,23 @@ class NotAtRestError(ValueError):
 
 @dataclass(frozen=True)
 class Baseline:
-    """Rest values.
+    """Rest values."""
 
-    Attributes:
-        modules: module numbers, ascending [module].
-        so: mean raw counts [module, taxel]; NaN where there is no taxel or it was silent.
-        noise: standard deviation of one frame [module, taxel], counts.
-        frames: number of frames averaged.
-        header: skin, scale and start time of the log.
-    """
-
-    modules: NDArray[np.int64]
+    modules: NDArray[np.int64]  # module numbers, ascending [module]
+    # mean raw counts [module, taxel]; NaN where there is no taxel or it was silent
     so: NDArray[np.float64]
-    noise: NDArray[np.float64]
-    frames: int
-    header: Mapping[str, str]
+    noise: NDArray[np.float64]  # standard deviation of one frame [module, taxel], counts
+    frames: int  # number of frames averaged
+    header: Mapping[str, str]  # skin, scale and start time of the log
 
 
 def take_baseline(log: SoLog, *, tolerance: float | None = None) -> Baseline:
-    """Average a log that was recorded at rest.
+    """Average a log of some seconds that was recorded at rest.
 
-    Args:
-        log: some seconds of the skin, unloaded.
-        tolerance: how far the mean of a tenth of the log may be from the mean of all
-            [counts]; by default what the taxel's own noise explains (6 standard errors), and
-            at least one count.
-
-    Raises:
-        NotAtRestError: the counts drift or jump; names the taxel and by how much.
-        ValueError: too few frames.
+    The mean of a tenth of it may be off the mean of all by a tolerance [counts]; by default by
+    what the taxel's own noise explains (6 standard errors), and at least one count. Raises
+    NotAtRestError: the counts drift or jump; names the taxel and by how much; ValueError: too
+    few frames.
     """
     frames = group_frames(log)
     if len(frames) < MIN_FRAMES:
@@ -84,25 +70,18 @@ def take_baseline(log: SoLog, *, tolerance: float | None = None) -> Baseline:
 
 
 def refuse_loaded(
-    baseline: Baseline,
-    rest: NDArray[np.float64],
+    baseline: Baseline,  # as taken
+    rest: NDArray[np.float64],  # counts at rest [module, taxel], NaN where unknown
     *,
-    tolerance: float,
-    source: str,
+    tolerance: float,  # allowed deviation, relative to `rest`; a count is always allowed
+    source: str,  # where `rest` is from, for the message
+    # `rest` gives the pattern only, up to a factor (a model whose permittivity or gap is not
+    # exact)
     common_factor: bool = False,
 ) -> None:
     """Refuse a baseline whose taxels don't read what they read at rest.
 
-    Args:
-        baseline: as taken.
-        rest: counts at rest [module, taxel], NaN where unknown.
-        tolerance: allowed deviation, relative to `rest`; a count is always allowed.
-        source: where `rest` is from, for the message.
-        common_factor: `rest` gives the pattern only, up to a factor (a model whose
-            permittivity or gap is not exact).
-
-    Raises:
-        NotAtRestError: the taxels deviate.
+    Raises NotAtRestError: the taxels deviate.
     """
     known = np.isfinite(rest) & np.isfinite(baseline.so) & (rest > 0)
     if not known.any():
@@ -148,11 +127,7 @@ def baseline_json(baseline: Baseline) -> str:
 
 
 def read_baseline(path: Path) -> Baseline:
-    """Read a baseline.
-
-    Raises:
-        ValueError: it is none; names the key.
-    """
+    """Read a baseline. Raises ValueError: it is none; names the key."""
     try:
         content: Any = json.loads(read_bytes(path, _MOST_BYTES))
     except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
@@ -188,9 +163,8 @@ def rest_of(baseline: Baseline, like: Baseline) -> NDArray[np.float64]:
 def _statistics(so: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
     """Of one module's counts [frame, taxel]: what a baseline is judged by and made of.
 
-    Returns:
-        Means of the parts [part, taxel]; standard deviation of the differences of
-        neighbouring frames, mean and standard deviation, each [taxel].
+    Means of the parts [part, taxel]; standard deviation of the differences of neighbouring
+    frames, mean and standard deviation, each [taxel].
     """
     size = len(so) // _PARTS
     means = np.stack([mean(so[k * size : (k + 1) * size]) for k in range(_PARTS)])
@@ -200,19 +174,12 @@ def _statistics(so: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
 def _refuse_moving(
     log: SoLog,
     frames: Frames,
-    means: NDArray[np.float64],
+    means: NDArray[np.float64],  # of the parts [part, module, taxel]
+    # standard deviation of the differences of neighbouring frames [module, taxel]
     steps: NDArray[np.float64],
-    tolerance: float | None,
+    tolerance: float | None,  # allowed difference to the mean of all parts [counts]
 ) -> None:
-    """Refuse a log whose parts differ by more than its noise explains.
-
-    Args:
-        log: the log.
-        frames: its frames.
-        means: of the parts [part, module, taxel].
-        steps: standard deviation of the differences of neighbouring frames [module, taxel].
-        tolerance: allowed difference to the mean of all parts [counts].
-    """
+    """Refuse a log whose parts differ by more than its noise explains."""
     size = len(frames) // _PARTS
     # The part's noise from differences of neighbouring frames, which a drift hardly touches;
     # rounding to whole counts is noise, too.

@@ -1,11 +1,7 @@
-"""Health of the taxels in a log: noise, stuck, saturation, drift, loss, what neighbours do.
-
-Stuck and saturated readings are those that calibration and estimation leave out
-(`suas_jax.acquisition.taxel_faults`).
-"""
+"""Health of the taxels in a log: noise, stuck, saturation, drift, loss, what neighbours do."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,7 +9,6 @@ from numpy.typing import NDArray
 
 from suas_jax.acquisition.log.data import Frames, SoLog, flagged, group_frames, sequence_notes
 from suas_jax.acquisition.missing import deviation, mean, median
-from suas_jax.acquisition.neighbours import correlations, neighbours
 from suas_jax.acquisition.taxel_faults import (
     full_scale,
     noise_by_taxel,
@@ -21,6 +16,77 @@ from suas_jax.acquisition.taxel_faults import (
     stuck_taxels,
     typical_noise,
 )
+
+_NEIGHBOURS = 4
+_SMOOTHED = 10  # frames averaged to see signals below the noise of one
+_MOVED = 10.0  # standard errors by which neighbours must move to be followed
+
+
+def neighbours(
+    names: list[tuple[int, int]], places: dict[tuple[int, int], tuple[float, float]] | None
+) -> list[list[int]]:
+    """Indices of every taxel's neighbours.
+
+    Args:
+        names: module and number of the taxels.
+        places: of the taxels on the wall [m], whose nearest are neighbours; where one is
+            unknown, those of a module with the nearest numbers.
+    """
+    if places is not None and all(name in places for name in names):
+        at = np.array([places[name] for name in names])
+        distance = np.linalg.norm(at[:, None] - at[None], axis=-1)
+        np.fill_diagonal(distance, np.inf)
+        nearest = np.argsort(distance, axis=1)[:, :_NEIGHBOURS]
+        return [[k for k in row if k != i] for i, row in enumerate(nearest.tolist())]
+    by_module: dict[int, list[int]] = {}
+    for k, (module, _) in enumerate(names):
+        by_module.setdefault(module, []).append(k)
+    groups = []
+    for k, (module, _) in enumerate(names):
+        others = sorted((abs(i - k), i) for i in by_module[module] if i != k)
+        groups.append([i for _, i in others[:_NEIGHBOURS]])
+    return groups
+
+
+def correlations(
+    so: NDArray[np.float64], noise: NDArray[np.float64], groups: list[list[int]]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Of every taxel's slow changes with its neighbours', and the largest of its noise.
+
+    A load moves neighbours together, each with noise of its own. A taxel that stays while those
+    around it move says nothing of the load; one whose noise is a neighbour's is connected to
+    it, or its counts were sent twice. Counts are [frame, taxel], NaN where missing.
+    """
+    taxels = so.shape[1]
+    size = len(so) // _SMOOTHED
+    parts = so[: size * _SMOOTHED].reshape(size, _SMOOTHED, taxels)
+    slow = mean(parts.swapaxes(0, 1))
+    slow = slow - median(slow)
+    spread = np.nan_to_num(deviation(slow))
+    quick = np.diff(so, 2, axis=0)
+    follows, coupling = np.full(taxels, np.nan), np.full(taxels, np.nan)
+    for k, others in enumerate(groups):
+        if not others:
+            continue
+        error = np.hypot(noise[others], 1 / math.sqrt(12)) / math.sqrt(_SMOOTHED)
+        moved = [i for i, e in zip(others, error, strict=True) if spread[i] > _MOVED * e]
+        if len(moved) > len(others) / 2:
+            # Outside a contact taxels move the other way: what counts is that they move.
+            follows[k] = max(abs(_correlation(slow[:, k], slow[:, i])) for i in moved)
+        found = [_correlation(quick[:, k], quick[:, i]) for i in others]
+        coupling[k] = max((c for c in found if not math.isnan(c)), default=math.nan)
+    return follows, coupling
+
+
+def _correlation(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
+    """Pearson's, of what both have; 0 where one doesn't change, NaN where too few are left."""
+    both = np.isfinite(x) & np.isfinite(y)
+    if both.sum() < 3:
+        return math.nan
+    a, b = x[both] - x[both].mean(), y[both] - y[both].mean()
+    size = math.sqrt(float((a @ a) * (b @ b)))
+    return float(a @ b) / size if size > 0 else 0.0
+
 
 FAULTS = {
     "silent": "no counts at all",
@@ -47,51 +113,30 @@ _COUPLED = 0.9  # correlation of its noise with a neighbour's that noise never h
 
 @dataclass(frozen=True)
 class TaxelHealth:
-    """What a log says about one taxel.
+    """What a log says about one taxel."""
 
-    Attributes:
-        module: number of its module.
-        taxel: number in it, from 1.
-        mean: of its counts; NaN where it is silent.
-        noise: standard deviation from frame to frame [counts].
-        stuck: share of the frames in which it is stuck.
-        saturated: share at zero or at full scale.
-        lost: share of the device's frames without a count of it.
-        drift: steady change [counts/min].
-        follows: correlation of its slow changes with those of its neighbours; NaN where those
-            don't move.
-        coupling: largest correlation of its noise with a neighbour's.
-        faults: among `FAULTS`.
-    """
-
-    module: int
-    taxel: int
-    mean: float
-    noise: float
-    stuck: float
-    saturated: float
-    lost: float
-    drift: float
+    module: int  # number of its module
+    taxel: int  # number in it, from 1
+    mean: float  # of its counts; NaN where it is silent
+    noise: float  # standard deviation from frame to frame [counts]
+    stuck: float  # share of the frames in which it is stuck
+    saturated: float  # share at zero or at full scale
+    lost: float  # share of the device's frames without a count of it
+    drift: float  # steady change [counts/min]
+    # correlation of its slow changes with those of its neighbours; NaN where those don't move
     follows: float
-    coupling: float
-    faults: tuple[str, ...]
+    coupling: float  # largest correlation of its noise with a neighbour's
+    faults: tuple[str, ...]  # among `FAULTS`
 
 
 @dataclass(frozen=True)
 class Health:
-    """What a log says about its taxels.
+    """What a log says about its taxels."""
 
-    Attributes:
-        frames: how many were looked at.
-        duration: from the first to the last [s].
-        taxels: by module and number.
-        notes: what a person should know of the log.
-    """
-
-    frames: int
-    duration: float
-    taxels: tuple[TaxelHealth, ...]
-    notes: tuple[str, ...] = field(default=())
+    frames: int  # how many were looked at
+    duration: float  # from the first to the last [s]
+    taxels: tuple[TaxelHealth, ...]  # by module and number
+    notes: tuple[str, ...] = field(default=())  # what a person should know of the log
 
     @property
     def faulty(self) -> tuple[TaxelHealth, ...]:
@@ -102,16 +147,11 @@ class Health:
 def log_health(
     log: SoLog, places: dict[tuple[int, int], tuple[float, float]] | None = None
 ) -> Health:
-    """Judge every taxel of a log.
+    """Judge every taxel of a log of some seconds or more, ValueError where frames are too few.
 
-    Args:
-        log: some seconds or more; at rest shows noise and drift best, pressed here and there
-            also which taxels don't follow.
-        places: of the taxels (module, number) on the wall [m], whose nearest are neighbours;
-            where they are unknown, the taxels of a module are one another's.
-
-    Raises:
-        ValueError: too few frames.
+    At rest it shows noise and drift best, pressed here and there also which taxels don't
+    follow. Places of the taxels (module, number) on the wall [m] tell which are neighbours;
+    without them, the taxels of a module are one another's.
     """
     frames = group_frames(log)
     if len(frames) < MIN_FRAMES:
@@ -181,23 +221,23 @@ def health_json(health: Health) -> dict[str, Any]:
         "duration_s": health.duration,
         "faulty": len(health.faulty),
         "taxels": [
-            {
-                "module": taxel.module,
-                "taxel": taxel.taxel,
-                "mean_counts": taxel.mean,
-                "noise_counts": taxel.noise,
-                "stuck_share": taxel.stuck,
-                "saturated_share": taxel.saturated,
-                "lost_share": taxel.lost,
-                "drift_counts_per_min": taxel.drift,
-                "follows_neighbours": taxel.follows,
-                "noise_coupling": taxel.coupling,
-                "faults": list(taxel.faults),
-            }
+            {_JSON_KEYS.get(key, key): value for key, value in asdict(taxel).items()}
             for taxel in health.taxels
         ],
         "notes": list(health.notes),
     }
+
+
+_JSON_KEYS = {
+    "mean": "mean_counts",
+    "noise": "noise_counts",
+    "stuck": "stuck_share",
+    "saturated": "saturated_share",
+    "lost": "lost_share",
+    "drift": "drift_counts_per_min",
+    "follows": "follows_neighbours",
+    "coupling": "noise_coupling",
+}
 
 
 def _counts(frames: Frames) -> tuple[NDArray[np.float64], list[tuple[int, int]]]:
@@ -223,17 +263,14 @@ def _lost(
     log: SoLog, frames: Frames, so: NDArray[np.float64], names: list[tuple[int, int]]
 ) -> NDArray[np.float64]:
     """Share of the device's frames without a count [taxel]."""
-    expected = {}
+    gone = dict.fromkeys(frames.modules.tolist(), 0)
     flag = log.flags.get("lost")
-    for module in frames.modules.tolist():
-        gone = 0
-        if flag is not None and flag.dtype.kind in "iu":
+    if flag is not None and flag.dtype.kind in "iu":
+        for module in gone:
             own = (log.module == module) & ~flagged(log, "duplicate")
-            gone = int(flag[own].sum())
-        expected[module] = gone
-    present = np.isfinite(so).sum(0)
-    total = np.array([len(so) + expected[module] for module, _ in names])
-    return 1.0 - present / np.maximum(total, 1)
+            gone[module] = int(flag[own].sum())
+    total = np.array([len(so) + gone[module] for module, _ in names])
+    return 1.0 - np.isfinite(so).sum(0) / np.maximum(total, 1)
 
 
 def _drift(

@@ -9,9 +9,105 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from suas_jax.acquisition.device_clock import DeviceClock
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.taxel_faults import STUCK_AFTER
+
+# Clocks in use, by their width: 16 and 32 bit milliseconds, 32 bit microseconds.
+_MODULI = (65.536, 4294.967296, 65536.0, 4294967.296)
+# A clock agrees with the counter, or with the host's clock, to within these shares of the
+# time that passed, and this much beyond.
+_COUNTER_SHARE, _COUNTER_FRAMES = 0.5, 2.0
+_HOST_SHARE, _HOST_DELAY = 0.05, 0.1  # [s]
+_SAME_OFFSET = 1e-6  # [s]
+
+
+class DeviceClock:
+    """The clock of one module's readings; `period` [s], from frame to frame, is NaN at first.
+
+    A clock of few bits starts again at zero, and some jump. What a clock says is believed while
+    it agrees with the frame counter or with the host's clock; otherwise it has jumped.
+
+    Args:
+        modulus: the clock starts again after this [s]; None if unknown, then a usual one is
+            recognised.
+    """
+
+    def __init__(self, modulus: float | None) -> None:
+        self.period = math.nan
+        self._modulus = modulus
+        self._offset = 0.0  # corrected minus raw device clock [s]
+        self._lasting: float | None = None  # the same before the clock jumped
+
+    def restart(self) -> None:
+        """Forget everything: the device has started again."""
+        self._offset, self._lasting, self.period = 0.0, None, math.nan
+
+    def on_scale(self, reading: Reading) -> float:
+        """The device time of a reading that nothing is concluded from [s]."""
+        return reading.t_device + self._offset
+
+    def time_of(self, last: Reading, reading: Reading, step: int) -> tuple[float, bool]:
+        """The device time on the scale of the last good reading, and whether the clock jumped.
+
+        Wraps are undone. A clock that agrees neither with the counter (`step` frames) nor with
+        the host has jumped: the time before the jump is tried again, else time goes on at its
+        rate.
+        """
+        before = last.t_device + self._offset
+        elapsed = reading.t_device - last.t_device
+        host = reading.t_host - last.t_host
+        if math.isnan(elapsed):  # the clock is missing, or was
+            return reading.t_device + self._offset, False
+        if self._modulus is not None:
+            expected = step * self.period if math.isnan(host) else host
+            if not math.isnan(expected):
+                elapsed += self._modulus * round((expected - elapsed) / self._modulus)
+        elif elapsed < 0 < step:
+            wraps = [elapsed + modulus for modulus in _MODULI]
+            elapsed = next((w for w in wraps if self._plausible(w, step, host)), elapsed)
+        if self._plausible(elapsed, step, host):
+            # Rounded, so that what a clock counts in microseconds reads as it was sent.
+            offset = self._offset + elapsed - (reading.t_device - last.t_device)
+            return reading.t_device + round(offset, 6), False
+        if self._lasting is not None:
+            ended = reading.t_device + self._lasting
+            if self._plausible(ended - before, step, host):
+                return ended, True
+        passed = host if math.isnan(self.period) else step * self.period
+        return before + (0.0 if math.isnan(passed) else passed), True
+
+    def follow(
+        self, last: Reading, reading: Reading, step: int, t_device: float, jumped: bool
+    ) -> None:
+        """Keep what the next reading's clock is judged by; the time is that of `time_of`."""
+        offset = t_device - reading.t_device
+        if math.isnan(offset):
+            return
+        if not jumped:
+            if self._lasting is not None:  # a wrap moves both
+                self._lasting += offset - self._offset
+        elif self._lasting is None:
+            self._lasting = self._offset
+        elif abs(offset - self._lasting) < _SAME_OFFSET:
+            offset, self._lasting = self._lasting, None
+        elapsed = t_device - last.t_device - self._offset
+        self._offset = offset
+        if elapsed > 0 and step == 1 and not jumped:
+            known = not math.isnan(self.period)
+            self.period = 0.9 * self.period + 0.1 * elapsed if known else elapsed
+
+    def _plausible(self, elapsed: float, step: int, host: float) -> bool:
+        """Whether so much time may have passed on the device's clock [s]."""
+        by_counter = step * self.period
+        if math.isnan(by_counter):
+            return elapsed >= 0 or step <= 0
+        frames = abs(elapsed - by_counter) / self.period
+        if frames <= _COUNTER_SHARE * abs(step) + _COUNTER_FRAMES:
+            return elapsed >= 0 or step <= 0
+        if math.isnan(host) or elapsed < 0:
+            return False
+        return abs(elapsed - host) <= _HOST_DELAY + _HOST_SHARE * host
+
 
 # Counters in use, by their width: 8, 16, 24, 32 bit.
 _SEQ_MODULI = (2**8, 2**16, 2**24, 2**32)
@@ -22,30 +118,23 @@ _MOST_SENTENCES = 5
 
 
 class Flags(NamedTuple):
-    """The flag columns of a log row.
+    """The flag columns of a log row."""
 
-    Attributes:
-        lost: frames of this module missing just before this row.
-        duplicate: 1 if the device sent this frame before (same seq).
-        repeat: 1 if it is a new frame with the counts of the one before: the sensor had not
-            refreshed.
-        restart: 1 if the device's counter, or the recording (`suas log --append`), began again.
-        suspect: 1 if the counter and the clock disagree about how far this row is from the
-            one before; without a checksum that is a damaged row more often than not.
-        stuck: the stuck taxels, bit k - 1 for so_k.
-        clock_jump: 1 if the device's clock jumped, forwards or back, or came back from a jump;
-            the device time goes on at its rate.
-        other_taxels: number of counts in this row where that is not its module's; which taxels
-            they are of is unknown.
-    """
-
-    lost: int = 0
-    duplicate: int = 0
+    lost: int = 0  # frames of this module missing just before this row
+    duplicate: int = 0  # 1 if the device sent this frame before (same seq)
+    # 1 if it is a new frame with the counts of the one before: the sensor had not refreshed
     repeat: int = 0
+    # 1 if the device's counter, or the recording (`suas log --append`), began again
     restart: int = 0
+    # 1 if the counter and the clock disagree about how far this row is from the one before;
+    # without a checksum that is a damaged row more often than not
     suspect: int = 0
-    stuck: int = 0
+    stuck: int = 0  # the stuck taxels, bit k - 1 for so_k
+    # 1 if the device's clock jumped, forwards or back, or came back from a jump; the device
+    # time goes on at its rate
     clock_jump: int = 0
+    # number of counts in this row where that is not its module's; which taxels they are of is
+    # unknown
     other_taxels: int = 0
 
 
@@ -65,24 +154,18 @@ class Summary:
 
 
 class Integrity:
-    """Follows every module of a stream.
-
-    Args:
-        clock_modulus: the device clock starts again after this [s]; None if unknown, then a
-            usual one is recognised.
-        checked: a checksum vouches for the readings, so no row is held to be damaged.
-        taxels: how many a module has, by module, as the skin file says; what a module sends
-            first, where that is unknown.
-        resumed: the readings continue an earlier recording: the first of every module is
-            flagged as a restart.
-    """
+    """Follows every module of a stream."""
 
     def __init__(
         self,
-        clock_modulus: float | None,
-        checked: bool,
+        clock_modulus: float | None,  # see `DeviceClock`
+        checked: bool,  # a checksum vouches for the readings, so no row is held to be damaged
         *,
+        # how many a module has, by module, as the skin file says; what a module sends first,
+        # where that is unknown
         taxels: Mapping[int, int] | None = None,
+        # the readings continue an earlier recording: the first of every module is flagged as a
+        # restart
         resumed: bool = False,
     ) -> None:
         self.summary = Summary()
@@ -160,12 +243,7 @@ class Integrity:
 
 
 class _Module:
-    """The last good reading of one module, and what follows from it.
-
-    Args:
-        clock_modulus: as for `Integrity`.
-        taxels: how many counts a reading has.
-    """
+    """The last good reading of one module of so many taxels, and what follows from it."""
 
     def __init__(self, clock_modulus: float | None, taxels: int) -> None:
         self.taxels = taxels

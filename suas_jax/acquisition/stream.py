@@ -4,10 +4,13 @@ The kernel keeps only a few kilobytes for a port. So one thread does nothing but
 away and stamp them; parsing, computing and a slow disk then can't lose any.
 """
 
+import contextlib
 import queue
+import signal
 import threading
 import time
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
+from types import FrameType
 from typing import NamedTuple
 
 from suas_jax.acquisition.frames.reading import Decoder, Reading, Tally
@@ -61,15 +64,6 @@ class _Chunk(NamedTuple):
 class Stream:
     """Readings from an open source, until `stop` is set.
 
-    Args:
-        source: the open port; the stream closes it.
-        decode: decoder of its format.
-        format_name: the format's name, for messages.
-        report: called with a sentence about anything a person should know.
-        clock: host time [s], as it shall stand in the readings.
-        taxels: how many each module has, where a skin file says so.
-        resumed: the readings continue an earlier recording.
-
     Attributes:
         stop: set it to end the stream; what has arrived by then is still delivered.
         reconnects: how often a lost link came back.
@@ -78,14 +72,17 @@ class Stream:
 
     def __init__(
         self,
-        source: Source,
-        decode: Decoder,
-        format_name: str,
+        source: Source,  # the open port; the stream closes it
+        decode: Decoder,  # decoder of its format
+        format_name: str,  # the format's name, for messages
         *,
+        # called with a sentence about anything a person should know
         report: Callable[[str], None],
+        # host time [s], as it shall stand in the readings
         clock: Callable[[], float] = time.monotonic,
+        # how many each module has, where a skin file says so
         taxels: Mapping[int, int] | None = None,
-        resumed: bool = False,
+        resumed: bool = False,  # the readings continue an earlier recording
     ) -> None:
         self.stop = threading.Event()
         self.reconnects = 0
@@ -268,3 +265,25 @@ def not_understood(name: str, wanted: str, recent: bytes) -> str:
         f"{start}; {100 * (1 - printable):.0f} % of them are no text: a wrong --baud makes "
         f"this, or another --format ({', '.join(f for f in FORMATS if f != wanted)})"
     )
+
+
+@contextlib.contextmanager
+def set_by_signal(stop: threading.Event) -> Iterator[None]:
+    """Ctrl-C, SIGTERM and a closed terminal set an event instead of ending the process."""
+
+    def end(_signal: int, _frame: FrameType | None) -> None:
+        stop.set()
+
+    names = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")  # not every system has all
+    known = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    before = {number: signal.signal(number, end) for number in known}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def ended_by_signal(stream: Stream) -> contextlib.AbstractContextManager[None]:
+    """Signals end the stream; see `set_by_signal`."""
+    return set_by_signal(stream.stop)

@@ -1,9 +1,7 @@
-"""Taxels that say nothing about the gap: stuck at a count, or saturated.
+"""Taxels that say nothing about the gap: stuck at a count, or saturated (zero or full scale).
 
-One rule for logs and streams, calibration and estimation. A taxel is stuck while it keeps its
-count in more frames than chance explains, in which most of the others changed; where the
-noise is so small that a healthy taxel repeats itself, in STUCK_AFTER frames. A count of zero
-or of full scale is saturated.
+One is stuck while it keeps its count in more frames than chance explains, in which most of the
+others changed; where noise is too small to tell, in STUCK_AFTER frames.
 """
 
 import math
@@ -25,35 +23,23 @@ _PILED_UP = 5  # readings at the very end of a range that make it a full scale
 
 
 def full_scale(so: NDArray[np.float64]) -> float:
-    """Count at which the converter is full: 65535, or a smaller one that readings pile up at.
-
-    Args:
-        so: all counts of a log; NaN where missing.
-    """
+    """Count at which the converter is full: 65535, or a smaller one where readings pile up."""
     largest = np.nanmax(so) if np.isfinite(so).any() else 0.0
     piled_up = largest in _FULL_SCALES and np.sum(so == largest) >= _PILED_UP
     return float(largest) if piled_up else float(MAX_COUNT)
 
 
 def saturated(so: NDArray[np.float64], full: float = MAX_COUNT) -> NDArray[np.bool_]:
-    """Which counts are at an end of the converter's range.
-
-    Args:
-        so: counts; NaN where missing.
-        full: count at which the converter is full.
-    """
+    """Which counts are at an end of the converter's range, 0 or `full`."""
     return np.asarray((so >= full) | (so <= 0))
 
 
 def noise_by_taxel(so: NDArray[np.float64]) -> NDArray[np.float64]:
     """Standard deviation of a reading from frame to frame [taxel] [counts]; NaN where unknown.
 
-    From second differences, which a steady change of the load doesn't touch; those beyond six
-    standard deviations are jumps of the load and left out, and so are the differences of a
-    taxel that keeps its count.
-
-    Args:
-        so: counts [frame, taxel]; NaN where missing.
+    From second differences of counts [frame, taxel], which a steady change of the load doesn't
+    touch; those beyond six standard deviations are jumps of the load and left out, and so are
+    the differences of a taxel that keeps its count.
     """
     noise = np.full(so.shape[1], np.nan)
     for k, series in enumerate(so.T):
@@ -75,12 +61,7 @@ def typical_noise(so: NDArray[np.float64]) -> float:
 
 
 def repeats_needed(noise: float, taxels: int) -> int:
-    """Equal counts in a row beyond which a taxel is stuck.
-
-    Args:
-        noise: standard deviation of a reading [counts].
-        taxels: how many are watched.
-    """
+    """Equal counts in a row beyond which a taxel of this noise [counts] is stuck."""
     if not noise >= _LEAST_NOISE:
         return STUCK_AFTER
     # Two readings of Gaussian noise s round to the same count with about this chance.
@@ -89,14 +70,10 @@ def repeats_needed(noise: float, taxels: int) -> int:
 
 
 def stuck_taxels(so: NDArray[np.float64], noise: float) -> NDArray[np.bool_]:
-    """Where taxels are stuck [frame, taxel].
+    """Where taxels are stuck [frame, taxel], by counts of a noise [counts].
 
     Frames in which most taxels keep their counts (polled before the converter refreshed, or a
     skin at rest without noise) say nothing.
-
-    Args:
-        so: counts [frame, taxel]; NaN where missing.
-        noise: standard deviation of a reading [counts].
     """
     frames, taxels = so.shape
     stuck = np.zeros(so.shape, bool)
@@ -114,23 +91,14 @@ def stuck_taxels(so: NDArray[np.float64], noise: float) -> NDArray[np.bool_]:
 
 
 def _equal_runs(values: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Runs of equal neighbouring values; what is missing (NaN) is a run of its own.
-
-    Returns:
-        First index of each run, and the index after its last [run, 2].
-    """
+    """First index and last + 1 of runs of equal neighbours (NaN is one of its own) [run, 2]."""
     edges = np.flatnonzero(~(np.diff(values) == 0)) + 1
     begin = np.concatenate([[0], edges])
     return np.stack([begin, np.append(edges, len(values))], axis=1)
 
 
 class StuckWatch:
-    """`stuck_taxels` frame by frame, for a stream.
-
-    Args:
-        noise: standard deviation of a reading [counts].
-        taxels: their number.
-    """
+    """`stuck_taxels` frame by frame, for a stream of so many taxels of a noise [counts]."""
 
     def __init__(self, noise: float, taxels: int) -> None:
         self._needed = repeats_needed(noise, taxels)

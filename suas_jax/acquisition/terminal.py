@@ -5,6 +5,7 @@ marks that turn the direction of writing. All of it is shown escaped, as `\x1b`.
 """
 
 import time
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Self
 
 import typer
@@ -25,32 +26,17 @@ _OF_LINES = {code: text for code, text in _ESCAPES.items() if chr(code) not in "
 
 
 def printable(text: str, *, lines: bool = False) -> str:
-    """The text with all that a terminal would obey escaped.
-
-    Args:
-        text: of whatever origin.
-        lines: leave tabs and the ends of lines, which the text is made of.
-    """
+    """The text with all that a terminal would obey escaped; tabs and ends of `lines` stay."""
     return text.translate(_OF_LINES if lines else _ESCAPES)
 
 
 def say(text: str, *, err: bool = False, lines: bool = False) -> None:
-    """Print a line on the standard output.
-
-    Args:
-        text: of whatever origin; see `printable`.
-        err: print on stderr.
-        lines: it has more lines than one.
-    """
+    """Print a text of whatever origin on the standard output or on stderr; see `printable`."""
     typer.echo(printable(text, lines=lines), err=err)
 
 
 def new_console(**options: Any) -> "Console":
-    """A console of Rich whose texts are `printable`, as are all of Rich from then on.
-
-    Args:
-        options: of the console.
-    """
+    """A console of Rich whose texts are `printable`, as are all of Rich from then on."""
     from rich import control
     from rich.console import Console
 
@@ -59,13 +45,20 @@ def new_console(**options: Any) -> "Console":
     return Console(**options)
 
 
-class LiveTerminal:
-    """Messages on stderr, one a line; where wanted also a table, redrawn in place.
+def print_table(
+    names: Iterable[str], rows: Iterable[Sequence[str]], caption: str | None = None
+) -> None:
+    """Print a table of texts as they are."""
+    from rich.table import Table
 
-    Args:
-        wanted: whether to draw the table.
-        refresh: shortest time between two drawings [s].
-    """
+    table = Table(*names, caption=caption)
+    for row in rows:
+        table.add_row(*row)
+    new_console(markup=False, highlight=False).print(table)
+
+
+class LiveTerminal:
+    """Messages on stderr, one a line; where `wanted` also a table, redrawn in place."""
 
     def __init__(self, wanted: bool, refresh: float) -> None:
         self._wanted = wanted

@@ -1,7 +1,7 @@
 """Configuration: skins and scenes in TOML files, with units, to immutable specifications.
 
-Importing this package starts neither JAX nor the units library. The declarations of laws and
-oils (`GentSpec`, `CompressibleOilSpec` ...) can be imported from here, too.
+Importing it starts neither JAX nor the units library. It has the declarations of laws, oils and
+sections (`GentSpec`, `CompressibleOilSpec` ...), too.
 """
 
 from typing import Any
@@ -15,7 +15,6 @@ from suas_jax.config.load import load_scene, load_skin, scene_from_dict
 from suas_jax.config.oil import OilSpec
 from suas_jax.config.presets import load_preset, preset_names
 from suas_jax.config.quantities import format_quantity, parse_quantity
-from suas_jax.config.schema_geometry import SECTIONS
 from suas_jax.config.schema_load import (
     BodyLoadSpec,
     EnvironmentSpec,
@@ -25,62 +24,17 @@ from suas_jax.config.schema_load import (
     PressureLoadSpec,
     ReferenceSpec,
 )
-from suas_jax.config.schema_material import LAWS, MaterialSpec
-from suas_jax.config.schema_oil import OILS
-from suas_jax.config.schema_scene import SceneSpec, SkinSpec
+from suas_jax.config.schema_scene import LAWS, OILS, SECTIONS, MaterialSpec, SceneSpec, SkinSpec
 from suas_jax.config.schema_skin import (
     ElectrodesSpec,
     LayerSpec,
     ModuleSpec,
+    SoftLayerSpec,
     TaxelSpec,
+    WallSpec,
 )
 from suas_jax.config.schema_solve import SolveSpec
-from suas_jax.config.schema_wall import SoftLayerSpec, WallSpec
 from suas_jax.config.tolerance import UncertainQuantity
-
-__all__ = [
-    "LAWS",
-    "OILS",
-    "SECTIONS",
-    "AlongSpec",
-    "BodyLoadSpec",
-    "ConfigError",
-    "ElectrodesSpec",
-    "EnvironmentSpec",
-    "GeometrySpec",
-    "InputErrors",
-    "LawSpec",
-    "LayerSpec",
-    "LineLoadSpec",
-    "LoadSpec",
-    "MaterialSpec",
-    "Mistake",
-    "ModuleSpec",
-    "OilSpec",
-    "PatchLoadSpec",
-    "PressureLoadSpec",
-    "ReferenceSpec",
-    "SceneSpec",
-    "SheetSpec",
-    "SkinSpec",
-    "SoftLayerSpec",
-    "SolveSpec",
-    "TaxelSpec",
-    "UncertainQuantity",
-    "WallSpec",
-    "continuous_inputs",
-    "format_quantity",
-    "input_errors",
-    "load_preset",
-    "load_scene",
-    "load_skin",
-    "parse_quantity",
-    "preset_names",
-    "scene_from_dict",
-    "structure",
-    "with_inputs",
-    "with_solve",
-]
 
 
 def __getattr__(name: str) -> Any:

@@ -1,9 +1,4 @@
-"""Tables of comma-separated values: `# key: value` lines, a line of names, rows.
-
-Load paths and files of known inputs are such tables. Logs have a reader of their own, which
-survives a file that was cut off, and so have the files of test machines, whose separators,
-decimal signs and units have to be found out.
-"""
+"""Tables of comma-separated values: `# key: value` lines, a line of names, rows."""
 
 import math
 import re
@@ -17,28 +12,20 @@ _MOST_BYTES = 64 * MEGABYTE
 
 
 class CsvTable(NamedTuple):
-    """A table as it stands in a file.
+    """A table as it stands in a file."""
 
-    Attributes:
-        header: `# key: value` lines above the names.
-        line: number of the line of names, from one; zero in a file without names.
-        names: of the columns.
-        rows: line number and fields of each row, as many fields as names.
-    """
-
-    header: dict[str, str]
-    line: int
-    names: tuple[str, ...]
+    header: dict[str, str]  # `# key: value` lines above the names
+    line: int  # number of the line of names, from one; zero in a file without names
+    names: tuple[str, ...]  # of the columns
+    # line number and fields of each row, as many fields as names
     rows: tuple[tuple[int, tuple[str, ...]], ...]
 
 
 def read_csv_table(file: Path) -> CsvTable:
     """Read a table.
 
-    Raises:
-        ValueError: a row has another number of fields than there are names, or one that is
-            too long; says which line.
-        OSError: the file can't be read.
+    Raises ValueError: a row has another number of fields than there are names, or one that is
+    too long; says which line; OSError: the file can't be read.
     """
     text = read_bytes(file, _MOST_BYTES).decode("utf-8-sig")
     header: dict[str, str] = {}
@@ -80,14 +67,10 @@ _NAME = re.compile(r"(?P<axis>[xyXY])(?:\s*\[|\s*\(|_|\s+)(?P<unit>[a-zµ]+)[\])
 
 
 def read_points(file: Path) -> list[tuple[str, str]]:
-    """Read points as quantities with units, as they would stand in a skin file.
+    """Points as quantities with units, as they would stand in a skin file.
 
-    Args:
-        file: comma-separated, with a line of names such as ``x_mm,y_mm`` or ``x [mm],y [mm]``.
-
-    Raises:
-        ValueError: a column or its unit is missing, or a field is no length.
-        OSError: the file can't be read.
+    The line of names is such as ``x_mm,y_mm`` or ``x [mm],y [mm]``. Raises ValueError: a column
+    or its unit is missing, or a field is no length; OSError: the file can't be read.
     """
     table = read_csv_table(file)
     columns = {}

@@ -13,19 +13,12 @@ _LONGEST_WORD = 100  # characters; longer ones are no slip of the finger
 
 
 class Mistake(NamedTuple):
-    """One mistake in a configuration.
+    """One mistake in a configuration."""
 
-    Attributes:
-        file: the file that holds the mistake, as the user named it.
-        key: dotted path of the key inside the file, such as ``load.1.force``; empty when the
-            whole file is meant.
-        advice: what is allowed, and what to do.
-        value: the offending value as it would stand in the file; None if there is none.
-    """
-
-    file: str
-    key: str
-    advice: str
+    file: str  # that holds it, as the user named it
+    key: str  # dotted path inside the file, such as ``load.1.force``; empty for the whole file
+    advice: str  # what is allowed, and what to do
+    # the offending value as it would stand in the file; None if there is none
     value: str | None = None
 
     def __str__(self) -> str:
@@ -37,7 +30,7 @@ class ConfigError(ValueError):
     """A configuration can't be used; the message lists every mistake, one on each line.
 
     Attributes:
-        mistakes: the mistakes found, in the order of the file's tables.
+        mistakes: in the order of the file's tables.
     """
 
     def __init__(self, mistakes: Iterable[Mistake]):
@@ -93,16 +86,9 @@ def listed(words: Iterable[str], last: str = "or") -> str:
 
 
 def unknown(word: str, known: Iterable[str], what: str, *, quoted: bool = False) -> str:
-    """Say that a word is unknown, and what it may have been meant to be.
+    """Say that a word of some kind is unknown, and which known one it may be meant to be.
 
-    Args:
-        word: the unknown word.
-        known: all that are allowed.
-        what: what kind of word it is.
-        quoted: show the allowed words in quotes, as values stand in a file.
-
-    Returns:
-        The advice, with the nearest known word and all that are allowed.
+    Values of a file are shown in quotes.
     """
     names = list(known)
     near = nearest(word, names)

@@ -4,12 +4,26 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainValidator, ValidationInfo
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainValidator,
+    ValidationInfo,
+    model_validator,
+)
 
 from suas_jax.config.quantities import DimensionName, format_quantity, to_si
 from suas_jax.config.tolerance import UncertainQuantity, is_uncertain_text, parse_uncertain
+
+
+def file_key(example: str, default: Any = ..., **rules: Any) -> Any:
+    """A key of a table: its value as a file may have it, and its default."""
+    return Field(default=default, examples=[example], **rules)
+
 
 FILE_RULES = {"units_required": True}
 """Validation context of values that come from a file: every number states its unit."""
@@ -41,32 +55,22 @@ class Quantity(PlainValidator):
     """Validator of a quantity, as `quantity` builds it.
 
     It is a plain one: the library's own validation of a float would drop the deviation.
-
-    Attributes:
-        dimension: the kind of quantity.
-        rules: what is allowed, in words, such as ``"must be greater than zero"``.
     """
 
-    dimension: DimensionName = "number"
+    dimension: DimensionName = "number"  # the kind of quantity
+    # what is allowed, in words, such as ``"must be greater than zero"``
     rules: tuple[str, ...] = ()
 
 
 def quantity(
-    dimension: DimensionName,
+    dimension: DimensionName,  # the kind of quantity
     *,
-    above: float | None = None,
-    at_least: float | None = None,
-    below: float | None = None,
-    nonzero: bool = False,
+    above: float | None = None,  # the value must be greater than this, in SI units
+    at_least: float | None = None,  # it must not be less than this
+    below: float | None = None,  # it must be less than this
+    nonzero: bool = False,  # it must not be zero
 ) -> Quantity:
     """Build the validator of a quantity, which may carry its uncertainty.
-
-    Args:
-        dimension: the kind of quantity.
-        above: the value must be greater than this, in SI units.
-        at_least: the value must not be less than this, in SI units.
-        below: the value must be less than this, in SI units.
-        nonzero: the value must not be zero.
 
     Returns:
         A validator that yields the SI value, an `UncertainQuantity` where a deviation is
@@ -104,21 +108,57 @@ def quantity(
 def quantity_of(
     value: object, dimension: DimensionName, *, bare_numbers: bool = False
 ) -> float:
-    """Read a value of a specification; see `suas_jax.config.quantities.to_si`.
+    """Read a value of a specification, which may carry ``+-`` and a standard deviation.
 
-    Args:
-        value: text with a unit, with or without ``+-`` and a standard deviation, or a number.
-        dimension: the kind of quantity that is expected.
-        bare_numbers: accept a number without a unit as a value in SI units.
-
-    Raises:
-        ValueError: if the value is no finite quantity of that kind, with what is expected.
+    Args and errors are those of `suas_jax.config.quantities.to_si`.
     """
     if isinstance(value, UncertainQuantity):  # of a specification that is built anew
         return value
     if isinstance(value, str) and is_uncertain_text(value):
         return parse_uncertain(value, dimension)
     return to_si(value, dimension, bare_numbers=bare_numbers)
+
+
+Length = Annotated[float, quantity("length")]
+PositiveLength = Annotated[float, quantity("length", above=0.0)]
+Angle = Annotated[float, quantity("angle")]
+Pressure = Annotated[float, quantity("pressure")]
+PositivePressure = Annotated[float, quantity("pressure", above=0.0)]
+Force = Annotated[float, quantity("force")]
+Temperature = Annotated[float, quantity("temperature", above=0.0)]
+PositiveNumber = Annotated[float, quantity("number", above=0.0)]
+
+
+class PlacedSpec(Spec):
+    """What has a place on the skin, told by an angle or by an arc length.
+
+    Attributes:
+        angle: of its middle (a body's reference point), from the symmetry axis, positive
+            towards +x [rad].
+        arc: of its middle, along the undeformed inner face from the face's own middle [m];
+            instead of the angle.
+        axial: of its middle, from mid-width [m]; of loads in three dimensions.
+    """
+
+    angle: Angle | None = file_key('"45 deg"', None)
+    arc: Length | None = file_key('"22 mm"', None)
+    axial: Length = file_key('"10 mm"', 0.0)
+
+    @model_validator(mode="after")
+    def _told_once(self) -> Self:
+        if (self.angle is None) == (self.arc is None):
+            raise PlacedError(
+                "angle",
+                'missing; add it, for example angle = "45 deg" (or arc = "22 mm")'
+                if self.angle is None
+                else "a place has an angle or an arc; take one out",
+            )
+        return self
+
+    @property
+    def told_by(self) -> str:
+        """The key that says where along the arc it is."""
+        return "angle" if self.angle is not None else "arc"
 
 
 def whole_number(value: object) -> int:
@@ -129,21 +169,6 @@ def whole_number(value: object) -> int:
 
 
 NOT_A_LIST = "a list in square brackets is expected"
-
-
-def angle_or_arc(angle: float | None, arc: float | None) -> None:
-    """Refuse a place that is told twice, or not at all.
-
-    Raises:
-        PlacedError: with what to do.
-    """
-    if (angle is None) == (arc is None):
-        raise PlacedError(
-            "angle",
-            'missing; add it, for example angle = "45 deg" (or arc = "22 mm")'
-            if angle is None
-            else "a place has an angle or an arc; take one out",
-        )
 
 
 def at_most(count: int) -> BeforeValidator:
@@ -159,17 +184,6 @@ def at_most(count: int) -> BeforeValidator:
     return BeforeValidator(check)
 
 
-Length = Annotated[float, quantity("length")]
-PositiveLength = Annotated[float, quantity("length", above=0.0)]
-Angle = Annotated[float, quantity("angle")]
-Stress = Annotated[float, quantity("stress")]
-PositiveStress = Annotated[float, quantity("stress", above=0.0)]
-Pressure = Annotated[float, quantity("pressure")]
-PositivePressure = Annotated[float, quantity("pressure", above=0.0)]
-Force = Annotated[float, quantity("force")]
-Temperature = Annotated[float, quantity("temperature", above=0.0)]
-Number = Annotated[float, quantity("number")]
-PositiveNumber = Annotated[float, quantity("number", above=0.0)]
 Count = Annotated[int, BeforeValidator(whole_number)]
 AsList = at_most(1_000_000)
 """Accepts a TOML list for a tuple, and refuses everything else (text is no list)."""

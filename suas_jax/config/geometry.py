@@ -1,8 +1,4 @@
-"""What the dimensions of a skin consist of, whatever its section.
-
-The kinds of section are the files of `suas_jax.config.sections`; the curve of each is the file
-of the same name in `suas_jax.skin.sections`.
-"""
+"""What the dimensions of a skin consist of; kinds of section: `suas_jax.config.sections`."""
 
 from __future__ import annotations
 
@@ -11,14 +7,26 @@ import math
 from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar, Literal, Self, cast
 
-from pydantic import Field, ValidationInfo, model_validator
+from pydantic import ValidationInfo, model_validator
 
-from suas_jax.config.fields import AsList, PositiveLength, Quantity, Spec, quantity
+from suas_jax.config.fields import AsList, PositiveLength, Quantity, Spec, file_key, quantity
 
 _Fraction = Annotated[float, quantity("number", at_least=0.0)]
 
 
-class AlongSpec(Spec):
+class _AlongArc(Spec):
+    """What `AlongSpec` and `SheetSpec` share: places along the arc, and a value at each."""
+
+    arc: Annotated[tuple[_Fraction, ...], AsList] = file_key("[0, 0.5, 1]")
+    value: Any
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the right half is the mirror image of the left one."""
+        return bool(self.value == self.value[::-1]) and _even(self.arc)
+
+
+class AlongSpec(_AlongArc):
     """A length that varies along the arc, smoothly through the values of a table.
 
     Attributes:
@@ -26,9 +34,8 @@ class AlongSpec(Spec):
         value: the length at each of them [m].
     """
 
-    arc: Annotated[tuple[_Fraction, ...], AsList] = Field(examples=["[0, 0.5, 1]"])
-    value: Annotated[tuple[PositiveLength, ...], AsList] = Field(
-        examples=['["1.2 mm", "1.5 mm", "1.2 mm"]']
+    value: Annotated[tuple[PositiveLength, ...], AsList] = file_key(
+        '["1.2 mm", "1.5 mm", "1.2 mm"]'
     )
 
     @model_validator(mode="after")
@@ -37,17 +44,12 @@ class AlongSpec(Spec):
         return self
 
     @property
-    def mirrored(self) -> bool:
-        """Whether the right half is the mirror image of the left one."""
-        return self.value == self.value[::-1] and _even(self.arc)
-
-    @property
     def mean(self) -> float:
         """Of the values joined by straight lines [m]."""
         return _mean(self.arc, self.value)
 
 
-class SheetSpec(Spec):
+class SheetSpec(_AlongArc):
     """A length that varies along the arc and along the axis of a pad.
 
     Attributes:
@@ -57,10 +59,9 @@ class SheetSpec(Spec):
             axis [m].
     """
 
-    arc: Annotated[tuple[_Fraction, ...], AsList] = Field(examples=["[0, 0.5, 1]"])
-    axial: Annotated[tuple[_Fraction, ...], AsList] = Field(examples=["[0, 1]"])
-    value: Annotated[tuple[Annotated[tuple[PositiveLength, ...], AsList], ...], AsList] = Field(
-        examples=['[["1.2 mm", "1.3 mm"], ["1.5 mm", "1.5 mm"], ["1.2 mm", "1.3 mm"]]']
+    axial: Annotated[tuple[_Fraction, ...], AsList] = file_key("[0, 1]")
+    value: Annotated[tuple[Annotated[tuple[PositiveLength, ...], AsList], ...], AsList] = (
+        file_key('[["1.2 mm", "1.3 mm"], ["1.5 mm", "1.5 mm"], ["1.2 mm", "1.3 mm"]]')
     )
 
     @model_validator(mode="after")
@@ -69,11 +70,6 @@ class SheetSpec(Spec):
         for k, row in enumerate(self.value):
             _check_places("axial", self.axial, len(row), f"values in row {k} (from 0)")
         return self
-
-    @property
-    def mirrored(self) -> bool:
-        """Whether the right half is the mirror image of the left one."""
-        return self.value == self.value[::-1] and _even(self.arc)
 
     @property
     def mirrored_along_axis(self) -> bool:
@@ -145,12 +141,12 @@ class GeometrySpec(Spec):
     """
 
     section: str
-    thickness: LengthAlong = Field(examples=['"1.5 mm"'])
-    width: PositiveLength = Field(examples=['"123 mm"'])
-    oil_gap: LengthAlong = Field(examples=['"5 mm"'])
-    ends: Literal["sliding", "clamped"] = Field(default="sliding", examples=['"clamped"'])
-    mounting: Mismatch | None = Field(default=None, examples=['"0.05 %"'])
-    mounting_axial: Mismatch | None = Field(default=None, examples=['"0.05 %"'])
+    thickness: LengthAlong = file_key('"1.5 mm"')
+    width: PositiveLength = file_key('"123 mm"')
+    oil_gap: LengthAlong = file_key('"5 mm"')
+    ends: Literal["sliding", "clamped"] = file_key('"clamped"', "sliding")
+    mounting: Mismatch | None = file_key('"0.05 %"', None)
+    mounting_axial: Mismatch | None = file_key('"0.05 %"', None)
 
     has_angle: ClassVar[bool] = True
 
@@ -167,14 +163,12 @@ class GeometrySpec(Spec):
     @property
     def mean_thickness(self) -> float:
         """Of the membrane [m]."""
-        t = self.thickness
-        return t if isinstance(t, float) else t.mean
+        return self.thickness if isinstance(self.thickness, float) else self.thickness.mean
 
     @property
     def mean_gap(self) -> float:
         """From the inner face to the wall [m]."""
-        gap = self.oil_gap
-        return gap if isinstance(gap, float) else gap.mean
+        return self.oil_gap if isinstance(self.oil_gap, float) else self.oil_gap.mean
 
     @property
     def sheets(self) -> tuple[str, ...]:
@@ -183,13 +177,9 @@ class GeometrySpec(Spec):
         return tuple(key for key in keys if isinstance(getattr(self, key), SheetSpec))
 
     def require_no_sheets(self, what: str) -> None:
-        """Refuse tables along the axis.
+        """Refuse tables along the axis for `what`, which begins the message.
 
-        Args:
-            what: does without them; begins the message.
-
-        Raises:
-            ValueError: there is one.
+        Raises ValueError: there is one.
         """
         if self.sheets:
             raise ValueError(

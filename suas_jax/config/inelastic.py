@@ -1,16 +1,12 @@
-"""What a material does beside its elastic law: stress relaxation and softening.
-
-Both are measured and written by `suas fit material`; the skin's model is elastic and takes of
-them no more than which elastic response it solves with.
-"""
+"""What a material does beside its elastic law: stress relaxation and softening."""
 
 from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import ValidationInfo, field_validator, model_validator
 
-from suas_jax.config.fields import PlacedError, Spec, at_most, quantity
+from suas_jax.config.fields import PlacedError, Spec, at_most, file_key, quantity
 from suas_jax.config.tolerance import text_of
 
 MOST_RELAXATIONS = 16
@@ -28,10 +24,10 @@ class RelaxationSpec(Spec):
     g: Annotated[
         tuple[Annotated[float, quantity("number", above=0.0, below=1.0)], ...],
         at_most(MOST_RELAXATIONS),
-    ] = Field(examples=["[0.2, 0.1]"])
+    ] = file_key("[0.2, 0.1]")
     tau: Annotated[
         tuple[Annotated[float, quantity("time", above=0.0)], ...], at_most(MOST_RELAXATIONS)
-    ] = Field(examples=['["0.1 s", "10 s"]'])
+    ] = file_key('["0.1 s", "10 s"]')
 
     def table(self) -> dict[str, Any]:
         """The table of a file, quantities as text with units."""
@@ -81,9 +77,9 @@ class SofteningSpec(Spec):
         beta: how much that energy grows with W_max.
     """
 
-    r: Annotated[float, quantity("number", above=1.0)] = Field(examples=["1.9"])
-    m: Annotated[float, quantity("stress", at_least=0.0)] = Field(examples=['"50 kPa"'])
-    beta: Annotated[float, quantity("number", at_least=0.0)] = Field(examples=["0.1"])
+    r: Annotated[float, quantity("number", above=1.0)] = file_key("1.9")
+    m: Annotated[float, quantity("stress", at_least=0.0)] = file_key('"50 kPa"')
+    beta: Annotated[float, quantity("number", at_least=0.0)] = file_key("0.1")
 
     def table(self) -> dict[str, Any]:
         """The table of a file, quantities as text with units."""

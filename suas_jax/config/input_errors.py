@@ -1,9 +1,8 @@
 """How far the numbers of a skin file may be off: independent errors of its inputs.
 
 An error is one direction in the space of the continuous inputs, one standard deviation long.
-They come from what the file states (``+-``, with `correlation` between constants of the
-material), from the covariance of a calibration ([calibration]), or, for what a file says
-nothing of, from `DEFAULTS`.
+It comes from what the file states (``+-``, `correlation`), from the covariance of a
+calibration, or, for what a file says nothing of, from `DEFAULTS`.
 """
 
 from __future__ import annotations
@@ -61,23 +60,15 @@ _LEAST_VARIANCE = 1e-9  # of a direction that is kept, relative to its constants
 
 
 class InputErrors(NamedTuple):
-    """Independent errors of a skin's inputs.
+    """Independent errors of a skin's inputs."""
 
-    Attributes:
-        paths: TOML paths of the inputs, as `continuous_inputs` lists them.
-        directions: change of the inputs by each error of one standard deviation
-            [error, path], SI.
-        names: of the errors: a path, `STIFFNESS`, or which direction of a material or of a
-            calibration.
-        assumed: those of them that are `DEFAULTS`.
-        spec: the skin, which names every path.
-    """
-
-    paths: tuple[str, ...]
+    paths: tuple[str, ...]  # TOML paths of the inputs, as `continuous_inputs` lists them
+    # change of the inputs by each error of one standard deviation [error, path], SI
     directions: NDArray[np.float64]
+    # a path, `STIFFNESS`, or which direction of a material or of a calibration
     names: tuple[str, ...]
-    assumed: tuple[str, ...]
-    spec: SkinSpec
+    assumed: tuple[str, ...]  # those of them that are `DEFAULTS`
+    spec: SkinSpec  # the skin, which names every path
 
     def __len__(self) -> int:
         return len(self.names)
@@ -99,12 +90,7 @@ class InputErrors(NamedTuple):
 
 
 def value_of(spec: SkinSpec, path: str) -> float:
-    """Value of a continuous input of a skin with electrodes [SI].
-
-    Args:
-        spec: the skin.
-        path: as in the file, or the scale, which files need not give.
-    """
+    """Value of a continuous input of a skin with electrodes [SI], or of its scale."""
     if path == "electrodes.lsb" and spec.electrodes is not None:
         return float(spec.electrodes.lsb)
     return float(given_inputs(spec)[path])
@@ -115,13 +101,8 @@ def input_errors(spec: SkinSpec) -> InputErrors:
 
     A quantity that is both calibrated and written with ``+-`` counts as it is written. What is
     neither has its default; of a calibrated skin that is its mechanics alone, for the constants
-    of its readings were found together.
-
-    Args:
-        spec: the skin or the scene.
-
-    Raises:
-        ValueError: the record of the calibration can't be understood.
+    of its readings were found together. Raises ValueError: the record of the calibration can't
+    be understood.
     """
     values = given_inputs(spec)
     typical = dict(_typical(spec))
@@ -267,19 +248,13 @@ def _correlated(
 
 
 def _independent(
-    label: str,
-    names: Sequence[str],
+    label: str,  # what found the constants
+    names: Sequence[str],  # of the constants
+    # inputs that each stands for, and their change per unit of it
     parts: Sequence[Mapping[str, float]],
-    covariance: NDArray[np.float64],
+    covariance: NDArray[np.float64],  # of the constants
 ) -> Iterator[tuple[str, dict[str, float]]]:
-    """Independent errors of constants that are known together, the largest first.
-
-    Args:
-        label: what found the constants.
-        names: of the constants.
-        parts: inputs that each stands for, and their change per unit of it.
-        covariance: of the constants.
-    """
+    """Independent errors of constants that are known together, the largest first."""
     import numpy as np
 
     size = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -296,13 +271,7 @@ def _independent(
 
 
 def _paths_of(spec: SkinSpec, name: str, value: float) -> dict[str, float]:
-    """Inputs that a calibrated constant stands for, and their change per unit of it.
-
-    Args:
-        spec: the calibrated skin.
-        name: of the constant.
-        value: of the constant, which the file's inputs are made with.
-    """
+    """Inputs that a calibrated constant stands for, and their change per unit of it."""
     if name == "stiffness":
         return {path: x / value for path, x in stresses_of(spec).items()}
     if name == "layers":

@@ -24,10 +24,7 @@ _RECORDS = frozenset({"calibration", "correlation", "note"})
 
 
 def continuous_inputs(scene: Spec) -> dict[str, float]:
-    """List every continuous input that is present in a scene.
-
-    Args:
-        scene: the scene, its skin and preset filled in; or one of its tables.
+    """Every continuous input that is present in a scene, its skin and preset filled in.
 
     Returns:
         SI values (angles in radians) by TOML path with indices, such as ``material.C1``,
@@ -38,11 +35,7 @@ def continuous_inputs(scene: Spec) -> dict[str, float]:
 
 
 def given_inputs(scene: Spec) -> dict[str, float]:
-    """The same, each with the standard deviation that the files state.
-
-    Returns:
-        Values by path, an `UncertainQuantity` where a deviation is stated.
-    """
+    """The same, an `UncertainQuantity` where the files state a standard deviation."""
     return {
         path: value
         for path, value, given in _leaves(scene)
@@ -51,31 +44,24 @@ def given_inputs(scene: Spec) -> dict[str, float]:
 
 
 def structure(scene: Spec) -> tuple[tuple[str, Leaf], ...]:
-    """Describe all of a scene but its continuous inputs.
+    """All of a scene but its continuous inputs, as pairs of TOML path and value.
 
-    Args:
-        scene: the scene.
-
-    Returns:
-        Pairs of TOML path and value: choices, counts, and defaults that the files don't give.
-        Hashable, and equal for scenes that differ in continuous inputs only.
+    They are choices, counts, and defaults that the files don't give. Hashable, and equal for
+    scenes that differ in continuous inputs only.
     """
     inputs = continuous_inputs(scene)
     return tuple((path, value) for path, value, _ in _leaves(scene) if path not in inputs)
 
 
 def with_inputs(scene: SceneSpec, values: Mapping[str, float]) -> SceneSpec:
-    """Change continuous inputs of a scene.
+    """Change continuous inputs of a scene; the result is checked like any other.
 
     Args:
         scene: the scene.
-        values: new SI values by path, as ``continuous_inputs`` lists them.
-
-    Returns:
-        The changed scene, checked like any other.
+        values: new SI values by path, as `continuous_inputs` lists them.
 
     Raises:
-        ValueError: if a path is no continuous input of the scene, or a value is not allowed.
+        ValueError: a path is no continuous input of the scene, or a value is not allowed.
     """
     known = continuous_inputs(scene)
     for path in values:
@@ -95,11 +81,8 @@ def with_solve(scene: SceneSpec, *, source: str = "command line", **changes: Any
         source: what messages call the origin of the changes.
         **changes: new values by key; None takes the key out.
 
-    Returns:
-        The changed scene, checked like any other.
-
     Raises:
-        ConfigError: if a value is not allowed, or doesn't fit the other keys.
+        ConfigError: a value is not allowed, or doesn't fit the other keys.
     """
     given = {key: getattr(scene.solve, key) for key in scene.solve.model_fields_set}
     wanted = {key: value for key, value in {**given, **changes}.items() if value is not None}
@@ -138,12 +121,8 @@ def _leaves(scene: Spec) -> Iterator[tuple[str, Leaf, bool]]:
 
 
 def _given(specification: Spec) -> dict[str, Any]:
-    names = type(specification).model_fields
-    return {
-        name: getattr(specification, name)
-        for name in names
-        if name in specification.model_fields_set
-    }
+    fields = type(specification).model_fields
+    return {k: getattr(specification, k) for k in fields if k in specification.model_fields_set}
 
 
 def _replaced(value: Any, changes: Mapping[tuple[str, ...], float]) -> Any:

@@ -1,9 +1,6 @@
 """What the declaration of a material law consists of; the laws are in `suas_jax.config.laws`.
 
-A law is declared once: the names, units, signs and bounds of its constants, and how large
-they are in a fit. The [material] table of a file, the checks of the law itself, its parameters
-in a fit, the comparison of laws, the command line's help and the export of material cards are
-derived from that declaration; its energy is a file of `suas_jax.constitutive.laws`.
+Tables of files, checks, fits, comparisons, the help and material cards are derived from it.
 """
 
 from __future__ import annotations
@@ -11,10 +8,10 @@ from __future__ import annotations
 import dataclasses
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
-from pydantic import BeforeValidator, Field, GetCoreSchemaHandler, model_validator
+from pydantic import BeforeValidator, GetCoreSchemaHandler, model_validator
 from pydantic_core import CoreSchema
 
-from suas_jax.config.fields import PlacedError, Spec, quantity
+from suas_jax.config.fields import PlacedError, Spec, file_key, quantity
 from suas_jax.config.inelastic import RelaxationSpec, SofteningSpec
 from suas_jax.config.quantities import format_quantity
 from suas_jax.config.schema_calibration import Names, rows_of_numbers
@@ -24,24 +21,18 @@ from suas_jax.config.tolerance import text_of
 
 @dataclasses.dataclass(frozen=True)
 class Constant:
-    """One constant of a law; stands in the annotation of its key.
+    """One constant of a law; stands in the annotation of its key."""
 
-    Attributes:
-        dimension: ``"stress"`` [Pa] or ``"number"``.
-        positive: whether it must be greater than zero.
-        degree: (i, j) of the product (I1 - 3)^i (I2 - 3)^j that a stress multiplies. It sets
-            the constant's natural size in a fit, and its place in a polynomial law.
-        since: smallest number of terms (or degree) of the law that has this constant.
-        limits_i1: whether I1 - 3 can't exceed it, so that a fit keeps it above all data.
-        start: range of the dimensionless parameter that a fit starts from: the logarithm of
-            a positive constant, else the constant over its natural size.
-    """
-
-    dimension: Literal["stress", "number"] = "stress"
-    positive: bool = False
+    dimension: Literal["stress", "number"] = "stress"  # ``"stress"`` [Pa] or ``"number"``
+    positive: bool = False  # whether it must be greater than zero
+    # (i, j) of the product (I1 - 3)^i (I2 - 3)^j that a stress multiplies. It sets the
+    # constant's natural size in a fit, and its place in a polynomial law.
     degree: tuple[int, int] = (1, 0)
-    since: int = 1
+    since: int = 1  # smallest number of terms (or degree) of the law that has this constant
+    # whether I1 - 3 can't exceed it, so that a fit keeps it above all data
     limits_i1: bool = False
+    # range of the dimensionless parameter that a fit starts from: the logarithm of a positive
+    # constant, else the constant over its natural size
     start: tuple[float, float] | None = None
 
     @property
@@ -65,22 +56,20 @@ class CorrelationSpec(Spec):
         matrix: correlations, one row for each.
     """
 
-    of: Names = Field(examples=['["C1", "C2"]'])
-    matrix: Annotated[tuple[tuple[float, ...], ...], BeforeValidator(rows_of_numbers)] = Field(
-        examples=["[[1.0, -0.9], [-0.9, 1.0]]"]
+    of: Names = file_key('["C1", "C2"]')
+    matrix: Annotated[tuple[tuple[float, ...], ...], BeforeValidator(rows_of_numbers)] = (
+        file_key("[[1.0, -0.9], [-0.9, 1.0]]")
     )
 
     @model_validator(mode="after")
-    def _are_correlations(self) -> CorrelationSpec:
-        count = len(self.of)
-        if len(self.matrix) != count or any(len(row) != count for row in self.matrix):
+    def _are_correlations(self) -> Self:
+        count, rows = len(self.of), self.matrix
+        if len(rows) != count or any(len(row) != count for row in rows):
             raise PlacedError("matrix", f"{count} rows of as many numbers are needed")
-        pairs = [(i, j) for i in range(count) for j in range(count)]
         if not all(
-            abs(self.matrix[i][j]) <= 1.0
-            and abs(self.matrix[i][j] - self.matrix[j][i]) < 1e-6
-            and (i != j or self.matrix[i][j] == 1.0)
-            for i, j in pairs
+            abs(rows[i][j]) <= 1.0 and abs(rows[i][j] - rows[j][i]) < 1e-6 and rows[i][i] == 1.0
+            for i in range(count)
+            for j in range(count)
         ):
             raise PlacedError(
                 "matrix", "must be symmetric, with ones on its diagonal and none larger"
@@ -121,28 +110,21 @@ class LawSpec(Spec):
     """
 
     law: str
-    response: Literal["long-term", "instantaneous"] = Field(
-        default="long-term", examples=['"long-term"']
+    response: Literal["long-term", "instantaneous"] = file_key('"long-term"', "long-term")
+    relaxation: RelaxationSpec | None = file_key(
+        '{ g = [0.2, 0.1], tau = ["0.1 s", "10 s"] }', None
     )
-    relaxation: RelaxationSpec | None = Field(
-        default=None, examples=['{ g = [0.2, 0.1], tau = ["0.1 s", "10 s"] }']
+    softening: SofteningSpec | None = file_key('{ r = 1.9, m = "50 kPa", beta = 0.1 }', None)
+    density: Annotated[float, quantity("density", above=0.0)] | None = file_key(
+        '"1100 kg/m^3"', None
     )
-    softening: SofteningSpec | None = Field(
-        default=None, examples=['{ r = 1.9, m = "50 kPa", beta = 0.1 }']
-    )
-    density: Annotated[float, quantity("density", above=0.0)] | None = Field(
-        default=None, examples=['"1100 kg/m^3"']
-    )
-    expansion: RubberExpansion | None = Field(default=None, examples=['"1.6e-4 / K"'])
-    bulk_modulus: RubberBulkModulus | None = Field(default=None, examples=['"2 GPa"'])
-    correlation: CorrelationSpec | None = Field(
-        default=None,
-        examples=[
-            '{ of = ["relaxation.g.0", "relaxation.g.1"], matrix = [[1, -0.9], [-0.9, 1]] }'
-        ],
+    expansion: RubberExpansion | None = file_key('"1.6e-4 / K"', None)
+    bulk_modulus: RubberBulkModulus | None = file_key('"2 GPa"', None)
+    correlation: CorrelationSpec | None = file_key(
+        '{ of = ["relaxation.g.0", "relaxation.g.1"], matrix = [[1, -0.9], [-0.9, 1]] }', None
     )
 
-    note: str | None = Field(default=None, examples=['"from a fast test"'])
+    note: str | None = file_key('"from a fast test"', None)
 
     half_modulus: ClassVar[tuple[str, ...]] = ()
     usual_terms: ClassVar[int] = 0
@@ -167,11 +149,7 @@ class LawSpec(Spec):
 
     @classmethod
     def unit(cls, key: str) -> str:
-        """SI unit of a constant, ``"1"`` for a number.
-
-        Args:
-            key: in [material], with or without an index, such as ``mu.0``.
-        """
+        """SI unit of a constant, ``"1"`` for a number; its key may carry an index: ``mu.0``."""
         return cls.declared()[key.split(".")[0]].unit
 
     def coefficients(self) -> dict[tuple[int, int], float] | None:
@@ -196,25 +174,24 @@ class LawSpec(Spec):
                 text_of(value, 1.0, "") if self.unit(key) == "1" else text_of(value, 1e6, "MPa")
             )
 
-        inelastic = {
-            "relaxation": self.relaxation,
-            "softening": self.softening,
-            "correlation": self.correlation,
-        }
         own = [key for key in type(self).model_fields if key not in LawSpec.model_fields]
         keys = [key for key in (*own, "response") if key in self.model_fields_set]
         table = {"law": self.law} | {key: shown(key, getattr(self, key)) for key in keys}
         if self.note is not None:
             table["note"] = self.note
-        if self.density is not None:
-            table["density"] = f"{self.density:.12g} kg/m^3"
-        if self.expansion is not None:
-            table["expansion"] = f"{self.expansion:.12g} / K"
-        if self.bulk_modulus is not None:
-            table["bulk_modulus"] = f"{self.bulk_modulus / 1e6:.12g} MPa"
-        return table | {
-            key: part.table() for key, part in inelastic.items() if part is not None
-        }
+        for key, unit, name in (
+            ("density", 1.0, "kg/m^3"),
+            ("expansion", 1.0, "/ K"),
+            ("bulk_modulus", 1e6, "MPa"),
+        ):
+            value = getattr(self, key)
+            if value is not None:
+                table[key] = f"{value / unit:.12g} {name}"
+        for key in ("relaxation", "softening", "correlation"):
+            part = getattr(self, key)
+            if part is not None:
+                table[key] = part.table()
+        return table
 
     @model_validator(mode="after")
     def _correlates_what_is_given(self) -> Self:

@@ -1,7 +1,6 @@
-"""Load skins and scenes from TOML files.
+"""Load skins and scenes from TOML files: one error lists all that is wrong.
 
-A scene takes its tables from the skin file it names, from itself, or from both. Every table is
-checked on its own, then against the others, so that one error lists all that is wrong.
+A scene takes its tables from the skin file it names, from itself, or from both.
 """
 
 from __future__ import annotations
@@ -28,48 +27,30 @@ from suas_jax.config.validation import (
     validate_table,
 )
 
-SKIN_TABLES = (
-    "geometry",
-    "material",
-    "oil",
-    "electrodes",
-    "wall",
-    "reference",
-    "environment",
-    "calibration",
-)
-SCENE_TABLES = (*SKIN_TABLES, "load", "solve")
+SKIN_TABLES = tuple(name for name in TABLES if name not in ("load", "solve"))
+SCENE_TABLES = tuple(TABLES)
 MOST_LOADS = 64
 REQUIRED_TABLES = ("geometry", "material", "oil")
 
 
 def load_scene(path: str | os.PathLike[str]) -> SceneSpec:
-    """Load a scene file.
+    """Load a scene file, with its skin and preset filled in.
 
     Args:
         path: the TOML file. The path of its skin is relative to it.
 
-    Returns:
-        The scene, with its skin and preset filled in.
-
     Raises:
-        ConfigError: if anything is wrong with the file or its skin file; the message lists
-            every mistake with the file, the key, the value and what is allowed.
+        ConfigError: anything is wrong with the file or its skin file; the message lists every
+            mistake with the file, the key, the value and what is allowed.
     """
     return scene_from_dict(read_toml(path), base=Path(path).parent, file=os.fspath(path))
 
 
 def load_skin(path: str | os.PathLike[str]) -> SkinSpec:
-    """Load a skin file.
-
-    Args:
-        path: the TOML file.
-
-    Returns:
-        The skin, with its preset filled in.
+    """Load a skin file (TOML), with its preset filled in.
 
     Raises:
-        ConfigError: if anything is wrong with the file, as for ``load_scene``.
+        ConfigError: anything is wrong with the file, as for `load_scene`.
     """
     data = read_toml(path)
     if "skin" in data:
@@ -83,18 +64,12 @@ def load_skin(path: str | os.PathLike[str]) -> SkinSpec:
 def scene_from_dict(
     data: Mapping[str, Any], base: str | os.PathLike[str] = ".", file: str = "scene"
 ) -> SceneSpec:
-    """Build a scene from the tables of a scene file, by the same rules.
+    """Build a scene from the tables of a scene file, by the rules of `load_scene`.
 
     Args:
         data: the tables, with quantities as text with units.
         base: the folder that the path of the skin is relative to.
         file: what messages call the file.
-
-    Returns:
-        The scene, with its skin and preset filled in.
-
-    Raises:
-        ConfigError: if anything is wrong, as for ``load_scene``.
     """
     draft = _Draft(file, otherwise=', or name a skin file: skin = "..."')
     own = dict(data)
@@ -167,17 +142,13 @@ class _Draft:
         self.mistakes.append(Mistake(file, show_key(name), advice, show(table)))
 
     def specifications(self) -> dict[str, Any]:
-        """Turn the tables into specifications by field name.
-
-        Raises:
-            ConfigError: if there is any mistake.
-        """
+        """Turn the tables into specifications by field name; raises every mistake at once."""
         parts: dict[str, Any] = {}
         for name in SCENE_TABLES:
             if name == "load" and name in self.tables:
                 parts["loads"] = self._loads(self.tables[name])
             elif name in self.tables:
-                parts[name] = self._table(name, self.tables[name])
+                parts[name] = self._table(name, name, self.tables[name])
             elif name in REQUIRED_TABLES and self.complete:
                 advice = f"the table [{name}] is missing; add it" + self.otherwise
                 self.mistakes.append(Mistake(self.file, name, advice))
@@ -190,23 +161,19 @@ class _Draft:
             raise ConfigError(self.mistakes)
         return parts
 
-    def _table(self, name: str, table: Any) -> Any:
+    def _table(self, name: str, key: str, table: Any) -> Any:
         specification: Any = TABLES[name][0]
-        if name in CHOICES and isinstance(table, Mapping):
-            findings: list[Finding] = []
+        findings: list[Finding] = []
+        if isinstance(table, Mapping):
             if name == "material":
                 table, findings = self._expanded(table)
-            if not findings:
-                specification, findings = choose_specification(table, name, *CHOICES[name])
-            if findings:
-                self._note(*findings)
-                return None
-        if name == "geometry" and isinstance(table, Mapping):
-            table, findings = self._with_points(table)
-            if findings:
-                self._note(*findings)
-                return None
-        part, findings = validate_table(specification, table, name)
+            if name in CHOICES and not findings:
+                specification, findings = choose_specification(table, key, *CHOICES[name])
+            if name == "geometry" and not findings:
+                table, findings = self._with_points(table)
+        part = None
+        if not findings:
+            part, findings = validate_table(specification, table, key)
         self._note(*findings)
         return part
 
@@ -241,19 +208,7 @@ class _Draft:
             advice = f"{len(tables)} loads; at most {MOST_LOADS} are solved"
             self._note(Finding("load", advice))
             return None
-        loads = []
-        for index, table in enumerate(tables):
-            key = f"load.{index}"
-            specification: Any = TABLES["load"][0]
-            findings: list[Finding] = []
-            if isinstance(table, Mapping):
-                specification, findings = choose_specification(table, key, *CHOICES["load"])
-            load = None
-            if not findings:
-                load, findings = validate_table(specification, table, key)
-            self._note(*findings)
-            loads.append(load)
-        return tuple(loads)
+        return tuple(self._table("load", f"load.{k}", table) for k, table in enumerate(tables))
 
     def _note(self, *findings: Finding) -> None:
         for key, advice, value in findings:

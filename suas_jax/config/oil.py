@@ -1,20 +1,17 @@
-"""What the declaration of an oil model consists of; the models are in `suas_jax.config.oils`.
-
-The equation between pressure and volume is the file of the same name in
-`suas_jax.skin.oils`.
-"""
+"""What the declaration of an oil model consists of; models are in `suas_jax.config.oils`."""
 
 from __future__ import annotations
 
 import contextlib
 from typing import Annotated, Any, ClassVar
 
-from pydantic import Field, PlainValidator, ValidationInfo
+from pydantic import PlainValidator, ValidationInfo
 
 from suas_jax.config.fields import (
     PositiveNumber,
     Quantity,
     Spec,
+    file_key,
     quantity,
     quantity_of,
 )
@@ -88,17 +85,17 @@ class OilSpec(Spec):
     """
 
     model: str
-    relative_permittivity: Annotated[float, PlainValidator(_fluid)] | None = Field(
-        default=None, examples=["2.2"]
+    relative_permittivity: Annotated[float, PlainValidator(_fluid)] | None = file_key(
+        "2.2", None
     )
-    density: Annotated[float, quantity("density", above=0.0)] | None = Field(
-        default=None, examples=['"960 kg/m^3"']
+    density: Annotated[float, quantity("density", above=0.0)] | None = file_key(
+        '"960 kg/m^3"', None
     )
-    viscosity: Annotated[float, Quantity(_viscosity, dimension="viscosity")] | None = Field(
-        default=None, examples=['"50 cSt"']
+    viscosity: Annotated[float, Quantity(_viscosity, dimension="viscosity")] | None = file_key(
+        '"50 cSt"', None
     )
-    expansion: OilExpansion | None = Field(default=None, examples=['"9.6e-4 / K"'])
-    fill: PositiveNumber | None = Field(default=None, examples=['"1.000 +- 0.002"'])
+    expansion: OilExpansion | None = file_key('"9.6e-4 / K"', None)
+    fill: PositiveNumber | None = file_key('"1.000 +- 0.002"', None)
 
     trapped: ClassVar[bool] = True
     yields: ClassVar[bool] = True

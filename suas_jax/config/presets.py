@@ -10,17 +10,15 @@ from typing import Any
 
 from suas_jax.config.errors import ConfigError, Mistake, show, unknown
 from suas_jax.config.law import LawSpec
-from suas_jax.config.schema_material import LAWS
+from suas_jax.config.schema_scene import LAWS
 from suas_jax.config.toml_file import read_toml
 
 
 @functools.cache
 def shipped_folder() -> Path:
-    """Find the folder of the materials, skins, scenes and test data that ship with the project.
+    """The folder of the materials, skins, scenes and test data that ship with the project.
 
-    Returns:
-        The folder beside this module in an installed package, or ``configs`` of the checkout
-        that this module lies in.
+    It is beside this module in an installed package, else ``configs`` of the checkout.
     """
     installed = Path(__file__).parent / "shipped"
     return installed if installed.is_dir() else Path(__file__).parents[2] / "configs"
@@ -37,16 +35,9 @@ def preset_names() -> list[str]:
 
 
 def load_preset(name: str) -> dict[str, Any]:
-    """Read a preset.
+    """Keys of a preset's [material] table, as they stand in its file.
 
-    Args:
-        name: of the preset, such as ``"epdm-paper"``.
-
-    Returns:
-        The keys of its [material] table, as they stand in the file.
-
-    Raises:
-        ConfigError: if there is no such preset.
+    Raises ConfigError: there is no such preset.
     """
     if name not in preset_names():
         advice = unknown(name, preset_names(), "preset", quoted=True)
@@ -73,11 +64,8 @@ def expand_shore(material: Mapping[str, Any]) -> tuple[dict[str, Any], list[tupl
 
     It is known to a factor of 1.5, which the modulus carries as its deviation.
 
-    Args:
-        material: a [material] table with the key ``shore``.
-
     Returns:
-        The expanded table, and what is wrong with it: pairs of key and advice.
+        The expanded [material] table, and pairs of key and advice of what is wrong with it.
     """
     found = _SHORE.fullmatch(str(material["shore"]).strip())
     hardness = float(found.group(1)) if found else 0.0
@@ -95,14 +83,7 @@ def expand_shore(material: Mapping[str, Any]) -> tuple[dict[str, Any], list[tupl
 def expand_preset(material: Mapping[str, Any]) -> tuple[dict[str, Any], list[tuple[str, str]]]:
     """Replace ``preset`` by the keys it stands for; the other keys override its constants.
 
-    Args:
-        material: a [material] table with the key ``preset``.
-
-    Returns:
-        The expanded table, and what is wrong with it: pairs of key and advice.
-
-    Raises:
-        ConfigError: if the preset's own file is damaged.
+    Returns the expanded [material] table, and pairs of key and advice of what is wrong with it.
     """
     name = material["preset"]
     if not isinstance(name, str) or name not in preset_names():

@@ -1,8 +1,4 @@
-"""Quantities with units: text such as ``"57.5 mm"`` to SI floats, and back for messages.
-
-A quantity is a number and a unit of the kind that its key asks for. What is none is refused
-with the reason and an example of what was expected; `units` knows the units themselves.
-"""
+"""Quantities with units: text such as ``"57.5 mm"`` to SI floats, and back for messages."""
 
 import decimal
 import difflib
@@ -35,22 +31,21 @@ DimensionName = Literal[
 
 
 class Dimension(NamedTuple):
-    """What kind of quantity a key holds.
+    """What kind of quantity a key holds."""
 
-    Attributes:
-        article: the name as it stands in a sentence, such as ``"a length"``.
-        si: the SI unit that values are stored in (``""`` for a pure number).
-        units: units that messages may show: name and size in SI units, from small to large.
-        usual: the unit that an example in a message carries.
-    """
-
-    article: str
-    si: str
+    article: str  # the name as it stands in a sentence, such as ``"a length"``
+    si: str  # the SI unit that values are stored in (``""`` for a pure number)
+    # that messages may show: name and size in SI units, from small to large
     units: tuple[tuple[str, float], ...]
-    usual: str
+    usual: str  # the unit that an example in a message carries
 
 
 _PRESSURES = (("Pa", 1.0), ("kPa", 1e3), ("MPa", 1e6), ("GPa", 1e9))
+_CAPACITANCES = (("fF", 1e-15), ("pF", 1e-12), ("nF", 1e-9))
+_WEIGHTS = (("N/m^3", 1.0), ("kN/m^3", 1e3))
+_TIMES = (("ms", 1e-3), ("s", 1.0), ("min", 60.0), ("h", 3600.0))
+_VISCOSITIES = (("mPa s", 1e-3), ("Pa s", 1.0))
+_KINEMATIC = (("cSt", 1e-6), ("m^2/s", 1.0))
 
 DIMENSIONS: Mapping[DimensionName, Dimension] = MappingProxyType(
     {
@@ -59,22 +54,12 @@ DIMENSIONS: Mapping[DimensionName, Dimension] = MappingProxyType(
         "pressure": Dimension("a pressure", "Pa", _PRESSURES, "kPa"),
         "stress": Dimension("a stress", "Pa", _PRESSURES, "MPa"),
         "force": Dimension("a force", "N", (("mN", 1e-3), ("N", 1.0), ("kN", 1e3)), "N"),
-        "capacitance": Dimension(
-            "a capacitance", "F", (("fF", 1e-15), ("pF", 1e-12), ("nF", 1e-9)), "fF"
-        ),
+        "capacitance": Dimension("a capacitance", "F", _CAPACITANCES, "fF"),
         "density": Dimension("a density", "kg/m^3", (("kg/m^3", 1.0),), "kg/m^3"),
-        "specific weight": Dimension(
-            "a specific weight", "N/m^3", (("N/m^3", 1.0), ("kN/m^3", 1e3)), "kN/m^3"
-        ),
-        "time": Dimension(
-            "a time", "s", (("ms", 1e-3), ("s", 1.0), ("min", 60.0), ("h", 3600.0)), "s"
-        ),
-        "viscosity": Dimension(
-            "a viscosity", "Pa s", (("mPa s", 1e-3), ("Pa s", 1.0)), "mPa s"
-        ),
-        "kinematic viscosity": Dimension(
-            "a kinematic viscosity", "m^2/s", (("cSt", 1e-6), ("m^2/s", 1.0)), "cSt"
-        ),
+        "specific weight": Dimension("a specific weight", "N/m^3", _WEIGHTS, "kN/m^3"),
+        "time": Dimension("a time", "s", _TIMES, "s"),
+        "viscosity": Dimension("a viscosity", "Pa s", _VISCOSITIES, "mPa s"),
+        "kinematic viscosity": Dimension("a kinematic viscosity", "m^2/s", _KINEMATIC, "cSt"),
         "temperature": Dimension("a temperature", "K", (("degC", 1.0),), "degC"),
         "warming": Dimension("a difference of temperatures", "K", (("K", 1.0),), "K"),
         "expansion": Dimension("an expansion per kelvin", "1/K", (("/ K", 1.0),), "/ K"),
@@ -104,19 +89,10 @@ def _nearest_unit(text: str, dimension: Dimension) -> str | None:
 
 
 def parse_quantity(text: str, dimension: DimensionName) -> float:
-    """Read a quantity with its unit.
+    """Read a quantity such as ``"57.5 mm"`` as an SI value (angles in radians).
 
-    Args:
-        text: a number and a unit, such as ``"57.5 mm"``, ``"10.051 kN/m3"`` or ``"45 deg"``.
-            A pure number may carry ``%`` or nothing.
-        dimension: the kind of quantity that is expected.
-
-    Returns:
-        The value in SI units (angles in radians).
-
-    Raises:
-        ValueError: if the text is no finite number with a known unit of that kind. The message
-            says what is expected, with an example.
+    A pure number may carry ``%`` or nothing. Raises ValueError: the text is no finite number
+    with a known unit of that kind; says what is expected, with an example.
     """
     kind = DIMENSIONS[dimension]
     if len(text) > _LONGEST:
@@ -181,19 +157,16 @@ def _expected(kind: Dimension, number: str = "1") -> str:
 
 
 def to_si(value: object, dimension: DimensionName, *, bare_numbers: bool = False) -> float:
-    """Read a value as it comes out of a TOML file or from Python code.
+    """Read a value of a TOML file or of Python, in SI units (angles in radians).
 
     Args:
         value: text with a unit, or a number.
         dimension: the kind of quantity that is expected.
-        bare_numbers: accept a number without a unit as a value in SI units. Files must state
-            the unit; Python code holds SI values. Pure numbers need no unit anywhere.
-
-    Returns:
-        The value in SI units (angles in radians).
+        bare_numbers: accept a number without a unit as an SI value, as Python code holds them;
+            files must state the unit. Pure numbers need none anywhere.
 
     Raises:
-        ValueError: if the value is no finite quantity of that kind, with what is expected.
+        ValueError: the value is no finite quantity of that kind; says what is expected.
     """
     kind = DIMENSIONS[dimension]
     if isinstance(value, str):
@@ -212,15 +185,7 @@ def to_si(value: object, dimension: DimensionName, *, bare_numbers: bool = False
 
 
 def format_quantity(value: float, dimension: DimensionName) -> str:
-    """Write an SI value with a readable unit, such as ``"57.5 mm"`` for 0.0575 m.
-
-    Args:
-        value: in SI units (angles in radians).
-        dimension: the kind of quantity.
-
-    Returns:
-        The number to six digits with the largest unit that keeps it at or above one.
-    """
+    """Write an SI value to six digits with the largest unit that keeps it at or above one."""
     kind = DIMENSIONS[dimension]
     if dimension == "temperature":
         return f"{value - _ZERO_CELSIUS:.6g} degC"

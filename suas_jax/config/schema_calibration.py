@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator
 
-from suas_jax.config.fields import NOT_A_LIST, AsList, Spec
+from suas_jax.config.fields import NOT_A_LIST, AsList, Spec, file_key
 
 Names = Annotated[tuple[str, ...], AsList]
 Numbers = Annotated[tuple[float, ...], AsList]
@@ -29,8 +29,8 @@ class LogRecord(Spec):
         sha256: of its bytes, in hexadecimal digits.
     """
 
-    path: str = Field(examples=['"press.csv"'])
-    sha256: str = Field(examples=['"e3b0c442..."'])
+    path: str = file_key('"press.csv"')
+    sha256: str = file_key('"e3b0c442..."')
 
 
 class CalibrationSpec(Spec):
@@ -54,23 +54,21 @@ class CalibrationSpec(Spec):
         logs: files of readings and known inputs.
     """
 
-    created: str = Field(default="", examples=['"2025-11-21T05:40:12+00:00"'])
-    versions: str = Field(default="", examples=['"suas_jax 0.1"'])
-    parameters: Names = Field(default=(), examples=['["oil_gap"]'])
-    units: Names = Field(default=(), examples=['["m"]'])
-    values: Numbers = Field(default=(), examples=["[5e-3]"])
-    standard_errors: Numbers = Field(default=(), examples=["[1e-6]"])
+    created: str = file_key('"2025-11-21T05:40:12+00:00"', "")
+    versions: str = file_key('"suas_jax 0.1"', "")
+    parameters: Names = file_key('["oil_gap"]', ())
+    units: Names = file_key('["m"]', ())
+    values: Numbers = file_key("[5e-3]", ())
+    standard_errors: Numbers = file_key("[1e-6]", ())
     covariance: Annotated[tuple[tuple[float, ...], ...], BeforeValidator(rows_of_numbers)] = (
-        Field(default=(), examples=["[[1e-12]]"])
+        file_key("[[1e-12]]", ())
     )
-    priors: Names = Field(default=(), examples=['["oil_gap: 5 mm +- 0.25 mm"]'])
-    unidentifiable: Names = Field(default=(), examples=['["lsb is not determined"]'])
-    offsets: Numbers = Field(default=(), examples=["[1.5, -0.3]"])
-    offset_errors: Numbers = Field(default=(), examples=["[0.1, 0.1]"])
-    masked: Names = Field(default=(), examples=['["module 0, taxel 3: stuck"]'])
-    skin: LogRecord | None = Field(
-        default=None, examples=['{ path = "suas.toml", sha256 = "e3b0c442..." }']
-    )
-    logs: Annotated[tuple[LogRecord, ...], AsList] = Field(
-        default=(), examples=['[ { path = "press.csv", sha256 = "e3b0c442..." } ]']
+    priors: Names = file_key('["oil_gap: 5 mm +- 0.25 mm"]', ())
+    unidentifiable: Names = file_key('["lsb is not determined"]', ())
+    offsets: Numbers = file_key("[1.5, -0.3]", ())
+    offset_errors: Numbers = file_key("[0.1, 0.1]", ())
+    masked: Names = file_key('["module 0, taxel 3: stuck"]', ())
+    skin: LogRecord | None = file_key('{ path = "suas.toml", sha256 = "e3b0c442..." }', None)
+    logs: Annotated[tuple[LogRecord, ...], AsList] = file_key(
+        '[ { path = "press.csv", sha256 = "e3b0c442..." } ]', ()
     )

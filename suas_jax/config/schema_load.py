@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeAlias, get_args
 
 from pydantic import (
     Field,
@@ -19,12 +19,13 @@ from suas_jax.config.fields import (
     Force,
     Length,
     PlacedError,
+    PlacedSpec,
     PositiveLength,
     Pressure,
     Quantity,
     Spec,
     Temperature,
-    angle_or_arc,
+    file_key,
     quantity,
     quantity_of,
 )
@@ -48,66 +49,54 @@ Direction = Annotated[
 ]
 
 
-class LineLoadSpec(Spec):
-    """A dead force on the outer face, even along a line parallel to the axis.
+class DeadForceSpec(PlacedSpec):
+    """A force that keeps its size and direction while the skin moves.
 
     Attributes:
-        angle: where it acts, from the symmetry axis, positive towards +x [rad].
-        arc: where it acts, along the undeformed inner face from its middle [m]; instead of
-            the angle.
         force: total, positive along the direction (inward) [N].
         direction: ``"radial"`` (inward), ``"vertical"`` (down), or the angle by which the
             inward radial vector is turned counter-clockwise [rad].
-        spread: length of the undeformed outer face's arc that it is spread over [m]; None for
-            a line.
-        axial: of the line's middle, from the middle of the pad [m]; in three dimensions.
-        length: of the line [m]; None for the whole width. In three dimensions.
         tilt: of the force out of the section's plane towards +axial [rad]; in three
             dimensions.
     """
 
-    kind: Literal["line"] = Field(default="line", examples=['"line"'])
-    angle: Angle | None = Field(default=None, examples=['"45 deg"'])
-    arc: Length | None = Field(default=None, examples=['"22 mm"'])
-    force: Force = Field(examples=['"20.7 N"'])
-    direction: Direction = Field(default="radial", examples=['"radial"'])
-    spread: PositiveLength | None = Field(default=None, examples=['"5 mm"'])
-    axial: Length = Field(default=0.0, examples=['"10 mm"'])
-    length: PositiveLength | None = Field(default=None, examples=['"40 mm"'])
-    tilt: Tilt = Field(default=0.0, examples=['"0 deg"'])
-
-    @model_validator(mode="after")
-    def _placed(self) -> Self:
-        angle_or_arc(self.angle, self.arc)
-        return self
+    force: Force = file_key('"20.7 N"')
+    direction: Direction = file_key('"radial"', "radial")
+    tilt: Tilt = file_key('"0 deg"', 0.0)
 
 
-class PatchLoadSpec(Spec):
+class LineLoadSpec(DeadForceSpec):
+    """A dead force on the outer face, even along a line parallel to the axis.
+
+    Attributes:
+        spread: length of the undeformed outer face's arc that it is spread over [m]; None for
+            a line.
+        length: of the line [m]; None for the whole width. In three dimensions.
+    """
+
+    kind: Literal["line"] = file_key('"line"', "line")
+    spread: PositiveLength | None = file_key('"5 mm"', None)
+    length: PositiveLength | None = file_key('"40 mm"', None)
+
+    @property
+    def half_extents(self) -> tuple[float, float]:
+        """Along the arc of the outer face and along the axis [m]."""
+        return (self.spread or 0.0) / 2, (self.length or 0.0) / 2
+
+
+class PatchLoadSpec(DeadForceSpec):
     """A dead force, even over a patch of the undeformed outer face; in three dimensions.
 
     Attributes:
-        angle: of the patch's centre, from the symmetry axis, positive towards +x [rad].
-        arc: of its centre, along the undeformed inner face from its middle [m]; instead of
-            the angle.
-        axial: of its centre, from the middle of the pad [m].
         size: of a rectangle, along the arc and along the axis [m].
         diameter: of a disc [m]; a patch has either a size or a diameter.
-        force: total, positive along the direction (inward) [N].
-        direction: as for a line load.
-        tilt: of the force out of the section's plane towards +axial [rad].
     """
 
-    kind: Literal["patch"] = Field(default="patch", examples=['"patch"'])
-    angle: Angle | None = Field(default=None, examples=['"30 deg"'])
-    arc: Length | None = Field(default=None, examples=['"22 mm"'])
-    axial: Length = Field(default=0.0, examples=['"-21.5 mm"'])
-    size: Annotated[tuple[PositiveLength, PositiveLength], AsList] | None = Field(
-        default=None, examples=['["6 mm", "6 mm"]']
+    kind: Literal["patch"] = file_key('"patch"', "patch")
+    size: Annotated[tuple[PositiveLength, PositiveLength], AsList] | None = file_key(
+        '["6 mm", "6 mm"]', None
     )
-    diameter: PositiveLength | None = Field(default=None, examples=['"8 mm"'])
-    force: Force = Field(examples=['"8 N"'])
-    direction: Direction = Field(default="radial", examples=['"radial"'])
-    tilt: Tilt = Field(default=0.0, examples=['"0 deg"'])
+    diameter: PositiveLength | None = file_key('"8 mm"', None)
 
     @field_validator("size", mode="before")
     @classmethod
@@ -121,7 +110,6 @@ class PatchLoadSpec(Spec):
 
     @model_validator(mode="after")
     def _one_shape(self) -> Self:
-        angle_or_arc(self.angle, self.arc)
         if (self.size is None) == (self.diameter is None):
             raise PlacedError(
                 "size" if self.size is not None else "diameter",
@@ -143,11 +131,11 @@ class PressureLoadSpec(Spec):
         pressure: positive presses inward [Pa].
     """
 
-    kind: Literal["pressure"] = Field(default="pressure", examples=['"pressure"'])
-    pressure: Pressure = Field(examples=['"1 kPa"'])
+    kind: Literal["pressure"] = file_key('"pressure"', "pressure")
+    pressure: Pressure = file_key('"1 kPa"')
 
 
-class BodyLoadSpec(Spec):
+class BodyLoadSpec(PlacedSpec):
     """A rigid body that is pressed onto the outer face, and may be dragged along it.
 
     Its reference point comes in along the inward normal of the place given; the body neither
@@ -163,10 +151,7 @@ class BodyLoadSpec(Spec):
         size: of a plate or a box, along the arc and along the axis before it is turned [m]. On
             pads; a section's plate has no end.
         edge: radius of the edges of a plate or a box [m]; on pads.
-        angle: of the reference point, from the symmetry axis, positive towards +x [rad].
-        arc: of the reference point, along the undeformed inner face from its middle [m];
-            instead of the angle.
-        axial: of the reference point, from the middle of the pad [m]; on pads.
+
         turn: rotation about the approach, from the axis towards the arc [rad]; on pads.
         depth: travel beyond first touch of the undeformed outer face [m]; negative where the
             body is off it.
@@ -179,34 +164,25 @@ class BodyLoadSpec(Spec):
         tangential_force_axial: instead of it: the pull along the axis [N]; on pads.
     """
 
-    kind: Literal["body"] = Field(default="body", examples=['"body"'])
-    shape: Literal["cylinder", "plate", "wedge", "sphere", "box"] = Field(
-        examples=['"cylinder"']
+    kind: Literal["body"] = file_key('"body"', "body")
+    shape: Literal["cylinder", "plate", "wedge", "sphere", "box"] = file_key('"cylinder"')
+    radius: PositiveLength | None = file_key('"10 mm"', None)
+    opening: Annotated[float, quantity("angle", above=0.0, below=math.pi)] | None = file_key(
+        '"90 deg"', None
     )
-    radius: PositiveLength | None = Field(default=None, examples=['"10 mm"'])
-    opening: Annotated[float, quantity("angle", above=0.0, below=math.pi)] | None = Field(
-        default=None, examples=['"90 deg"']
+    length: PositiveLength | None = file_key('"30 mm"', None)
+    size: Annotated[tuple[PositiveLength, PositiveLength], AsList] | None = file_key(
+        '["20 mm", "30 mm"]', None
     )
-    length: PositiveLength | None = Field(default=None, examples=['"30 mm"'])
-    size: Annotated[tuple[PositiveLength, PositiveLength], AsList] | None = Field(
-        default=None, examples=['["20 mm", "30 mm"]']
-    )
-    edge: PositiveLength = Field(default=1e-3, examples=['"2 mm"'])
-    angle: Angle | None = Field(default=None, examples=['"30 deg"'])
-    arc: Length | None = Field(default=None, examples=['"22 mm"'])
-    axial: Length = Field(default=0.0, examples=['"10 mm"'])
-    turn: Angle = Field(default=0.0, examples=['"30 deg"'])
-    depth: Length | None = Field(default=None, examples=['"2 mm"'])
-    force: Annotated[float, quantity("force", at_least=0.0)] | None = Field(
-        default=None, examples=['"12 N"']
-    )
-    friction: Annotated[float, quantity("number", at_least=0.0)] | None = Field(
-        default=None, examples=["0.3"]
-    )
-    drag: Length | None = Field(default=None, examples=['"1 mm"'])
-    tangential_force: Force | None = Field(default=None, examples=['"2 N"'])
-    drag_axial: Length | None = Field(default=None, examples=['"1 mm"'])
-    tangential_force_axial: Force | None = Field(default=None, examples=['"2 N"'])
+    edge: PositiveLength = file_key('"2 mm"', 1e-3)
+    turn: Angle = file_key('"30 deg"', 0.0)
+    depth: Length | None = file_key('"2 mm"', None)
+    force: Annotated[float, quantity("force", at_least=0.0)] | None = file_key('"12 N"', None)
+    friction: Annotated[float, quantity("number", at_least=0.0)] | None = file_key("0.3", None)
+    drag: Length | None = file_key('"1 mm"', None)
+    tangential_force: Force | None = file_key('"2 N"', None)
+    drag_axial: Length | None = file_key('"1 mm"', None)
+    tangential_force_axial: Force | None = file_key('"2 N"', None)
 
     @field_validator("friction")
     @classmethod
@@ -215,7 +191,6 @@ class BodyLoadSpec(Spec):
 
     @model_validator(mode="after")
     def _driven(self) -> Self:
-        angle_or_arc(self.angle, self.arc)
         if (self.depth is None) == (self.force is None):
             raise PlacedError(
                 "depth",
@@ -238,6 +213,8 @@ class BodyLoadSpec(Spec):
                     f"without friction nothing pulls along; add friction = 0.3, or use {drag}",
                 )
         return self
+
+    half_extents: ClassVar[tuple[float, float]] = (0.0, 0.0)
 
     @property
     def dragged(self) -> tuple[bool, bool]:
@@ -263,16 +240,10 @@ BODY_SHAPES: dict[int, dict[str, tuple[tuple[str, ...], tuple[str, ...]]]] = {
 }
 """Shapes of bodies in two and three dimensions: keys that they need, and may have."""
 
-LoadSpec = Annotated[
-    LineLoadSpec | PatchLoadSpec | PressureLoadSpec | BodyLoadSpec,
-    Field(discriminator="kind"),
-]
-
-LOADS: dict[str, type[LineLoadSpec | PatchLoadSpec | PressureLoadSpec | BodyLoadSpec]] = {
-    "line": LineLoadSpec,
-    "patch": PatchLoadSpec,
-    "pressure": PressureLoadSpec,
-    "body": BodyLoadSpec,
+AnyLoad: TypeAlias = LineLoadSpec | PatchLoadSpec | PressureLoadSpec | BodyLoadSpec
+LoadSpec = Annotated[AnyLoad, Field(discriminator="kind")]
+LOADS: dict[str, type[AnyLoad]] = {
+    load.model_fields["kind"].default: load for load in get_args(AnyLoad)
 }
 
 
@@ -287,16 +258,14 @@ class EnvironmentSpec(Spec):
         atmospheric_pressure: at the water's surface [Pa]; by default the paper's 101.3 kPa.
     """
 
-    medium: Literal["water", "air"] = Field(default="water", examples=['"water"'])
-    temperature: Temperature | None = Field(default=None, examples=['"4 degC"'])
-    depth: Annotated[float, quantity("length", at_least=0.0)] | None = Field(
-        default=None, examples=['"20 m"']
+    medium: Literal["water", "air"] = file_key('"water"', "water")
+    temperature: Temperature | None = file_key('"4 degC"', None)
+    depth: Annotated[float, quantity("length", at_least=0.0)] | None = file_key('"20 m"', None)
+    specific_weight: Annotated[float, quantity("specific weight", above=0.0)] = file_key(
+        '"10.051 kN/m^3"', 10.051e3
     )
-    specific_weight: Annotated[float, quantity("specific weight", above=0.0)] = Field(
-        default=10.051e3, examples=['"10.051 kN/m^3"']
-    )
-    atmospheric_pressure: Annotated[float, quantity("pressure", at_least=0.0)] = Field(
-        default=101.3e3, examples=['"101.3 kPa"']
+    atmospheric_pressure: Annotated[float, quantity("pressure", at_least=0.0)] = file_key(
+        '"101.3 kPa"', 101.3e3
     )
 
     @field_validator("specific_weight", "atmospheric_pressure")
@@ -316,7 +285,7 @@ class ReferenceSpec(Spec):
         pressure: absolute, around it and in its oil [Pa].
     """
 
-    temperature: Temperature = Field(default=293.15, examples=['"20 degC"'])
-    pressure: Annotated[float, quantity("pressure", at_least=0.0)] = Field(
-        default=101.3e3, examples=['"101.3 kPa"']
+    temperature: Temperature = file_key('"20 degC"', 293.15)
+    pressure: Annotated[float, quantity("pressure", at_least=0.0)] = file_key(
+        '"101.3 kPa"', 101.3e3
     )

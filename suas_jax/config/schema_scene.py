@@ -1,26 +1,60 @@
-"""A scene: a skin, what loads it, where it is, and how to solve it."""
+"""A scene: a skin, what loads it, where it is, and how to solve it; laws, oils and sections."""
 
 from __future__ import annotations
 
-from typing import Self
+from typing import TYPE_CHECKING, Annotated, Any, Self, Union
 
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from suas_jax.config.consistency import contradictions
 from suas_jax.config.fields import Spec
+from suas_jax.config.geometry import GeometrySpec
+from suas_jax.config.law import LawSpec
+from suas_jax.config.oil import OilSpec
 from suas_jax.config.schema_calibration import CalibrationSpec
-from suas_jax.config.schema_geometry import AnyGeometrySpec
-from suas_jax.config.schema_load import (
-    BodyLoadSpec,
-    EnvironmentSpec,
-    LoadSpec,
-    ReferenceSpec,
-)
-from suas_jax.config.schema_material import MaterialSpec
-from suas_jax.config.schema_oil import AnyOilSpec
-from suas_jax.config.schema_skin import ElectrodesSpec
+from suas_jax.config.schema_load import BodyLoadSpec, EnvironmentSpec, LoadSpec, ReferenceSpec
+from suas_jax.config.schema_skin import ElectrodesSpec, WallSpec
 from suas_jax.config.schema_solve import SolveSpec
-from suas_jax.config.schema_wall import WallSpec
+from suas_jax.runtime.registry import model_classes
+
+LAW_FILES = "suas_jax.config.laws"
+LAWS: dict[str, type[LawSpec]] = model_classes(LAW_FILES, LawSpec)
+"""The declarations by name, one for each file of `suas_jax.config.laws`."""
+
+if TYPE_CHECKING:
+    MaterialSpec = LawSpec
+else:
+    MaterialSpec = Annotated[Union[tuple(LAWS.values())], Field(discriminator="law")]  # noqa: UP007
+
+
+OILS: dict[str, type[OilSpec]] = model_classes("suas_jax.config.oils", OilSpec)
+"""The declarations by name, one for each file of `suas_jax.config.oils`."""
+
+if TYPE_CHECKING:
+    AnyOilSpec = OilSpec
+else:
+    AnyOilSpec = Annotated[Union[tuple(OILS.values())], Field(discriminator="model")]  # noqa: UP007
+
+SECTIONS: dict[str, type[GeometrySpec]] = model_classes(
+    "suas_jax.config.sections", GeometrySpec
+)
+"""The declarations by name, one for each file of the folder."""
+
+DEFAULT_SECTION = "circle"
+
+
+def _section(table: Any) -> str:
+    given = table.get("section") if isinstance(table, dict) else getattr(table, "section", None)
+    return given if isinstance(given, str) else DEFAULT_SECTION
+
+
+if TYPE_CHECKING:
+    AnyGeometrySpec = GeometrySpec
+else:
+    AnyGeometrySpec = Annotated[
+        Union[tuple(Annotated[spec, Tag(name)] for name, spec in SECTIONS.items())],  # noqa: UP007
+        Discriminator(_section),
+    ]
 
 
 class SkinSpec(Spec):
@@ -47,13 +81,9 @@ class SkinSpec(Spec):
     calibration: CalibrationSpec | None = None
 
     def require_plane_strain(self, what: str) -> None:
-        """Refuse a skin whose curved ends are clamped.
+        """Refuse a skin whose curved ends are clamped for `what`, which begins the message.
 
-        Args:
-            what: works in plane strain alone; begins the message.
-
-        Raises:
-            ValueError: the skin is three-dimensional.
+        Raises ValueError: the skin is three-dimensional.
         """
         if self.geometry.dimension != 2:
             raise ValueError(
@@ -86,13 +116,9 @@ class SceneSpec(SkinSpec):
         return tuple(load for load in self.loads if load.kind == "body")
 
     def require_no_bodies(self, what: str) -> None:
-        """Refuse a scene with rigid bodies.
+        """Refuse rigid bodies for `what`, which begins the message.
 
-        Args:
-            what: knows dead forces alone; begins the message.
-
-        Raises:
-            ValueError: the scene has a body.
+        Raises ValueError: the scene has a body.
         """
         if self.bodies:
             raise ValueError(

@@ -1,50 +1,41 @@
-"""The electrodes of a skin."""
+"""The electrodes of a skin, and the wall that they are on."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import ValidationInfo, field_validator
 
 from suas_jax.config.fields import (
     Angle,
     AsList,
     Length,
+    PlacedSpec,
     PositiveLength,
+    PositivePressure,
     Spec,
-    angle_or_arc,
     at_most,
+    file_key,
     quantity,
 )
+from suas_jax.config.substances import WallBulkModulus, WallExpansion
 from suas_jax.runtime.registry import model_names
 
 Gain = Annotated[float, quantity("number", above=0.0)]
 
 
-class TaxelSpec(Spec):
+class TaxelSpec(PlacedSpec):
     """One round electrode on the rigid wall.
 
     Attributes:
-        angle: of its centre, from the symmetry axis, positive towards +x [rad].
-        arc: of its centre, along the undeformed inner face from its middle [m]; instead of
-            the angle.
-        axial: of its centre, from mid-width [m].
         diameter: of the electrode [m].
         height: above the wall, towards the membrane: what a calibration of single gaps finds.
         gain: of its channel: counts over those of the scale `lsb`, which a calibration finds.
     """
 
-    angle: Angle | None = Field(default=None, examples=['"-30 deg"'])
-    arc: Length | None = Field(default=None, examples=['"-22 mm"'])
-    axial: Length = Field(default=0.0, examples=['"0 mm"'])
-    diameter: PositiveLength = Field(default=4e-3, examples=['"4 mm"'])
-    height: Length = Field(default=0.0, examples=['"0 mm"'])
-    gain: Gain = Field(default=1.0, examples=["1.0"])
-
-    @model_validator(mode="after")
-    def _placed(self) -> Self:
-        angle_or_arc(self.angle, self.arc)
-        return self
+    diameter: PositiveLength = file_key('"4 mm"', 4e-3)
+    height: Length = file_key('"0 mm"', 0.0)
+    gain: Gain = file_key("1.0", 1.0)
 
 
 MODULE_TAXELS = 10
@@ -54,7 +45,7 @@ MOST_TAXELS = 2000
 """Taxels of a skin that are computed; the hardware has up to 320."""
 
 
-class ModuleSpec(Spec):
+class ModuleSpec(PlacedSpec):
     """One triangular module of ten taxels on the rigid wall, in rows of 1, 2, 3 and 4.
 
     Lengths along the arc are measured on the wall. Without rotation the single taxel of the
@@ -62,10 +53,6 @@ class ModuleSpec(Spec):
     +axial.
 
     Attributes:
-        angle: of the module's centroid, from the symmetry axis, positive towards +x [rad].
-        arc: of the centroid, along the undeformed inner face from its middle [m]; instead of
-            the angle.
-        axial: of the module's centroid, from mid-width [m].
         rotation: of the module about its centroid [rad].
         pitch: distance between neighbouring taxels [m].
         diameter: of the electrodes [m].
@@ -76,24 +63,14 @@ class ModuleSpec(Spec):
         gains: of the channels of the ten, by number; none where all are one.
     """
 
-    angle: Angle | None = Field(default=None, examples=['"0 deg"'])
-    arc: Length | None = Field(default=None, examples=['"22 mm"'])
-    axial: Length = Field(default=0.0, examples=['"0 mm"'])
-    rotation: Angle = Field(default=0.0, examples=['"0 deg"'])
-    pitch: PositiveLength = Field(default=6.533e-3, examples=['"6.533 mm"'])
-    diameter: PositiveLength = Field(default=4e-3, examples=['"4 mm"'])
-    numbering: Literal["paper"] | tuple[int, ...] = Field(default="paper", examples=['"paper"'])
-    heights: Annotated[tuple[Length, ...], AsList] = Field(
-        default=(), examples=['["0 mm", "0 mm", "0 mm", ...]']
+    rotation: Angle = file_key('"0 deg"', 0.0)
+    pitch: PositiveLength = file_key('"6.533 mm"', 6.533e-3)
+    diameter: PositiveLength = file_key('"4 mm"', 4e-3)
+    numbering: Literal["paper"] | tuple[int, ...] = file_key('"paper"', "paper")
+    heights: Annotated[tuple[Length, ...], AsList] = file_key(
+        '["0 mm", "0 mm", "0 mm", ...]', ()
     )
-    gains: Annotated[tuple[Gain, ...], AsList] = Field(
-        default=(), examples=["[1.0, 0.99, 1.01, ...]"]
-    )
-
-    @model_validator(mode="after")
-    def _placed(self) -> Self:
-        angle_or_arc(self.angle, self.arc)
-        return self
+    gains: Annotated[tuple[Gain, ...], AsList] = file_key("[1.0, 0.99, 1.01, ...]", ())
 
     @field_validator("heights", "gains")
     @classmethod
@@ -122,10 +99,8 @@ class LayerSpec(Spec):
         relative_permittivity: of the layer.
     """
 
-    thickness: PositiveLength = Field(examples=['"50 um"'])
-    relative_permittivity: Annotated[float, quantity("number", at_least=1.0)] = Field(
-        examples=["3.3"]
-    )
+    thickness: PositiveLength = file_key('"50 um"')
+    relative_permittivity: Annotated[float, quantity("number", at_least=1.0)] = file_key("3.3")
 
 
 Capacitance: TypeAlias = Literal[  # type: ignore[valid-type]
@@ -150,25 +125,19 @@ class ElectrodesSpec(Spec):
         modules: triangles of the roboskin layout.
     """
 
-    capacitance: Capacitance = Field(default="parallel-plate", examples=['"parallel-plate"'])
-    stray: Annotated[float, quantity("capacitance", at_least=0.0)] = Field(
-        default=0.0, examples=['"0 fF"']
+    capacitance: Capacitance = file_key('"parallel-plate"', "parallel-plate")
+    stray: Annotated[float, quantity("capacitance", at_least=0.0)] = file_key('"0 fF"', 0.0)
+    layers: Annotated[tuple[LayerSpec, ...], at_most(32)] = file_key(
+        '[ { thickness = "50 um", relative_permittivity = 3.3 } ]', ()
     )
-    layers: Annotated[tuple[LayerSpec, ...], at_most(32)] = Field(
-        default=(), examples=['[ { thickness = "50 um", relative_permittivity = 3.3 } ]']
+    lsb: Annotated[float, quantity("capacitance", above=0.0)] = file_key('"0.305 fF"', 3.05e-16)
+    noise: Annotated[float, quantity("number", at_least=0.0)] = file_key("2.0", 0.0)
+    layout: Literal["list", "roboskin"] = file_key('"list"', "list")
+    taxels: Annotated[tuple[TaxelSpec, ...], at_most(MOST_TAXELS)] = file_key(
+        '[ { angle = "0 deg" } ]', (), validate_default=True
     )
-    lsb: Annotated[float, quantity("capacitance", above=0.0)] = Field(
-        default=3.05e-16, examples=['"0.305 fF"']
-    )
-    noise: Annotated[float, quantity("number", at_least=0.0)] = Field(
-        default=0.0, examples=["2.0"]
-    )
-    layout: Literal["list", "roboskin"] = Field(default="list", examples=['"list"'])
-    taxels: Annotated[tuple[TaxelSpec, ...], at_most(MOST_TAXELS)] = Field(
-        default=(), validate_default=True, examples=['[ { angle = "0 deg" } ]']
-    )
-    modules: Annotated[tuple[ModuleSpec, ...], at_most(MOST_TAXELS // MODULE_TAXELS)] = Field(
-        default=(), validate_default=True, examples=['[ { angle = "0 deg" } ]']
+    modules: Annotated[tuple[ModuleSpec, ...], at_most(MOST_TAXELS // MODULE_TAXELS)] = (
+        file_key('[ { angle = "0 deg" } ]', (), validate_default=True)
     )
 
     @property
@@ -178,29 +147,64 @@ class ElectrodesSpec(Spec):
             return {0: len(self.taxels)}
         return dict.fromkeys(range(len(self.modules)), MODULE_TAXELS)
 
-    @field_validator("taxels")
+    @field_validator("taxels", "modules")
     @classmethod
-    def _taxels_of_a_list(
-        cls, taxels: tuple[TaxelSpec, ...], info: ValidationInfo
-    ) -> tuple[TaxelSpec, ...]:
-        _belongs_to("taxels", bool(taxels), "list", info.data.get("layout"))
-        return taxels
+    def _of_this_layout(cls, places: tuple[Any, ...], info: ValidationInfo) -> Any:
+        """Refuse the electrodes of another layout, and a layout without electrodes."""
+        owner = {"taxels": "list", "modules": "roboskin"}[info.field_name or ""]
+        layout = info.data.get("layout")
+        if layout == owner and not places:
+            raise ValueError(
+                f'missing or empty; layout = "{owner}" needs at least one, for example '
+                f'{info.field_name} = [ {{ angle = "0 deg" }} ]'
+            )
+        if layout not in (None, owner) and places:
+            raise ValueError(f'belongs to layout = "{owner}", but layout is "{layout}"')
+        return places
 
-    @field_validator("modules")
+
+class SoftLayerSpec(Spec):
+    """A soft layer on the wall, such as a fabric.
+
+    Attributes:
+        thickness: of the layer [m].
+        stiffness: pressure per strain [Pa].
+    """
+
+    thickness: PositiveLength = file_key('"0.5 mm"')
+    stiffness: PositivePressure = file_key('"2 MPa"')
+
+
+class WallSpec(Spec):
+    """The wall, a cylinder around the skin's axis.
+
+    Attributes:
+        contact: whether it holds the membrane; if not, contact is reported only.
+        layer: a soft layer on it; None where the wall is rigid.
+        expansion: growth of its lengths per kelvin [1/K], or the name of what it is made of;
+            the clamps go with it.
+        bulk_modulus: of what it is made of, against ambient pressure [Pa].
+    """
+
+    contact: bool = file_key("true", True)
+    layer: SoftLayerSpec | None = file_key(
+        '{ thickness = "0.5 mm", stiffness = "2 MPa" }', None
+    )
+    expansion: WallExpansion | None = file_key('"7e-5 / K"', None)
+    bulk_modulus: WallBulkModulus | None = file_key('"3 GPa"', None)
+
+    @field_validator("contact", mode="before")
     @classmethod
-    def _modules_of_roboskin(
-        cls, modules: tuple[ModuleSpec, ...], info: ValidationInfo
-    ) -> tuple[ModuleSpec, ...]:
-        _belongs_to("modules", bool(modules), "roboskin", info.data.get("layout"))
-        return modules
+    def _true_or_false(cls, value: Any) -> Any:
+        if not isinstance(value, bool):
+            raise ValueError("true or false is expected")
+        return value
 
-
-def _belongs_to(key: str, given: bool, owner: str, layout: str | None) -> None:
-    """Refuse the electrodes of another layout, and a layout without electrodes."""
-    if layout == owner and not given:
-        raise ValueError(
-            f'missing or empty; layout = "{owner}" needs at least one, for example '
-            f'{key} = [ {{ angle = "0 deg" }} ]'
-        )
-    if layout not in (None, owner) and given:
-        raise ValueError(f'belongs to layout = "{owner}", but layout is "{layout}"')
+    @field_validator("layer")
+    @classmethod
+    def _only_in_contact(
+        cls, layer: SoftLayerSpec | None, info: ValidationInfo
+    ) -> SoftLayerSpec | None:
+        if layer is not None and info.data.get("contact") is False:
+            raise ValueError("has no effect with contact = false; take one of them out")
+        return layer

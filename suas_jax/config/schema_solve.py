@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
+from pydantic import BeforeValidator, ValidationInfo, field_validator
 
-from suas_jax.config.fields import AsList, Count, Spec, quantity, whole_number
+from suas_jax.config.fields import AsList, Count, Spec, file_key, quantity, whole_number
 
 
 def _one_count_or_two(value: Any) -> Any:
@@ -27,6 +27,9 @@ Elements = Annotated[int | tuple[int, int], BeforeValidator(_one_count_or_two)]
 _MOST_ELEMENTS = 20_000
 
 
+_MODELS = {"elements": ("shell", "solid", "mesh"), "mesh": ("solid", "shell", "elements")}
+
+
 class SolveSpec(Spec):
     """How to solve.
 
@@ -44,18 +47,16 @@ class SolveSpec(Spec):
         symmetry: whether a half or a quarter is solved where the scene has it.
     """
 
-    model: Literal["auto", "shell", "solid"] = Field(default="auto", examples=['"auto"'])
-    rtol: Annotated[float, quantity("number", above=0.0, below=1.0)] | None = Field(
-        default=None, examples=["1e-3"]
+    model: Literal["auto", "shell", "solid"] = file_key('"auto"', "auto")
+    rtol: Annotated[float, quantity("number", above=0.0, below=1.0)] | None = file_key(
+        "1e-3", None
     )
-    oil_pressure: Annotated[float, quantity("pressure", nonzero=True)] | None = Field(
-        default=None, examples=['"10 kPa"']
+    oil_pressure: Annotated[float, quantity("pressure", nonzero=True)] | None = file_key(
+        '"10 kPa"', None
     )
-    elements: Elements | None = Field(default=None, examples=["16"])
-    mesh: Annotated[tuple[Count, ...], AsList] | None = Field(
-        default=None, examples=["[600, 4]"]
-    )
-    symmetry: bool = Field(default=True, examples=["true"])
+    elements: Elements | None = file_key("16", None)
+    mesh: Annotated[tuple[Count, ...], AsList] | None = file_key("[600, 4]", None)
+    symmetry: bool = file_key("true", True)
 
     @field_validator("mesh", mode="before")
     @classmethod
@@ -76,20 +77,12 @@ class SolveSpec(Spec):
             raise ValueError(f"{size} elements; at most {_MOST_ELEMENTS} are solved")
         return counts
 
-    @field_validator("elements")
+    @field_validator("elements", "mesh")
     @classmethod
-    def _elements_of_a_shell(
-        cls, elements: int | tuple[int, int] | None, info: ValidationInfo
-    ) -> int | tuple[int, int] | None:
-        if elements is not None and info.data.get("model") == "solid":
-            raise ValueError('belongs to the shell, but model is "solid"; use mesh instead')
-        return elements
-
-    @field_validator("mesh")
-    @classmethod
-    def _mesh_of_a_solid(
-        cls, mesh: tuple[int, ...] | None, info: ValidationInfo
-    ) -> tuple[int, ...] | None:
-        if mesh is not None and info.data.get("model") == "shell":
-            raise ValueError('belongs to the solid, but model is "shell"; use elements instead')
-        return mesh
+    def _of_this_model(cls, counts: Any, info: ValidationInfo) -> Any:
+        own, other, instead = _MODELS[info.field_name or ""]
+        if counts is not None and info.data.get("model") == other:
+            raise ValueError(
+                f'belongs to the {own}, but model is "{other}"; use {instead} instead'
+            )
+        return counts

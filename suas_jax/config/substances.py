@@ -27,17 +27,11 @@ Kind = Literal["rubber", "oil", "solid"]
 
 
 class Substance(NamedTuple):
-    """A substance: values and standard deviations.
+    """A substance: values and standard deviations."""
 
-    Attributes:
-        kind: where it may be named.
-        expansion: per kelvin, of lengths; of an oil by volume [1/K].
-        bulk_modulus: [Pa].
-    """
-
-    kind: Kind
-    expansion: tuple[float, float]
-    bulk_modulus: tuple[float, float]
+    kind: Kind  # where it may be named
+    expansion: tuple[float, float]  # per kelvin, of lengths; of an oil by volume [1/K]
+    bulk_modulus: tuple[float, float]  # [Pa]
 
 
 SUBSTANCES = {

@@ -1,8 +1,7 @@
 """Quantities with their uncertainty: text such as ``"20.7 MPa +- 10 %"``.
 
-The number after ``+-`` (or ``±``) is one standard deviation: of the value's own unit, or a
-share in per cent of a value that has another unit. ``+- 0`` says that the value is known
-exactly.
+After ``+-`` (or ``±``) stands one standard deviation, in a unit of the value's kind or as a
+share in per cent; ``+- 0`` says that the value is known exactly.
 """
 
 from __future__ import annotations
@@ -25,13 +24,10 @@ _NUMBER_ALONE = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?\s*")
 
 
 class UncertainQuantity(float):
-    """A value in SI units that carries its standard deviation.
+    """A value in SI units that carries its standard deviation, in the same unit.
 
     It is the value wherever a float is expected; what is computed from it is a plain float,
     and two that differ in their deviations only are equal.
-
-    Attributes:
-        deviation: one standard deviation, in the value's SI unit.
     """
 
     __slots__ = ("deviation",)
@@ -60,19 +56,11 @@ def is_uncertain_text(text: str) -> bool:
 
 
 def parse_uncertain(text: str, dimension: DimensionName) -> UncertainQuantity:
-    """Read a quantity with its unit and one standard deviation.
+    """Read a quantity with its unit and one standard deviation, in SI units.
 
-    Args:
-        text: such as ``"20.7 MPa +- 10 %"``, ``"1.50 mm +- 0.03 mm"``, ``"1.50 +- 0.03 mm"``,
-            ``"(1.50 +- 0.03) mm"``, ``"2.2 +- 0.1"`` or ``"5 mm +- 0"``.
-        dimension: the kind of quantity that is expected.
-
-    Returns:
-        The value in SI units with its standard deviation.
-
-    Raises:
-        ValueError: if either part can't be read, or the deviation is negative, or a share of
-            zero. The message says what is expected.
+    Such as ``"20.7 MPa +- 10 %"``, ``"1.50 mm +- 0.03 mm"``, ``"1.50 +- 0.03 mm"``, ``"(1.50 +-
+    0.03) mm"``, ``"2.2 +- 0.1"`` or ``"5 mm +- 0"``. Raises ValueError: either part can't be
+    read, or the deviation is negative, or a share of zero; says what is expected.
     """
     whole = text.strip()
     shared = _SHARED_UNIT.fullmatch(whole)

@@ -29,53 +29,51 @@ _BARE_WORD = re.compile(r"=\s*([A-Za-z][\w/^-]*)\s*(?:#.*)?$")
 
 
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read a TOML file (UTF-8, with or without a byte order mark, any line ends).
+    """Tables of a TOML file (UTF-8, with or without a byte order mark, any line ends).
 
-    Args:
-        path: the file.
-
-    Returns:
-        The tables of the file.
-
-    Raises:
-        ConfigError: if the file can't be read, is no UTF-8 text, no TOML, or empty.
+    Raises ConfigError: the file can't be read, is no UTF-8 text, no TOML, or empty.
     """
     file = os.fspath(path)
+    try:
+        return _tables(file)
+    except ValueError as error:
+        raise ConfigError([Mistake(file, "", str(error))]) from None
+
+
+def _tables(file: str) -> dict[str, Any]:
+    """The same; refuses with the reason alone."""
     trouble = missing_file(file)
     if trouble:
-        raise ConfigError([Mistake(file, "", trouble)])
+        raise ValueError(trouble)
     try:
         raw = read_bytes(file, MOST_BYTES)
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise ConfigError([Mistake(file, "", f"can't be read: {reason}")]) from None
+        raise ValueError(f"can't be read: {error.strerror or error}") from None
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        advice = _not_text(error.object, error.start)
-        raise ConfigError([Mistake(file, "", advice)]) from None
+        raise ValueError(_not_text(error.object, error.start)) from None
     deep = _DEEP_KEY.search(text)
     if deep:
         line = text.count("\n", 0, deep.start()) + 1
-        advice = f"line {line}: a key of more than {_MOST_PARTS} parts; no key here has so many"
-        raise ConfigError([Mistake(file, "", advice)])
+        raise ValueError(
+            f"line {line}: a key of more than {_MOST_PARTS} parts; no key here has so many"
+        )
     try:
         tables = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError([Mistake(file, "", _not_toml(text, str(error)))]) from None
+        raise ValueError(_not_toml(text, str(error))) from None
     except ValueError:
-        advice = "a whole number has thousands of digits"
-        raise ConfigError([Mistake(file, "", advice)]) from None
+        raise ValueError("a whole number has thousands of digits") from None
     except RecursionError:
-        raise ConfigError([Mistake(file, "", "brackets are nested too deeply")]) from None
+        raise ValueError("brackets are nested too deeply") from None
     if _depth(tables) > _MOST_PARTS:
-        raise ConfigError([Mistake(file, "", "tables are nested too deeply")])
-    if len(tables) > _MOST_KEYS or any(
-        len(t) > _MOST_KEYS for t in tables.values() if isinstance(t, dict)
-    ):
-        raise ConfigError([Mistake(file, "", f"a table of more than {_MOST_KEYS} keys")])
+        raise ValueError("tables are nested too deeply")
+    every = (tables, *(t for t in tables.values() if isinstance(t, dict)))
+    if any(len(table) > _MOST_KEYS for table in every):
+        raise ValueError(f"a table of more than {_MOST_KEYS} keys")
     if not tables:
-        raise ConfigError([Mistake(file, "", "the file is empty: it holds no table")])
+        raise ValueError("the file is empty: it holds no table")
     return tables
 
 
@@ -90,14 +88,11 @@ def _depth(tables: Any) -> int:
 
 
 def missing_file(file: str, named_in: str = "") -> str | None:
-    """Say why a path is no file.
+    """Say why a path is no file, with the nearest one beside it; None if it is one.
 
     Args:
         file: the path.
         named_in: the file that names it, which it can't have been meant to be.
-
-    Returns:
-        The reason, with the nearest file beside it; None if it is a file.
     """
     path = Path(file)
     try:

@@ -11,13 +11,10 @@ from pydantic.fields import FieldInfo
 from suas_jax.config.errors import listed, nearest, show, show_key, unknown
 from suas_jax.config.fields import FILE_RULES, PlacedError, Spec
 from suas_jax.config.schema_calibration import CalibrationSpec
-from suas_jax.config.schema_geometry import DEFAULT_SECTION, SECTIONS
 from suas_jax.config.schema_load import LOADS, EnvironmentSpec, ReferenceSpec
-from suas_jax.config.schema_material import LAWS
-from suas_jax.config.schema_oil import OILS
-from suas_jax.config.schema_skin import ElectrodesSpec
+from suas_jax.config.schema_scene import DEFAULT_SECTION, LAWS, OILS, SECTIONS
+from suas_jax.config.schema_skin import ElectrodesSpec, WallSpec
 from suas_jax.config.schema_solve import SolveSpec
-from suas_jax.config.schema_wall import WallSpec
 
 TABLES: dict[str, tuple[type[Spec], ...]] = {
     "geometry": tuple(SECTIONS.values()),
@@ -26,9 +23,9 @@ TABLES: dict[str, tuple[type[Spec], ...]] = {
     "electrodes": (ElectrodesSpec,),
     "wall": (WallSpec,),
     "reference": (ReferenceSpec,),
+    "environment": (EnvironmentSpec,),
     "calibration": (CalibrationSpec,),
     "load": tuple(LOADS.values()),
-    "environment": (EnvironmentSpec,),
     "solve": (SolveSpec,),
 }
 """The specifications that each table of a file may turn into."""
@@ -45,13 +42,7 @@ SpecT = TypeVar("SpecT", bound=Spec)
 
 
 class Finding(NamedTuple):
-    """A mistake in a table.
-
-    Attributes:
-        key: dotted path from the top of the file.
-        advice: what is allowed, and what to do.
-        value: as it stands in the file; None if the key isn't there.
-    """
+    """A mistake in a table: dotted path, advice, and the value if the file has one."""
 
     key: str
     advice: str
@@ -61,16 +52,10 @@ class Finding(NamedTuple):
 def validate_table(
     specification: type[SpecT], table: object, key: str, *, units_required: bool = True
 ) -> tuple[SpecT | None, list[Finding]]:
-    """Turn one table into its specification.
+    """Turn one table, of a dotted path such as ``load.0``, into its specification.
 
-    Args:
-        specification: the specification to build.
-        table: the table as the file has it.
-        key: dotted path of the table, such as ``geometry`` or ``load.0``.
-        units_required: whether numbers must state their unit, as in files.
-
-    Returns:
-        The specification and no findings, or None and every mistake in the table.
+    Numbers state their unit where units are required, as in files. Returns the specification
+    and no findings, or None and every mistake in the table.
     """
     if not isinstance(table, Mapping):
         return None, [Finding(key, f"a table is expected: {_header(key)}", show(table))]
@@ -85,13 +70,7 @@ def validate_table(
 def choose_specification(
     table: Mapping[str, Any], key: str, discriminator: str, choices: Mapping[str, type[SpecT]]
 ) -> tuple[type[SpecT] | None, list[Finding]]:
-    """Choose the specification that a table's ``law`` or ``kind`` names.
-
-    Args:
-        table: the table as the file has it.
-        key: dotted path of the table.
-        discriminator: the key that chooses.
-        choices: the specifications by that key's value.
+    """Choose the specification that a table's ``law`` or ``kind`` (`discriminator`) names.
 
     Returns:
         The specification and no findings, or None and what is wrong with the key.
@@ -117,14 +96,7 @@ def unknown_key(
 ) -> str:
     """Say what an unknown key may have been meant to be, and where it may belong.
 
-    Args:
-        key: the unknown key.
-        known: the keys that are allowed in its place.
-        table: the table that it stands in; empty at the top of the file.
-        chosen: the law, model or kind of that table.
-
-    Returns:
-        The advice.
+    It stands in a table (empty at the top of the file) of a chosen law, model or kind.
     """
     near = nearest(key, known)
     chooser, choices = CHOICES.get(table.split(".")[0], ("", {}))

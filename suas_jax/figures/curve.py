@@ -12,13 +12,9 @@ from suas_jax.scene.sweep import Sweep
 
 @styled
 def plot_sweep(sweep: Sweep, file: Path | None = None) -> Figure:
-    """Draw force over displacement and oil pressure over force.
+    """Draw force over displacement and oil pressure over force, the paper's Fig. 19.
 
-    The counterpart of the paper's Fig. 19.
-
-    Args:
-        sweep: the curve.
-        file: where to write the figure; its ending chooses the format.
+    A file's ending chooses the format.
     """
     points = [p for p in sweep.points if p["status"] == "converged"]
     if points and "t_s" in points[0]:

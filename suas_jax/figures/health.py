@@ -19,12 +19,7 @@ _PANELS = {
 
 @styled
 def plot_health(health: Health, file: Path | None = None) -> Figure:
-    """Draw noise, drift, loss and correlation of every taxel; faulty ones have a cross.
-
-    Args:
-        health: of a log.
-        file: where to write the figure; its ending chooses the format.
-    """
+    """Draw noise, drift, loss and correlation of every taxel; faulty ones have a cross."""
     modules = sorted({taxel.module for taxel in health.taxels})
     widest = max((taxel.taxel for taxel in health.taxels), default=1)
     height = 1.4 + 0.16 * len(modules)

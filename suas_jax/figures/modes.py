@@ -1,6 +1,7 @@
 """Figure of a skin's natural modes."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,10 +20,6 @@ _AMPLITUDE = 0.035
 @styled
 def plot_modes(found: Modes, file: Path | None = None) -> Figure:
     """Draw every mode, displacements enlarged: of a section at both ends of its swing.
-
-    Args:
-        found: the modes; at least one.
-        file: where to write the figure; its ending chooses the format.
 
     Raises:
         ValueError: there are no modes to draw.
@@ -62,13 +59,6 @@ def _draw_section(axes: Axes, motion: Motion, shape: np.ndarray) -> None:
 
 def _draw_pad(axes: Axes, motion: PadMotion, shape: np.ndarray) -> None:
     """Outward displacement over the pad."""
-    axes.pcolormesh(
-        motion.angle,
-        1e3 * motion.axial,
-        shape.T,
-        cmap="RdBu_r",
-        vmin=-1,
-        vmax=1,
-        shading="gouraud",
-    )
+    style: dict[str, Any] = {"cmap": "RdBu_r", "vmin": -1, "vmax": 1, "shading": "gouraud"}
+    axes.pcolormesh(motion.angle, 1e3 * motion.axial, shape.T, **style)
     axes.set(xlabel="angle [deg]", ylabel="axial [mm]")

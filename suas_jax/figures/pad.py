@@ -1,17 +1,28 @@
-"""A picture of the pad: one value a taxel on the unrolled wall, never interpolated."""
+"""Pictures of the pad: a value a taxel on the unrolled wall, and the deformed surface."""
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
-from matplotlib.collections import PatchCollection
+from jaxtyping import Array
+from matplotlib.axes import Axes
+from matplotlib.collections import EllipseCollection, PatchCollection
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
+from matplotlib.patches import Circle, Ellipse, Rectangle
+from mpl_toolkits.mplot3d import Axes3D
 
 from suas_jax.config import SkinSpec, continuous_inputs
-from suas_jax.figures.style import CONTACT, styled, written
-from suas_jax.scene.parts import skin_parts
+from suas_jax.equilibrium.balance import Problem, State
+from suas_jax.figures.style import CONTACT, SECOND, styled, written
+from suas_jax.mechanics.pad.pad import Pad
+from suas_jax.mechanics.pad.shape import PadShape
+from suas_jax.scene.parts import SceneParts, scene_parts, skin_parts
+from suas_jax.scene.solve import Solution
+from suas_jax.skin.geometry import SkinGeometry, thickness_beyond_mean
+from suas_jax.skin.pad_loads import PadLoad
 
 
 @styled
@@ -78,3 +89,142 @@ def plot_pad(
     degrees.set_xlabel("angle from the symmetry axis [deg]")
     figure.colorbar(patches, ax=axes, label=label, shrink=0.8)
     return written(figure, file)
+
+
+_SAMPLES = 3  # intervals along either side of an element
+_LABEL = {"boxstyle": "round,pad=0.15", "facecolor": "w", "edgecolor": "none", "alpha": 0.85}
+
+
+class _Grid(NamedTuple):
+    """The deformed pad on a grid [arc, axial, 1]; positions have components first [m]."""
+
+    inner: Array  # face
+    outer: Array  # face
+    height: Array  # of the inner face over the undeformed one [m]
+    angle: Array  # of the normal through it [rad]
+
+
+def _grid(problem: Problem, state: State, shown: State) -> _Grid:
+    """The faces on a grid."""
+    del state
+    pad = problem.mechanics
+    assert isinstance(pad, Pad)
+    faces, section = pad.sampled(shown.q, _SAMPLES), pad.section
+    rest = section.inner_face(faces.angle)
+    beyond = thickness_beyond_mean(section, pad.relief, faces.angle, faces.axial)
+    thick = section.thickness(faces.angle) + beyond
+    above = rest + thick * section.inner_normal(faces.angle)
+    inner, outer = (
+        jnp.concatenate([x, faces.axial[None]]) + moved
+        for x, moved in ((rest, faces.inner_displacement), (above, faces.outer_displacement))
+    )
+    height, angle, _ = PadShape(faces).inner_face(section)
+    return _Grid(inner, outer, height, angle)
+
+
+@styled
+def plot_pad_surface(solution: Solution) -> Figure:
+    """Draw the gap and the displacement of a pad over the unrolled wall, and its shape.
+
+    Args:
+        solution: a solution in three dimensions.
+    """
+    face, outer, height, angle = (np.asarray(x)[..., 0] for x in solution.read(_grid))
+    parts = scene_parts(solution.scene, solution.inputs)
+    geometry = parts.skin.geometry
+    at = jnp.asarray(angle)[..., None]
+    wall = geometry.gap(at, jnp.asarray(face[2])[..., None])
+    gap = 1e3 * (height + np.asarray(wall)[..., 0])
+    place = np.rad2deg(np.asarray(geometry.section.given_angle(at))[..., 0]), 1e3 * face[2]
+
+    figure = Figure(figsize=(13, 5.2), layout="constrained")
+    panels = figure.add_gridspec(1, 2, width_ratios=(1, 1.1))
+    flat = figure.add_subplot(panels[0])
+    gap_scale = _around(gap, 1e3 * float(geometry.oil_gap[0]))
+    mesh = flat.pcolormesh(*place, gap, cmap="RdBu", norm=gap_scale, shading="gouraud")
+    figure.colorbar(mesh, ax=flat, label="gap to the wall [mm]", shrink=0.9)
+    _draw_taxels(flat, parts, solution.report["taxels"])
+    for load in parts.forces:
+        assert isinstance(load, PadLoad)
+        _draw_load(flat, load, geometry)
+    for entry in solution.report["loads"]:
+        if entry["kind"] == "body":
+            _draw_contact(flat, entry, geometry)
+    flat.set(xlabel="angle [deg]", ylabel="position along the axis [mm]")
+
+    space = figure.add_subplot(panels[1], projection="3d")
+    assert isinstance(space, Axes3D)
+    top = 1e3 * outer
+    colours = mesh.cmap(gap_scale(gap))
+    space.plot_surface(top[0], top[2], top[1], facecolors=colours, linewidth=0, shade=True,
+                       antialiased=False, rcount=200, ccount=200)  # fmt: skip
+    spans = [float(np.ptp(top[k])) for k in (0, 2, 1)]
+    space.set_box_aspect(spans, zoom=0.92)
+    space.set(xlabel="x [mm]", ylabel="axis [mm]", zlabel="y [mm]")
+    space.view_init(elev=38, azim=-58)
+    report = solution.report
+    figure.suptitle(
+        f"oil {1e-3 * report['oil_pressure_Pa']:.4g} kPa, "
+        f"smallest gap {1e3 * report['min_gap_m']:.3g} mm, "
+        f"bulge {1e3 * report['bulge_m']:.3g} mm ({report['status']})"
+    )
+    return figure
+
+
+def _around(values: np.ndarray, rest: float) -> Normalize:
+    """A scale with the gap at rest in its middle."""
+    reach = max(float(np.abs(values - rest).max()), 1e-9)
+    return Normalize(rest - reach, rest + reach)
+
+
+def _draw_taxels(axes: Axes, parts: SceneParts, readings: list[dict[str, Any]]) -> None:
+    """Draw the electrodes on the wall in the colours of their counts, white without one."""
+    electrodes = parts.skin.electrodes
+    if electrodes is None:
+        return
+    taxels = electrodes.taxels
+    axial, diameter = (np.asarray(x)[:, 0] for x in (taxels.axial, taxels.diameter))
+    wide = np.rad2deg(diameter / float(parts.skin.geometry.wall_size[0]))
+    given = np.asarray(parts.skin.geometry.section.given_angle(taxels.angle))[:, 0]
+    places = np.stack([np.rad2deg(given), 1e3 * axial], 1)
+    discs = EllipseCollection(
+        wide, 1e3 * diameter, np.zeros_like(wide), units="xy", offsets=places,
+        offset_transform=axes.transData, edgecolors="0.25", linewidths=0.5,
+    )  # fmt: skip
+    counts = np.array([taxel["so"] for taxel in readings], float)
+    discs.set(array=np.ma.masked_invalid(counts), cmap="viridis")
+    discs.get_cmap().set_bad("w")
+    axes.add_collection(discs)
+    axes.figure.colorbar(discs, ax=axes, label="sensor output [counts]", shrink=0.9)
+
+
+def _draw_contact(axes: Axes, load: dict[str, Any], geometry: SkinGeometry) -> None:
+    """Mark where a body comes in, as large as what it touches, with its force."""
+    x, y = load["angle_deg"], 1e3 * load["axial_m"]
+    half = np.rad2deg(load["contact_half_width_m"] / float(geometry.outer_size[0]))
+    reach = 1e3 * load["contact_half_width_axial_m"]
+    axes.plot(x, y, "+", color=SECOND, ms=10, zorder=3)
+    axes.add_patch(
+        Ellipse((x, y), 2 * half, 2 * reach, fill=False, edgecolor=SECOND, lw=1.8, zorder=3)
+    )
+    axes.annotate(
+        f"body, {load['force_N']:.3g} N", (x + half, y + reach), xytext=(5, 5),
+        textcoords="offset points", fontsize=9, zorder=4, bbox=_LABEL,
+    )  # fmt: skip
+
+
+def _draw_load(axes: Axes, load: PadLoad, geometry: SkinGeometry) -> None:
+    """Outline a load's part of the outer face, with its force."""
+    arc, length = (float(np.asarray(x)[0]) for x in load.extent())
+    given = geometry.section.given_angle(load.angle)
+    x, y = np.rad2deg(float(given[0])), 1e3 * float(load.axial[0])
+    half, reach = np.rad2deg(arc / float(geometry.outer_size[0])), 1e3 * length
+    outline: Ellipse | Rectangle = Ellipse((x, y), 2 * half, 2 * reach)
+    if load.diameter is None:
+        outline = Rectangle((x - half, y - reach), 2 * half, 2 * reach)
+    outline.set(fill=False, edgecolor=SECOND, linewidth=1.8, zorder=3)
+    axes.add_patch(outline)
+    axes.annotate(
+        f"{float(load.force[0]):.3g} N", (x + half, y + reach), xytext=(3, 3),
+        textcoords="offset points", fontsize=9, zorder=4, bbox=_LABEL,
+    )  # fmt: skip

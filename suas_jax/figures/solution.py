@@ -5,9 +5,8 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from suas_jax.figures.pad_surface import plot_pad_surface
-from suas_jax.figures.section import plot_section
-from suas_jax.figures.solid import plot_solid
+from suas_jax.figures.pad import plot_pad_surface
+from suas_jax.figures.section import plot_section, plot_solid
 from suas_jax.figures.style import written
 from suas_jax.scene.solve import Solution
 
@@ -19,10 +18,5 @@ FIGURES: dict[int, dict[str, Callable[[Solution], Figure]]] = {
 
 
 def plot_solution(solution: Solution, file: Path | None = None) -> Figure:
-    """Draw the deformed membrane.
-
-    Args:
-        solution: what to draw.
-        file: where to write the figure; its ending chooses the format.
-    """
+    """Draw the deformed membrane; a file's ending chooses the format."""
     return written(FIGURES[solution.plan.dimension][solution.plan.model](solution), file)

@@ -49,11 +49,7 @@ def styled(draw: Callable[_P, _R]) -> Callable[_P, _R]:
 def check_figure_file(file: Path) -> None:
     """Make sure that a figure can be written, before any work is done for it.
 
-    Args:
-        file: where the figure is to go; its ending chooses the format.
-
-    Raises:
-        ValueError: the ending is no figure format, or the folder does not exist.
+    Raises ValueError: the ending is no figure format, or the folder does not exist.
     """
     formats = Figure().canvas.get_supported_filetypes()
     ending = file.suffix.removeprefix(".").lower()

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array
 
 from suas_jax.equilibrium.balance import Problem, State
-from suas_jax.figures.solid_fields import solid_fields
+from suas_jax.figures.section import solid_fields
 from suas_jax.files.writing import written
 from suas_jax.mechanics.pad.faces import Faces, principal_stretches
 from suas_jax.mechanics.pad.pad import Pad
@@ -25,17 +25,11 @@ _PAD_SAMPLES = 3  # quadrilaterals along either side of a pad's element
 
 
 def write_vtu(solution: Solution, file: Path) -> None:
-    """Write the undeformed membrane with its displacement and other fields, in SI units.
+    """Write the undeformed membrane with its displacement and other fields (.vtu), in SI units.
 
-    "Warp By Vector" with the displacement shows it deformed. The solid's section comes with
-    the fields through its thickness, the pad as its inner face.
-
-    Args:
-        solution: a solution with the solid model, or in three dimensions.
-        file: where to write; the name ends in .vtu.
-
-    Raises:
-        ValueError: the solution is a section's shell, or the name has another ending.
+    "Warp By Vector" with the displacement shows it deformed. The solid's section comes with the
+    fields through its thickness, the pad as its inner face. Raises ValueError: the solution is
+    a section's shell, or the name has another ending.
     """
     if file.suffix.lower() != ".vtu":
         raise ValueError(f'--vtu {file}: the name of the file has to end in ".vtu"')
@@ -75,10 +69,7 @@ def _section_mesh(fields: Fields) -> meshio.Mesh:
 def _pad_grid(
     problem: Problem, state: State, shown: State
 ) -> tuple[Faces, Array, Array, Array, Array]:
-    """The faces on a grid; of the inner one principal stretches, place, and where it is now.
-
-    That is the height over the undeformed face, and the angle of the normal there.
-    """
+    """The faces on a grid; of the inner one principal stretches, place, height, angle now."""
     del state
     pad = problem.mechanics
     assert isinstance(pad, Pad)

@@ -1,9 +1,8 @@
 """A private folder of bytes by name that can be made again at any time.
 
-What lies in a cache folder is loaded without a person looking at it, so an entry counts only
-if this user wrote it: each carries a message authentication code (keyed BLAKE2b, RFC 7693)
-whose key lies in a private file elsewhere. A planted, truncated or damaged entry is no entry.
-Nothing here ever raises because of what is on the disk: a cache that can't be used costs time.
+An entry counts only if this user wrote it: each carries a message authentication code (keyed
+BLAKE2b, RFC 7693) whose key lies in a private file elsewhere. Nothing here ever raises because
+of what is on the disk: a cache that can't be used costs time.
 """
 
 import atexit
@@ -97,12 +96,7 @@ class CacheFolder:
 
     @contextlib.contextmanager
     def making(self, name: str, wait: Callable[[str], None]) -> Iterator[None]:
-        """Be the only process that makes an entry.
-
-        Args:
-            name: of the entry.
-            wait: called with the name of a process that makes it, whose end is waited for.
-        """
+        """Be the only process that makes an entry; `wait` is told who makes it instead."""
         with owned(self._file(name), wait=wait) if self._open() else contextlib.nullcontext():
             yield
 
@@ -196,8 +190,7 @@ class CacheFolder:
 def read_private(file: Path, most_bytes: int) -> bytes:
     """The bytes of a regular file of this user's that nobody else can write.
 
-    Raises:
-        OSError: it is anything else, or larger.
+    Raises OSError: it is anything else, or larger.
     """
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     with open(file, "rb", opener=lambda path, _: os.open(path, flags)) as stream:

@@ -12,16 +12,13 @@ from suas_jax.files.ownership import owned
 
 @dataclass
 class _Command:
-    """Files of one command.
+    """Files of one command."""
 
-    Attributes:
-        inputs: device and inode of each file that was read.
-        replaceable: places whose files the user allowed to be replaced.
-        outputs: what it owns until it ends.
-    """
-
+    # device and inode of each file that was read
     inputs: set[tuple[int, int]] = field(default_factory=set)
+    # places whose files the user allowed to be replaced
     replaceable: set[str] = field(default_factory=set)
+    # what it owns until it ends
     outputs: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
 
 
@@ -46,8 +43,7 @@ def command_files() -> Iterator[None]:
 def own_output(path: Path | None) -> None:
     """Own a file that the command will write until it ends; outside of commands, nothing.
 
-    Raises:
-        OwnedError: another process writes it.
+    Raises OwnedError: another process writes it.
     """
     command = _command.get()
     if command is not None and path is not None:

@@ -17,15 +17,11 @@ Arrays = Mapping[str, NDArray[Any]]
 def kept_arrays(
     name: str, compute: Callable[[], Mapping[str, Any]], folder: CacheFolder | None = None
 ) -> Arrays:
-    """Arrays from the user's cache, computed where they are not there.
+    """Arrays from a folder of the user's cache, computed where they are not there.
 
-    Where another process computes the same, its end is waited for, and a warning says so. A
-    cache that can't be used costs time, never a result.
-
-    Args:
-        name: digest of all that they depend on.
-        compute: computes them.
-        folder: where they are kept; default: the user's tables.
+    `name` is a digest of all that they depend on. Where another process computes the same, its
+    end is waited for, and a warning says so. A cache that can't be used costs time, never a
+    result.
     """
     kept = folder or CacheFolder(platformdirs.user_cache_path("suas_jax") / "tables")
     found = kept.get(name)

@@ -1,9 +1,7 @@
 """A file that takes whole lines alone, one writer at a time.
 
-Lines are appended. Where the disk is full as many as fit are kept, and none is cut in two; the
-file is locked against other writers, and a file that is replaced stays until the new one has
-begun. Where the file is deleted, moved or replaced while it is written, all of it is copied
-beside its place, and the lines go on there. What they say is the business of others.
+Where the disk is full as many lines as fit are kept. Where the file is deleted, moved or
+replaced while it is written, all of it is copied beside its place, and the lines go on there.
 """
 
 import contextlib
@@ -33,10 +31,6 @@ class LineWriteError(OSError):
 class LineFile:
     """A file that is open for appending; made by `create`, `reopen` or `open`.
 
-    Args:
-        path: of the file, as it is named in messages.
-        descriptor: of the file, which is locked.
-
     Attributes:
         path: of the file that takes the lines now.
         size: of it [bytes].
@@ -60,13 +54,8 @@ class LineFile:
     def create(cls, path: Path, text: str, *, overwrite: bool) -> Self:
         """Begin a file with some lines.
 
-        Args:
-            path: file to create; an empty one may be there.
-            text: the lines.
-            overwrite: replace a file that isn't empty.
-
         Raises:
-            FileExistsError: there is one, and `overwrite` is not set.
+            FileExistsError: there is one that isn't empty, and `overwrite` is not set.
             OwnedError: another program is writing it.
             OSError: it can't be written.
         """
@@ -91,9 +80,7 @@ class LineFile:
     def reopen(cls, path: Path) -> Self:
         """Go on in a file that is there.
 
-        Raises:
-            OwnedError: another program is writing it.
-            OSError: it can't be opened.
+        Raises OwnedError: another program is writing it; OSError: it can't be opened.
         """
         return cls(path, open_alone(path, _APPENDED))
 
@@ -101,9 +88,8 @@ class LineFile:
     def open(cls, path: Path) -> Self:
         """Go on in a file, or begin it; what is no whole line stays alone on its own.
 
-        Raises:
-            OwnedError: another program is writing it.
-            OSError: it can't be opened or written.
+        Raises OwnedError: another program is writing it; OSError: it can't be opened or
+        written.
         """
         while True:
             with contextlib.suppress(FileExistsError):  # until a moment ago it was not there
@@ -128,8 +114,7 @@ class LineFile:
     def append(self, text: str) -> None:
         """Append whole lines; where the disk is full, as many as it takes.
 
-        Raises:
-            LineWriteError: it takes no more.
+        Raises LineWriteError: it takes no more.
         """
         data = text.encode()
         begin = 0
@@ -148,10 +133,8 @@ class LineFile:
     def sync(self) -> None:
         """Force what was appended to the disk, where that can be done.
 
-        Where the file has lost its name, the lines go on beside it.
-
-        Raises:
-            LineWriteError: the disk takes no more, or nothing can be written beside.
+        Where the file has lost its name, the lines go on beside it. Raises LineWriteError: the
+        disk takes no more, or nothing can be written beside.
         """
         try:
             os.fsync(self._descriptor)
@@ -191,12 +174,9 @@ class LineFile:
 
 
 def _begun(path: Path, content: bytes | int, *, replace: bool) -> int:
-    """A file that appears with its first content, and locked; its descriptor.
+    """Descriptor of a file that appears with its first content, and locked.
 
-    Args:
-        path: of the file, which is owned.
-        content: its first, or the descriptor of a file that has it.
-        replace: also a file that is not empty.
+    The content may be the descriptor of a file that has it; `replace` one that isn't empty.
     """
     with drafted(path) as draft:
         descriptor = os.open(draft, _APPENDED)

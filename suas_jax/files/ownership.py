@@ -1,11 +1,8 @@
-"""Who writes a file: locks that a second program sees.
+"""Who writes a file: locks that a second program sees, and that end with their process.
 
-The system keeps the locks and drops them when a process ends, however it ends, so what a
-killed program leaves over blocks nobody. A name is owned through a hidden file beside it: the
-file itself may not be there yet, and what is there may be replaced. A file that is written in
-place is locked itself as well, so that no other name of it lets a second writer in.
-
-Where a system or a file system knows no locks, nothing is owned, and nothing fails.
+A name is owned through a hidden file beside it: the file itself may not be there yet, or be
+replaced. One that is written in place is locked as well, whatever its other names. Where a
+system knows no locks, nothing is owned, and nothing fails.
 """
 
 import contextlib
@@ -44,15 +41,10 @@ _owned = _Owned()
 
 @contextlib.contextmanager
 def owned(path: Path, *, wait: Callable[[str], None] | None = None) -> Iterator[None]:
-    """Own a name inside: whoever else would write there is refused.
+    """Own a name, whether or not it has a file, inside: who else would write there is refused.
 
-    Args:
-        path: the file, which need not be there; a pipe or a device has no owner.
-        wait: called with the name of a process that owns it, whose end is then waited for;
-            None: refuse.
-
-    Raises:
-        OwnedError: another process owns the name, or writes the file that has it.
+    Another owner's end is waited for where `wait` is given, which is called with its name; else
+    this raises OwnedError, as where another process writes the file. A pipe has no owner.
     """
     place = os.path.realpath(path)
     if place in _owned.places or _is_special(place):
@@ -82,15 +74,10 @@ def owned(path: Path, *, wait: Callable[[str], None] | None = None) -> Iterator[
 
 @contextlib.contextmanager
 def unwritten(path: Path) -> Iterator[bool]:
-    """Keep writers in place out of the file that a name has now.
+    """Keep writers in place out of the file that a name has now; yields whether it has one.
 
-    Readers that lock what they read, as HDF5 does, are no hindrance.
-
-    Yields:
-        Whether the name has a file.
-
-    Raises:
-        OwnedError: another process writes it.
+    Readers that lock what they read, as HDF5 does, are no hindrance. Raises OwnedError: another
+    process writes it.
     """
     descriptor, there = None, True
     try:
@@ -111,9 +98,7 @@ def unwritten(path: Path) -> Iterator[bool]:
 def open_alone(path: Path, flags: int) -> int:
     """Open the file that a name has now, for its only writer; the descriptor.
 
-    Raises:
-        OwnedError: another process writes it.
-        OSError: it can't be opened.
+    Raises OwnedError: another process writes it; OSError: it can't be opened.
     """
     return _locked_at(str(path), flags, path)
 
@@ -121,13 +106,8 @@ def open_alone(path: Path, flags: int) -> int:
 def lock(descriptor: int, path: Path, *, shared: bool = False) -> bool:
     """Lock an open file until its descriptor is closed; False where there are no locks.
 
-    Args:
-        descriptor: of the file.
-        path: named in messages.
-        shared: keep writers out, not those who do the same.
-
-    Raises:
-        OwnedError: another process has it locked.
+    A `shared` lock keeps writers out, not those who do the same; the path is for messages.
+    Raises OwnedError: another process has it locked.
     """
     if not LOCKS:
         return False

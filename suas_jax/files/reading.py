@@ -24,10 +24,10 @@ _KINDS = {
 def opened(
     path: str | os.PathLike[str], most_bytes: int, *, remember: bool = True
 ) -> Iterator[BinaryIO]:
-    """Open a regular file for reading, without ever waiting for it.
+    """Open a regular file, or a link to one, for reading, without ever waiting for it.
 
     Args:
-        path: the file, or a link to one.
+        path: the file.
         most_bytes: the size that is still read.
         remember: it is an input of the command that runs, which no output may replace.
 
@@ -51,16 +51,7 @@ def opened(
 def read_bytes(
     path: str | os.PathLike[str], most_bytes: int, *, remember: bool = True
 ) -> bytes:
-    """The content of a regular file.
-
-    Args:
-        path: the file, or a link to one.
-        most_bytes: the size that is still read.
-        remember: as for `opened`.
-
-    Raises:
-        OSError: it can't be read, is no regular file, or is larger.
-    """
+    """The content of a regular file; arguments and errors are those of `opened`."""
     with opened(path, most_bytes, remember=remember) as stream:
         content = stream.read(most_bytes + 1)
     if len(content) > most_bytes:  # it grew meanwhile, or its file system doesn't say
@@ -79,13 +70,7 @@ def check_readable(
 def split_fields(line: str, delimiter: str = ",", *, strict: bool = False) -> list[str]:
     """The fields of one line of a table, without the quotes around them.
 
-    Args:
-        line: without its end.
-        delimiter: between the fields.
-        strict: refuse quotes that don't end, or end inside a field.
-
-    Raises:
-        ValueError: quotes that `strict` refuses.
+    Raises ValueError: `strict` refuses quotes that don't end, or end inside a field.
     """
     if '"' not in line:
         return line.split(delimiter)

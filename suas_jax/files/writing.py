@@ -1,10 +1,7 @@
 """Output files: written whole or not at all, and never over another file unasked.
 
-Every output goes to a draft beside its place, is forced to the disk and then moved there. A
-process that is killed, or a disk that is full, leaves what was there before; a draft that a
-kill left over is hidden, has no ending that any reader takes, and is removed by the next
-write to the same place. Whoever writes owns the place meanwhile, a command from the check of
-its outputs to its end: a second one is refused at once, and told by whom.
+Every output goes to a hidden draft beside its place, is forced to the disk and moved there.
+Whoever writes owns the place, a command from the check of its outputs to its end.
 """
 
 import contextlib
@@ -26,11 +23,8 @@ _ABANDONED = 3600.0  # age of a draft whose process is taken to have ended [s]
 def check_output(path: Path, *, overwrite: bool = False) -> None:
     """Make sure that a file may be written, before any work is done for it.
 
-    An empty file may be: it holds nothing that could be lost.
-
-    Args:
-        path: the file.
-        overwrite: the user allows it to be replaced, here and when it is written.
+    An empty file may be; another where the user allows it (`overwrite`), here and when it is
+    written.
 
     Raises:
         FileExistsError: it exists, is not empty, and `overwrite` is not set.
@@ -80,19 +74,10 @@ def check_outputs(paths: Iterable[Path | None], *, overwrite: bool = False) -> N
 
 @contextlib.contextmanager
 def written(path: Path) -> Iterator[Path]:
-    """Write a file whole or not at all.
+    """Write a file whole or not at all: yields an empty draft, which takes its place then.
 
-    A command replaces only what `check_output` was told may be replaced.
-
-    Args:
-        path: where it is to lie.
-
-    Yields:
-        The draft to write, which exists and is empty. It takes its place when the block ends,
-        and is removed if the block raises.
-
-    Raises:
-        OSError, ValueError: as `check_output`, or the disk is full.
+    A command replaces only what `check_output` was told may be replaced. The draft is removed
+    if the block raises. Raises OSError, ValueError: as `check_output`, or the disk is full.
     """
     overwrite = may_replace(path)
     check_output(path, overwrite=overwrite)
@@ -122,12 +107,7 @@ def drafted(path: Path) -> Iterator[Path]:
 
 
 def publish(draft: Path, path: Path, *, replace: bool) -> None:
-    """Move a draft to its place, in one step.
-
-    Args:
-        draft: from `drafted`.
-        path: its place.
-        replace: also a file that is not empty.
+    """Move a draft from `drafted` to its place, in one step; `replace` one that isn't empty.
 
     Raises:
         FileExistsError: there is one, and `replace` is not set.

@@ -74,11 +74,8 @@ class Compiled:
     ) -> Any:
         """Call a function made by `equinox.filter_jit`, compiled apart, and wait for it.
 
-        Args:
-            function: the jitted function.
-            arguments: its arguments; those that are no arrays are static.
-            once: whether the program is not expected to run many times.
-            long: whether a single run takes long enough to be worth some optimisation.
+        Arguments that are no arrays are static. `once` says that the program is not expected to
+        run many times, `long` that a single run is worth some optimisation.
         """
         leaves, structure = jax.tree.flatten(arguments)
         arrays = [x for x in leaves if eqx.is_array_like(x)]
@@ -87,24 +84,16 @@ class Compiled:
         if key not in self._programs:
             with self._compiling:  # two threads may ask for the same one
                 if key not in self._programs:
-                    return self._first(key, function, leaves, structure, types, once, long)
+                    return self._first(key, leaves)
         return jax.block_until_ready(self._programs[key](*arrays))
 
-    def _first(
-        self,
-        key: Any,
-        function: Callable[..., Any],
-        leaves: list[Any],
-        structure: Any,
-        types: tuple[Any, ...],
-        once: bool,
-        long: bool,
-    ) -> Any:
+    def _first(self, key: Any, leaves: list[Any]) -> Any:
         """Compile a program, or load it, and call it."""
+        *_, once, long = key
         arrays = [x for x in leaves if eqx.is_array_like(x)]
         options = (_OPTIONS_ONCE_LONG if long else _OPTIONS_ONCE) if once else OPTIONS
         begin = time.perf_counter()
-        program = self._loaded_or_compiled(key, function, leaves, structure, types, options)
+        program = self._loaded_or_compiled(key, leaves, options)
         give_back_freed_memory()
         self.seconds += time.perf_counter() - begin
         found = jax.block_until_ready(program(*arrays))
@@ -114,12 +103,9 @@ class Compiled:
         return found
 
     def run_or_trace(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Run a program, or make it part of the one that is being traced.
+        """Run a program made by `equinox.filter_jit`, or make it part of the one being traced.
 
-        Args:
-            function: made by `equinox.filter_jit`.
-            arguments: its arguments; numbers run it, tracers (of `jax.grad`, `jax.vmap`, a
-                function that is compiled) don't.
+        Numbers run it, tracers (of `jax.grad`, `jax.vmap`, a function that is compiled) don't.
         """
         if any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(arguments)):
             return function(*arguments)
@@ -131,15 +117,10 @@ class Compiled:
         self.loaded.clear()
 
     def _loaded_or_compiled(
-        self,
-        key: Any,
-        function: Callable[..., Any],
-        leaves: list[Any],
-        structure: Any,
-        types: tuple[Any, ...],
-        options: dict[str, Any],
+        self, key: Any, leaves: list[Any], options: dict[str, Any]
     ) -> Callable[..., Any]:
         """A program, to be called with the arrays alone."""
+        function, structure, types, *_ = key
         arrays = [x for x in leaves if eqx.is_array_like(x)]
         name = kept = None
         if self.store is not None:

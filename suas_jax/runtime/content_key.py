@@ -21,13 +21,9 @@ LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", "lineax", "optimistix", "built
 
 
 class Keyed:
-    """A static argument of a program that is compared by its key alone.
+    """A static argument of a program that is compared by its key alone."""
 
-    Attributes:
-        key: what decides the compiled program; hashable, and of plain values.
-    """
-
-    key: Any
+    key: Any  # what decides the compiled program; hashable, and of plain values
 
     def __hash__(self) -> int:
         return hash(self.key)
@@ -43,12 +39,9 @@ class NoContentKeyError(ValueError):
 def content_key(value: Any) -> str:
     """Digest of a value, the same in every process.
 
-    Args:
-        value: plain values, NumPy arrays, containers, data classes and modules of them, and
-            functions and classes that their module knows by name.
-
-    Raises:
-        NoContentKeyError: part of it can't be told from its content.
+    It may consist of plain values, NumPy arrays, containers, data classes and modules of them,
+    and functions and classes that their module knows by name. Raises NoContentKeyError: part of
+    it can't be told from its content.
     """
     digest = hashlib.sha256()
     for part in _parts(value):
@@ -108,9 +101,8 @@ def _parts(value: Any) -> Iterator[bytes]:
 def named(thing: Callable[..., Any] | type) -> str:
     """The name by which a function or class is found again.
 
-    Raises:
-        NoContentKeyError: its name leads elsewhere (a lambda, a closure), or to code that is
-            not part of the key.
+    Raises NoContentKeyError: its name leads elsewhere (a lambda, a closure), or to code that is
+    not part of the key.
     """
     module = getattr(thing, "__module__", None) or ""
     name = getattr(thing, "__qualname__", "")

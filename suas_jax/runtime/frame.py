@@ -1,8 +1,7 @@
 """What a compiled program returns besides its arrays, as JSON.
 
-A program returns arrays in a row. Its frame says what they are parts of: dictionaries, named
-tuples and modules of this project, with numbers and words that were fixed when the program was
-traced. Reading a frame makes such containers and nothing else.
+A frame says what the arrays are parts of: dictionaries, named tuples and modules of this
+project, with fixed numbers and words. Reading it makes such containers and nothing else.
 """
 
 import dataclasses
@@ -26,12 +25,7 @@ def count_holes(frame: Any) -> int:
 
 
 def filled_by(call: Callable[..., Any], frame: Any) -> Callable[..., Any]:
-    """The program that puts the arrays of a call in their places.
-
-    Args:
-        call: returns a sequence of arrays.
-        frame: what is to be returned, with a `Hole` for each of them.
-    """
+    """The program that puts the arrays of a call in the places of the `Hole`s of a frame."""
     leaves, structure = jax.tree.flatten(frame)
 
     def filled(*arrays: Array) -> Any:
@@ -45,8 +39,7 @@ def filled_by(call: Callable[..., Any], frame: Any) -> Callable[..., Any]:
 def frame_to_json(frame: Any) -> Any:
     """A frame as a tree that `json.dumps` takes.
 
-    Raises:
-        NoContentKeyError: it holds something that could not be made again.
+    Raises NoContentKeyError: it holds something that could not be made again.
     """
     if frame is None or isinstance(frame, bool | int | float | str):
         return {"value": frame}
@@ -67,11 +60,7 @@ def frame_to_json(frame: Any) -> Any:
 
 
 def frame_from_json(tree: Any) -> Any:
-    """The frame that `frame_to_json` wrote.
-
-    Raises:
-        ValueError: it is none.
-    """
+    """The frame that `frame_to_json` wrote. Raises ValueError: it is none."""
     match tree:
         case "array":
             return Hole()

@@ -20,13 +20,7 @@ def jit(function: Callable[P, R]) -> Callable[P, R]:
     As `equinox.filter_jit`: arrays are traced, everything else is static, and one program
     serves all arguments of the same shapes. Apply it last, so to the gradient itself
     (``jit(jax.grad(loss))``): inside another transformation the options that save the time
-    have no effect.
-
-    Args:
-        function: a pure function of arrays, skins, loads and settings.
-
-    Returns:
-        The compiled function.
+    have no effect. The function must be pure.
 
     Raises:
         Float64Error: when called, if float64 is off.

@@ -10,8 +10,7 @@ class Float64Error(RuntimeError):
 def require_float64() -> None:
     """Refuse to compute in single precision, JAX's own default.
 
-    Raises:
-        Float64Error: float64 is off.
+    Raises Float64Error: float64 is off.
     """
     if jnp.result_type(float) != jnp.float64:
         raise Float64Error(

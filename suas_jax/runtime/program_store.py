@@ -1,10 +1,8 @@
-"""Compiled programs kept between runs, ready to call.
+"""Compiled programs kept between runs, found before anything is traced or lowered.
 
-JAX's own cache is found by the lowered program, so every run traces and lowers anew to look
-it up: most of what a command waits for. Here a program is found by what it is made from: the
-function, its static arguments, the shapes of its arrays, and the source code itself. What is
-kept is its portable form (StableHLO, see `jax.export`) and the frame of its results as JSON;
-the machine code is kept by JAX's own cache, see `machine_code`.
+They are found by function, static arguments, shapes of arrays, and the source code. What is
+kept is their portable form (StableHLO, see `jax.export`) and the frame of their results as
+JSON; the machine code is kept by JAX's own cache.
 """
 
 import contextlib
@@ -14,7 +12,7 @@ import json
 import os
 import platform
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,13 +20,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.export
 import jax.numpy as jnp
+from jax.experimental.compilation_cache import compilation_cache
 
 from suas_jax.files.cache_folder import CacheFolder
-from suas_jax.runtime.content_key import (
-    NoContentKeyError,
-    content_key,
-    source_digest,
-)
+from suas_jax.runtime.content_key import NoContentKeyError, content_key, source_digest
 from suas_jax.runtime.frame import count_holes, frame_from_json, frame_to_json
 
 _BUILT_WITH = ("jax", "jaxlib", "numpy", "equinox", "lineax", "optimistix")
@@ -36,12 +31,7 @@ _LENGTH = struct.Struct("<q")
 
 
 class KeptProgram(NamedTuple):
-    """A program in its portable form.
-
-    Attributes:
-        exported: a function of arrays that returns a tuple of arrays.
-        frame: what a call returns, with a `Hole` for each of them.
-    """
+    """A program in its portable form, and what the arrays that it returns are parts of."""
 
     exported: jax.export.Exported
     frame: Any
@@ -110,3 +100,49 @@ def _circumstances() -> tuple[Any, ...]:
     devices = (device.platform, device.device_kind, jax.device_count())
     number = str(jnp.zeros(()).dtype)
     return (source_digest(), circumstances_of_machine(), devices, number)
+
+
+def keep_machine_code(folder: CacheFolder, path: Path) -> None:
+    """Let JAX keep what it compiles in a folder that can be trusted, or nowhere.
+
+    JAX loads whatever machine code lies in its cache folder, and writes there in place. Its
+    cache's two operations, get and put, are therefore given the project's own cache folder,
+    whose entries are authenticated.
+    """
+    jax.config.update("jax_enable_compilation_cache", False)
+    with contextlib.suppress(ImportError, AttributeError):
+        # Not public; without it the cache stays off.
+        from jax._src import compilation_cache as private
+        from jax._src.compilation_cache_interface import CacheInterface
+
+        class _Checked(CacheInterface):
+            _path = path
+
+            def get(self, key: str) -> bytes | None:
+                return folder.get(f"{circumstances_of_machine()[:16]}-{key}")
+
+            def put(self, key: str, value: bytes) -> None:
+                folder.put(f"{circumstances_of_machine()[:16]}-{key}", value)
+
+        assert callable(private.get_file_cache)  # what is replaced is there
+        private.get_file_cache = lambda path: (_Checked(), path)
+        compilation_cache.reset_cache()
+        jax.config.update("jax_compilation_cache_dir", str(path))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+        jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+        jax.config.update("jax_persistent_cache_enable_xla_caches", "none")
+        jax.config.update("jax_enable_compilation_cache", True)
+
+
+@contextlib.contextmanager
+def uncached() -> Iterator[None]:
+    """Compile anew, past JAX's own cache: for measuring how long it takes."""
+    name = "jax_enable_compilation_cache"
+    before = getattr(jax.config, name)
+    jax.config.update(name, False)
+    compilation_cache.reset_cache()  # it looks at the setting once only
+    try:
+        yield
+    finally:
+        jax.config.update(name, before)
+        compilation_cache.reset_cache()

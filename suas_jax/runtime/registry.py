@@ -25,27 +25,14 @@ def model_names(package: str) -> list[str]:
 
 
 def model_module(package: str, name: str) -> ModuleType:
-    """Import the file of a model.
-
-    Args:
-        package: dotted name of the folder.
-        name: one of `model_names`.
-    """
+    """Import the file of a model, one of `model_names` of the folder."""
     return importlib.import_module(f"{package}.{name.replace('-', '_')}")
 
 
 def model_classes(package: str, base: type[T]) -> dict[str, type[T]]:
-    """Import every model of a package.
+    """Import every model of a package, by name: the one class of each file derived from `base`.
 
-    Args:
-        package: dotted name of the folder.
-        base: what a model's class is derived from; each file defines one such class.
-
-    Returns:
-        The classes by the names of their models.
-
-    Raises:
-        TypeError: a file defines no such class, or several.
+    Raises TypeError: a file defines no such class, or several.
     """
     found = {}
     for name in model_names(package):

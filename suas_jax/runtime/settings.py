@@ -9,8 +9,7 @@ import platformdirs
 
 from suas_jax.files.cache_folder import CacheFolder
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.runtime.machine_code import keep_machine_code
-from suas_jax.runtime.program_store import ProgramStore
+from suas_jax.runtime.program_store import ProgramStore, keep_machine_code
 
 
 def configure() -> None:

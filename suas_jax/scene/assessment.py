@@ -35,13 +35,15 @@ _LEAST = 1e-300
 
 
 def assess(
-    parts: SceneParts,
-    meshes: Meshes,
-    solved: Problem,
+    parts: SceneParts,  # of the scene
+    meshes: Meshes,  # of the solve
+    solved: Problem,  # the problem that was solved, of the whole or of a part
     found: State,
+    # whether the error by the mesh is wanted, NaN otherwise: on a pad it takes longer than the
+    # solve
     judged: Bool[Array, ""] | bool,
     *,
-    wall: bool,
+    wall: bool,  # whether the wall is there
 ) -> tuple[dict[str, Any], State, State]:
     """Observe a state on the whole membrane, and check it.
 
@@ -50,15 +52,6 @@ def assess(
     is judged on a part, the state is assembled on the whole as well, which also gives the
     first-order effect of what the mechanics leaves out.
 
-    Args:
-        parts: of the scene.
-        meshes: of the solve.
-        solved: the problem that was solved, of the whole or of a part.
-        found: its state.
-        judged: whether the error by the mesh is wanted, NaN otherwise: on a pad it takes
-            longer than the solve.
-        wall: whether the wall is there.
-
     Returns:
         What is observed, the state on the whole membrane, and the one that is observed.
     """
@@ -66,23 +59,19 @@ def assess(
     if meshes.solved.symmetric:
         problem = problem_of(parts, meshes.whole, wall=wall)
         state = found._replace(q=solved.mechanics.mirrored(found.q))
-    check = None
+    check, change, origin, start = None, None, problem, state
     if meshes.stability is not None:  # the error is judged on a part, which can't sway
         whole, part = (problem, state), (solved, found)
         check, change, forces = _stability(meshes, parts, whole, part, wall=wall)
         shown = state if change is None else jax.tree.map(jnp.add, state, change)
-        report = observe(parts, problem, shown, state)
-        report["volume_residual"] = volume_residual(problem, state)  # of the equilibrium
-        origin, start = solved, found
+        origin, start = part
     else:
         shown = corrected(problem, state).state
-        report = observe(parts, problem, shown, state)
-        report["volume_residual"] = volume_residual(problem, state)
-        change = None
         if problem.mechanics.corrected:
             change = jax.tree.map(lambda a, b: a - b, shown, state)
         forces = force_balance(solved, found)
-        origin, start = problem, state
+    report = observe(parts, problem, shown, state)
+    report["volume_residual"] = volume_residual(problem, state)  # of the equilibrium
     values = key_quantities(problem.mechanics, state, parts.forces)
     scales = error_scales(problem, values)
     by_model = [jnp.zeros_like(x) for x in values]
@@ -135,13 +124,21 @@ def assess(
     if change is not None:
         floor += error_beyond_first_order(parts, problem, state, report)
     report["model_error"] = relative_error(by_model, scales) + floor
-    errors = [*by_mesh, by_model]
-    report["key_quantities"] = {
-        "values": scales,
-        "errors": errors,
-        "by_mesh": parts_of_error,
-        "floor": floor,
-    }
+    errors = {"values": scales, "errors": [*by_mesh, by_model], "by_mesh": parts_of_error}
+    report["key_quantities"] = errors | {"floor": floor}
+    report["validity"] = _verdict(problem, state, forces, report, wall=wall)
+    return report, state, shown
+
+
+def _verdict(
+    problem: Problem,
+    state: State,
+    forces: tuple[Lanes, Lanes],
+    report: dict[str, Any],
+    *,
+    wall: bool,
+) -> Int[Array, " lane"]:
+    """Whether a state is an answer, and why it is none."""
     stretch, energy = report["stretch_min"], report["strain_energy_J"]
     verdict = validity(problem, state, forces, stretch, energy, report.pop("in_domain"))
     verdict = under_bodies(problem, state, verdict)
@@ -150,8 +147,7 @@ def assess(
         # solver finds states of a membrane crushed on the wall, which no growing load leads to.
         lost = (verdict == 0) & report["wall_contact"] & ~report["stable"]
         verdict = jnp.where(lost, index_of("unreachable_pressure"), verdict)
-    report["validity"] = verdict
-    return report, state, shown
+    return verdict
 
 
 def _stability(
@@ -162,11 +158,7 @@ def _stability(
     *,
     wall: bool,
 ) -> tuple[Verification, State | None, tuple[Lanes, Lanes]]:
-    """Check a state of the whole membrane on the mesh that tells whether it is stable.
-
-    Returns:
-        The verdict, the effect of what the mechanics leaves out, and the balance of forces.
-    """
+    """The verdict on a state, the effect of what is left out, and the balance of forces."""
     plan, (problem, state) = meshes.stability, whole
     if plan is None or plan.counts == meshes.whole.counts:
         check, change = verify(problem, state)
@@ -193,14 +185,7 @@ def under_bodies(
 def error_beyond_first_order(
     parts: SceneParts, problem: Problem, state: State, report: dict[str, Any]
 ) -> Lanes:
-    """Relative error that the size of the first-order effect doesn't tell.
-
-    Args:
-        parts: of the scene.
-        problem: on the whole membrane.
-        state: the equilibrium.
-        report: what is observed with the effect.
-    """
+    """Relative error that the size of the first-order effect doesn't tell."""
     mechanics = problem.mechanics
     floor = mechanics.omitted_floor + error_beyond_wall(
         problem, state, report["min_gap_m"], report["max_displacement_m"]
@@ -221,10 +206,6 @@ def error_by_squeezing(problem: Problem, state: State) -> Lanes:
     Between a body and the wall beneath it the membrane is thinner by f / (2 pi G), with the
     force f per length that passes through it. The wall's own law says what that much travel
     is worth: nothing on a soft layer, everything on a rigid wall.
-
-    Args:
-        problem: membrane with its bodies, wall, oil and loads.
-        state: the equilibrium.
     """
     mechanics, largest = problem.mechanics, jnp.zeros_like(state.pressure)
     if mechanics.wall is None:
@@ -259,14 +240,7 @@ def _between(place: Array, of: Array, gap: Array, margin: Lanes) -> Bool[Array, 
 def body_change(
     parts: SceneParts, problem: Problem, state: State, report: dict[str, Any]
 ) -> Lanes:
-    """Largest relative change of a body's force by what is left out.
-
-    Args:
-        parts: of the scene.
-        problem: membrane with its bodies, oil and loads.
-        state: the equilibrium.
-        report: what is observed with the change.
-    """
+    """Largest relative change of a body's force by what is left out, as a report has it."""
     mechanics, largest = problem.mechanics, jnp.zeros_like(state.pressure)
     shown = [load["force_N"] for load in report["loads"] if "depth_m" in load]
     width = parts.skin.geometry.width if mechanics.per_width else 1.0
@@ -284,13 +258,8 @@ def error_beyond_wall(
     """Relative error where the effect of what is left out passes a wall that the state misses.
 
     Just below the load at which the equilibrium itself reaches the wall nothing holds back the
-    first-order effect, which would touch before.
-
-    Args:
-        problem: membrane with its wall, oil and loads.
-        state: the equilibrium.
-        shown_gap: smallest gap of the state that is reported [m].
-        displacement: its largest displacement [m].
+    first-order effect, which would touch before: by its smallest gap `shown_gap` [m], relative
+    to the largest `displacement` [m].
     """
     mechanics = problem.mechanics
     if mechanics.wall is None:

@@ -20,16 +20,10 @@ from suas_jax.skin.prestress import water_rise
 def plan_for(
     scene: SceneSpec, model: str, counts: Counts, slid: tuple[float, ...] = ()
 ) -> AbstractPlan:
-    """Mesh of the whole membrane for a scene.
+    """Mesh of the whole membrane for a scene, of a model and of a size as the model orders it.
 
-    Args:
-        scene: the scene.
-        model: name of the model.
-        counts: size of the mesh, as the model orders it.
-        slid: see `AbstractModel.plan`.
-
-    Raises:
-        ConfigError: the section can't be, or a load or a taxel lies off it.
+    Of `slid` see `AbstractModel.plan`. Raises ConfigError: the section can't be, or a load or a
+    taxel lies off it.
     """
     if scene.electrodes is not None:
         check_taxels(scene.electrodes, scene.geometry)
@@ -40,11 +34,7 @@ def plan_for(
 def problem_of(parts: SceneParts, plan: AbstractPlan, *, wall: bool = False) -> Problem:
     """The discrete problem of a scene's parts on a mesh.
 
-    Args:
-        parts: of the scene.
-        plan: the mesh.
-        wall: whether the skin's wall is there; it changes nothing of a state whose gap is
-            open everywhere, and costs.
+    The skin's `wall` changes nothing of a state whose gap is open everywhere, and costs.
     """
     skin = parts.skin
     model = MODELS[plan.dimension][plan.model]
@@ -54,21 +44,15 @@ def problem_of(parts: SceneParts, plan: AbstractPlan, *, wall: bool = False) -> 
 
 
 def build_problem(
+    # says which law, oil and loads; its numbers are not used where `inputs` has them
     scene: SceneSpec,
     plan: AbstractPlan,
+    # SI values by TOML path, see `suas_jax.config.continuous_inputs`
     inputs: Mapping[str, ArrayLike],
     *,
-    wall: bool = False,
+    wall: bool = False,  # see `problem_of`
 ) -> Problem:
-    """The discrete problem of a scene as a function of its continuous inputs.
-
-    Args:
-        scene: says which law, oil and loads; its numbers are not used where `inputs` has
-            them.
-        plan: the mesh.
-        inputs: SI values by TOML path, see `suas_jax.config.continuous_inputs`.
-        wall: whether the wall is there, see `problem_of`.
-    """
+    """The same as a function of the scene's continuous inputs."""
     return problem_of(scene_parts(scene, inputs), plan, wall=wall)
 
 

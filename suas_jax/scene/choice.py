@@ -44,29 +44,17 @@ class Tried(NamedTuple):
 
 
 class Attempt(NamedTuple):
-    """One model on one mesh, in arrays.
+    """One model on one mesh, in arrays."""
 
-    Attributes:
-        report: what is observed, errors included.
-        state: the equilibrium on the whole membrane.
-        shown: the state that the report describes, see `Solution`.
-        outcome: how it was found.
-        plan: its mesh.
-        wall: whether the wall was there.
-        part: the equilibrium on the part of the mesh that is solved.
-        coarsest: the smallest mesh tried, with or without the wall as this one.
-        scene: what was solved: on the whole mesh where the skin sways.
-    """
-
-    report: dict[str, Any]
-    state: State
-    shown: State
-    outcome: dict[str, Any]
-    plan: AbstractPlan
-    wall: bool
-    part: State
-    coarsest: Tried
-    scene: SceneSpec
+    report: dict[str, Any]  # what is observed, errors included
+    state: State  # the equilibrium on the whole membrane
+    shown: State  # the state that the report describes, see `Solution`
+    outcome: dict[str, Any]  # how it was found
+    plan: AbstractPlan  # its mesh
+    wall: bool  # whether the wall was there
+    part: State  # the equilibrium on the part of the mesh that is solved
+    coarsest: Tried  # the smallest mesh tried, with or without the wall as this one
+    scene: SceneSpec  # what was solved: on the whole mesh where the skin sways
 
     @property
     def stable(self) -> bool:
@@ -131,13 +119,8 @@ def choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
     factor = stable_factor(scene, name, counts, wall=found.wall, once=once)
     if can_sway(scene, found.plan.meshes()):
         aside = with_solve(scene, symmetry=False, model=name)
-        swayed = _attempt(
-            aside,
-            name,
-            MODELS[scene.geometry.dimension][name].given(scene),
-            once=once,
-            aside=True,
-        )
+        given = MODELS[scene.geometry.dimension][name].given(scene)
+        swayed = _attempt(aside, name, given, once=once, aside=True)
         if swayed.converged and swayed.stable:
             found = swayed
     return found._replace(outcome=found.outcome | {"stable_factor": factor}), reason
@@ -258,10 +241,7 @@ def _attempt(
 
 
 def _slid(scene: SceneSpec, found: Attempt | None) -> tuple[float, ...]:
-    """Angle from where each body comes in to the material that it touches [rad].
-
-    Nothing is known where one lies flat on the skin, whose zone has two ends.
-    """
+    """Angle from where each body comes in to what it touches [rad]; none if one lies flat."""
     if found is None or not found.converged or scene.geometry.dimension == 3:
         return ()
     thickness = scene.geometry.mean_thickness
@@ -294,14 +274,9 @@ def _at_travels_of(
 
 
 def difference(scene: SceneSpec, a: dict[str, Any], b: dict[str, Any]) -> float:
-    """Relative error of the finer of two meshes, from what they say of bodies and oil.
+    """Relative error of the finer of two meshes by what both say of bodies and oil.
 
     Errors of forces fall with the square of the elements' length at least.
-
-    Args:
-        scene: with bodies.
-        a: what is observed on the coarser mesh.
-        b: on the finer one.
     """
     largest = number(b["max_displacement_m"])
     pairs = [(a["oil_pressure_Pa"], b["oil_pressure_Pa"], number(b["oil_pressure_Pa"]))]

@@ -21,11 +21,9 @@ Grid = Float[Array, "along line lane"]
 
 
 def contact_zone(contact: ContactState, geometry: SkinGeometry) -> dict[str, Any]:
-    """Force, area and extent of contact; the extent means something only where there is one.
+    """Force, area and extent of contact of the inner face at its contact points.
 
-    Args:
-        contact: the inner face at its contact points.
-        geometry: of the skin.
+    The extent means something only where there is contact.
     """
     force = jnp.sum(contact.area * contact.pressure, (0, 1))
     if contact.axial is None:  # a section: point after point along the arc
@@ -56,23 +54,16 @@ def contact_zone(contact: ContactState, geometry: SkinGeometry) -> dict[str, Any
 
 
 def body_observables(
-    contact: BodyContact,
-    body: Body,
-    factor: Lanes,
-    geometry: SkinGeometry,
-    strip: Strip | None = None,
+    contact: BodyContact,  # the outer face at its contact points
+    body: Body,  # that is pressed on it
+    factor: Lanes,  # on its travel
+    geometry: SkinGeometry,  # of the skin
+    strip: Strip | None = None,  # that it touches, where the points do not tell it
 ) -> dict[str, Any]:
     """What a body does to the skin, and where it touches.
 
     Forces are those on the skin: along the approach, and along growing angles; the moment is
     about the body's centre, counter-clockwise.
-
-    Args:
-        contact: the outer face at its contact points.
-        body: that is pressed on it.
-        factor: on its travel.
-        geometry: of the skin.
-        strip: that it touches, where the points do not tell it.
     """
     travel = factor * body.travel
     width = geometry.width if contact.axial is None else 1.0
@@ -171,11 +162,7 @@ def _over(x: Float[Array, "component lane"]) -> Float[Array, "component 1 1 lane
 
 
 def _closed(gap: Grid, place: Grid) -> tuple[Lanes, Lanes, Float[Array, "line lane"]]:
-    """Where the gap is closed along lines; between two points it is taken as linear.
-
-    Returns:
-        Smallest and largest place over all lines, and the extent on each line.
-    """
+    """Smallest and largest place where the gap along lines is closed, the extent on each."""
     first, second = gap[:-1], gap[1:]
     crosses = (first < 0) != (second < 0)
     share = jnp.where(crosses, first / jnp.where(crosses, first - second, 1.0), 0.0)

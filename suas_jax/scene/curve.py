@@ -191,13 +191,9 @@ class SwayedCurve(Curve):
 def _around_zero(
     low: float, high: float, gaps: tuple[float, float | None], count: int
 ) -> np.ndarray:
-    """Levels close to where the gap vanishes by the secant, all inside an interval.
+    """Levels near the secant's root of the gaps [m] between an open and a closed level.
 
-    Args:
-        low: level at which the gap is open.
-        high: level at which it is closed.
-        gaps: smallest gap there; None where it is not known without the wall [m].
-        count: number of levels.
+    The second gap is None where it is not known without the wall.
     """
     above, below = gaps
     inner = np.linspace(low, high, count + 2)[1:-1]

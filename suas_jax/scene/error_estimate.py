@@ -1,10 +1,8 @@
 """How far a solution is from the exact one: its mesh's share and its model's.
 
-Both are relative errors of the oil's pressure and of the mid-surface displacement, under the
-line loads and where it is largest, relative to the largest displacement. The mesh's share is a
-Newton correction on each comparison mesh, the model's is a share of the first-order effect of
-the energy that the mechanics leaves out, by which states are corrected. Either answers for all
-quantities with one linear solve, as adjoint weighting does for one quantity.
+Both are relative errors of the oil's pressure and of mid-surface displacements: by a Newton
+correction on each comparison mesh, and by a share of the first-order effect of the energy that
+the mechanics leaves out. Either takes one linear solve, as adjoint weighting does.
 """
 
 import functools
@@ -54,13 +52,7 @@ def _largest(mechanics: AbstractMechanics, q: StationVector) -> Lanes:
 def key_quantities(
     mechanics: AbstractMechanics, state: State, loads: list[DeadLoad]
 ) -> list[Lanes]:
-    """What errors are judged by: oil pressure, displacements under loads, the largest one.
-
-    Args:
-        mechanics: the membrane.
-        state: its state.
-        loads: the line loads and patches.
-    """
+    """What errors are judged by: oil pressure, displacements under loads, the largest one."""
     moved = _under_loads(mechanics, state.q, loads)
     return [state.pressure, *moved, _largest(mechanics, state.q)]
 
@@ -71,10 +63,6 @@ def error_scales(problem: Problem, values: list[Lanes]) -> list[Lanes]:
     A skin that carries stress may do so at no pressure, and hardly moved. Its scales are no
     smaller than the pressure that would buckle a half-cylinder, and than the displacement that
     would free it of its stress.
-
-    Args:
-        problem: membrane, oil and loads.
-        values: the key quantities.
     """
     if not problem.prestressed:
         return values
@@ -93,11 +81,9 @@ def _buckling(mechanics: AbstractMechanics) -> Lanes:
 
 
 def relative_error(changes: list[Lanes], values: list[Lanes]) -> Lanes:
-    """Largest of the relative errors; displacements are compared with the largest one.
+    """Largest of the key quantities' relative errors; a pressure that is zero has none.
 
-    Args:
-        changes: of the key quantities.
-        values: of the key quantities; a pressure that is zero has no error.
+    Displacements are compared with the largest one.
     """
     of_pressure = jnp.abs(changes[0]) / jnp.maximum(jnp.abs(values[0]), _TINY)
     moved = [jnp.abs(x) / values[-1] for x in changes[1:]]
@@ -114,11 +100,7 @@ def mesh_changes(
 ) -> list[Lanes]:
     """What a comparison mesh adds to the error of every key quantity.
 
-    Args:
-        share: of the difference that is error.
-        values: key quantities of the solution.
-        better: those after a Newton correction on the comparison mesh.
-        loads: the line loads and patches.
+    It is a share of the difference to those after a Newton correction on that mesh.
     """
     margin = _MESH_MARGIN if loads else _MESH_MARGIN * _PRESSURE_ALONE
     return [margin * share * (a - b) for a, b in zip(values, better, strict=True)]
@@ -147,38 +129,24 @@ def correction_mesh_changes(
     """The mesh's share of the correction: first order, by the kinks of a mid-line that shears.
 
     It is kept apart from that of the equilibrium: the two may cancel on one mesh.
-
-    Args:
-        solved: on the mesh of the solve.
-        finer: on the comparison mesh.
-        loads: the line loads.
     """
     pairs = zip(solved.changes(loads), finer.changes(loads), strict=True)
     return [2.0 * (here - there) for here, there in pairs]
 
 
 def model_changes(solved: Corrected, loads: list[DeadLoad]) -> list[Lanes]:
-    """The model's share: what remains of its error after the correction.
-
-    Args:
-        solved: the equilibrium and its correction.
-        loads: the line loads and patches.
-    """
+    """The model's share: what remains of its error after the correction."""
     *changes, largest = solved.changes(loads)
     margin = solved.problem.mechanics.omitted_margin
     return [margin * x for x in (*changes, _PRESSURE_ALONE * largest)]
 
 
 class Bounded(NamedTuple):
-    """How far the model can be trusted at a state.
+    """How far the model can be trusted at a state."""
 
-    Attributes:
-        error: bound of its relative error.
-        result: index of the outcome: `beyond_model` where the error exceeds `MODEL_LIMIT`,
-            or the wall's share of it `WALL_LIMIT`.
-    """
-
-    error: Lanes
+    error: Lanes  # bound of its relative error
+    # index of the outcome: `beyond_model` where the error exceeds `MODEL_LIMIT`, or the wall's
+    # share of it `WALL_LIMIT`
     result: Int[Array, " lane"]
 
 

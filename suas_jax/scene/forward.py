@@ -8,8 +8,7 @@
 
 With the default 32 elements of a section SO is within 1e-3 of the converged shell at the load
 and 5e-5 in the mean over the pad (`benchmarks/sensing_accuracy.py`), which is the shell's own
-model error. States carry the first-order effect of transverse shear, which the thin shell
-leaves out.
+model error. States carry the first-order effect of transverse shear.
 """
 
 import dataclasses
@@ -42,28 +41,19 @@ _VARIED = ("angle", "force", "turn", "axial", "tilt", "diameter")
 
 
 class SensorOutput(NamedTuple):
-    """What a skin says about its loads; every entry has a lane axis.
+    """What a skin says about its loads; every entry has a lane axis."""
 
-    Attributes:
-        readings: gap, capacitance and SO of every taxel.
-        oil_pressure: above ambient [Pa].
-        wall_force: that the wall carries [N]; zero where the skin has none.
-        min_gap: smallest between membrane and wall, over all of the skin [m].
-        state: the shell's equilibrium, to start a neighbouring one on the same mesh from.
-        error: bound of the relative error that the thin shell makes in pressure and
-            displacement; that of the mesh is not in it.
-        result: index of the outcome (`suas_jax.equilibrium.outcomes`), 0 where converged.
-            `beyond_model` names a state whose `error` exceeds 0.3, or that went through the
-            wall. Where no equilibrium
-            was found, everything else belongs to the last one before the failure.
-    """
-
-    readings: Readings
-    oil_pressure: Lanes
-    wall_force: Lanes
-    min_gap: Lanes
-    state: State
+    readings: Readings  # gap, capacitance and SO of every taxel
+    oil_pressure: Lanes  # above ambient [Pa]
+    wall_force: Lanes  # that the wall carries [N]; zero where the skin has none
+    min_gap: Lanes  # smallest between membrane and wall, over all of the skin [m]
+    state: State  # the shell's equilibrium, to start a neighbouring one on the same mesh from
+    # bound of the relative error that the thin shell makes in pressure and displacement; that
+    # of the mesh is not in it
     error: Lanes
+    # index of the outcome (`suas_jax.equilibrium.outcomes`), 0 where converged. `beyond_model`
+    # names a state whose `error` exceeds 0.3, or that went through the wall. Where no
+    # equilibrium was found, everything else belongs to the last one before the failure.
     result: Int[Array, " lane"]
 
     @property
@@ -187,13 +177,7 @@ def _read(
 
 
 def _at_wall(skin: Skin, found: Corrected, mechanics: AbstractMechanics) -> tuple[Lanes, Lanes]:
-    """Smallest gap [m], and the force that the wall carries [N].
-
-    Args:
-        skin: the skin.
-        found: its state.
-        mechanics: in whose wall's terms the equilibrium is.
-    """
+    """Smallest gap [m], and the force that the wall of some mechanics carries [N]."""
     root, shown, seen = found
     force, contact = jnp.zeros_like(shown.pressure), None
     if skin.wall is not None:
@@ -212,20 +196,12 @@ def load_jacobian(
 ) -> tuple[SensorOutput, Float[Array, "kind load taxel lane"]]:
     """Sensor output and its exact derivatives by angle, force and turn of every load.
 
-    All columns share one factorisation of the tangent. Compiled as `forward` is.
-
-    Args:
-        skin: the skin.
-        loads: what acts on it.
-        start: state of a neighbouring equilibrium.
+    All columns share one factorisation of the tangent. Arguments, errors and compilation are
+    those of `forward`.
 
     Returns:
         The output, and the derivatives of SO by (angle [rad], force [N], turn [rad]); of
         patches also by axial position [m], tilt [rad] and diameter [m].
-
-    Raises:
-        ValueError: see `forward`.
-        Float64Error: float64 is off.
     """
     require_float64()
     skin = _meshed(skin, loads)

@@ -1,8 +1,4 @@
-"""Indentation curves: a scene solved at one travel of its bodies after the other.
-
-They need no program of their own: that of the scene takes travels as numbers, and starts from
-the state of the point before.
-"""
+"""Indentation curves: a scene solved at one travel of its bodies after the other."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Self
@@ -32,21 +28,13 @@ class Point(NamedTuple):
 
 
 class IndentationCurve(NamedTuple):
-    """A scene whose bodies travel.
+    """A scene whose bodies travel."""
 
-    Attributes:
-        scene: pressed in most.
-        shares: of the largest travel, by the path of every body's own.
-        model: it is solved with.
-        plan: the mesh.
-        wall: whether the wall is touched where the bodies are in most.
-    """
-
-    scene: SceneSpec
-    shares: Mapping[str, float]
-    model: AbstractModel
-    plan: AbstractPlan
-    wall: bool
+    scene: SceneSpec  # pressed in most
+    shares: Mapping[str, float]  # of the largest travel, by the path of every body's own
+    model: AbstractModel  # it is solved with
+    plan: AbstractPlan  # the mesh
+    wall: bool  # whether the wall is touched where the bodies are in most
 
     @classmethod
     def of(cls, scene: SceneSpec, shares: Mapping[str, float]) -> Self:
@@ -108,16 +96,9 @@ class IndentationCurve(NamedTuple):
                 break
             found = plain(point.report)
             if found["min_gap_m"] <= 0:
-                high, best = (
-                    middle,
-                    found
-                    | {
-                        "loads": [
-                            {"kind": spec.kind, **load}
-                            for spec, load in zip(self.scene.loads, found["loads"], strict=True)
-                        ]
-                    },
-                )
+                loads = zip(self.scene.loads, found["loads"], strict=True)
+                named = [{"kind": spec.kind, **load} for spec, load in loads]
+                high, best = middle, found | {"loads": named}
             else:
                 low, start = middle, point.part
         return contact_of(best) | {"depth_m": high}

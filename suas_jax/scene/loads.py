@@ -49,12 +49,12 @@ class Loads(eqx.Module):
 
     @classmethod
     def line(cls, angle: ArrayLike, force: ArrayLike, turn: ArrayLike = 0.0) -> "Loads":
-        """Line loads: one a lane, or several.
+        """Line loads: each argument one value, one a lane, or [load, lane].
 
         Args:
-            angle: one value, one a lane, or [load, lane] [rad].
-            force: likewise [N].
-            turn: likewise, from the inward radial [rad].
+            angle: [rad].
+            force: [N].
+            turn: from the inward radial [rad].
 
         Raises:
             Float64Error: float64 is off.
@@ -65,25 +65,16 @@ class Loads(eqx.Module):
     @classmethod
     def patch(
         cls,
-        angle: ArrayLike,
-        axial: ArrayLike,
-        force: ArrayLike,
-        diameter: ArrayLike,
-        turn: ArrayLike = 0.0,
-        tilt: ArrayLike = 0.0,
+        angle: ArrayLike,  # [rad]
+        axial: ArrayLike,  # [m]
+        force: ArrayLike,  # [N]
+        diameter: ArrayLike,  # [m]
+        turn: ArrayLike = 0.0,  # from the inward radial [rad]
+        tilt: ArrayLike = 0.0,  # out of the section's plane towards +axial [rad]
     ) -> "Loads":
-        """Round patches on a pad: one a lane, or several.
+        """Round patches on a pad: each argument one value, one a lane, or [patch, lane].
 
-        Args:
-            angle: one value, one a lane, or [patch, lane] [rad].
-            axial: likewise [m].
-            force: likewise [N].
-            diameter: likewise [m].
-            turn: likewise, from the inward radial [rad].
-            tilt: likewise, out of the section's plane towards +axial [rad].
-
-        Raises:
-            Float64Error: float64 is off.
+        Raises Float64Error: float64 is off.
         """
         require_float64()
         given = [_rows(x) for x in (angle, force, turn, axial, diameter, tilt)]
@@ -99,14 +90,9 @@ class Loads(eqx.Module):
         return jax.tree.map(lambda x: jnp.broadcast_to(x, (*x.shape[:-1], lanes)), self)
 
     def points(self, breaks: Float[Array, "break #lane"], geometry: SkinGeometry) -> LoadPoints:
-        """Line loads as points inside elements of a section.
+        """Line loads as points inside elements of a section between breaks [rad].
 
-        Args:
-            breaks: angles of the stations [rad].
-            geometry: dimensions.
-
-        Raises:
-            ValueError: these are patches.
+        Raises ValueError: these are patches.
         """
         if self.axial is not None:
             raise ValueError(
@@ -123,8 +109,7 @@ class Loads(eqx.Module):
     def discs(self) -> tuple[Array, Array, Array]:
         """Angles [rad], axial positions [m] and diameters [m] of patches.
 
-        Raises:
-            ValueError: these are line loads.
+        Raises ValueError: these are line loads.
         """
         if self.axial is None or self.diameter is None:
             raise ValueError("a pad takes round patches, `Loads.patch`; these are line loads")
@@ -133,8 +118,7 @@ class Loads(eqx.Module):
     def patches(self) -> list[PadLoad]:
         """Patches as the mechanics of a pad takes them.
 
-        Raises:
-            ValueError: these are line loads.
+        Raises ValueError: these are line loads.
         """
         angle, axial, diameter = self.discs()
         tilt = jnp.zeros_like(self.turn) if self.tilt is None else self.tilt
@@ -150,9 +134,7 @@ def _rows(x: ArrayLike) -> Array:
 
 
 def loads_of(scene: SceneSpec, inputs: Mapping[str, ArrayLike] | None = None) -> Loads:
-    """The loads of a scene as `forward` takes them.
-
-    Loads that are spread over an arc become a few points of one direction.
+    """The loads of a scene as `forward` takes them; one that is spread becomes a few points.
 
     Args:
         scene: its [[load]] tables: lines of a section, or discs of a pad, and pressures.

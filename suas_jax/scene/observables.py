@@ -1,8 +1,4 @@
-"""What a user reads off an equilibrium: displacements, gaps, stretches, stability.
-
-Everything here is a smooth function of the state and the inputs, so that any of it can be
-differentiated.
-"""
+"""What a user reads off an equilibrium, as smooth functions of the state and the inputs."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -33,21 +29,13 @@ def place_of(parts: SceneParts, name: str, angle: Array) -> dict[str, Array]:
 
 
 def load_observables(
-    parts: SceneParts,
-    problem: Problem,
-    state: State,
-    held: AbstractMechanics,
-    root: State | None,
+    parts: SceneParts,  # of the scene
+    problem: Problem,  # to read the state with
+    state: State,  # to report
+    held: AbstractMechanics,  # the membrane with what it touches
+    root: State | None,  # see `observe`
 ) -> list[dict[str, Any]]:
-    """Position, force and displacement of every load, in the order of the file.
-
-    Args:
-        parts: of the scene.
-        problem: to read the state with.
-        state: to report.
-        held: the membrane with what it touches.
-        root: see `observe`.
-    """
+    """Position, force and displacement of every load, in the order of the file."""
     forces, pressures = iter(parts.forces), iter(parts.pressures)
     bodies = iter(parts.bodies)
     geometry = parts.skin.geometry
@@ -118,11 +106,8 @@ def observe(
 ) -> dict[str, Any]:
     """Everything a solve reports about a state, in SI units, with a lane axis.
 
-    Args:
-        parts: of the scene.
-        problem: its discrete problem on the whole membrane.
-        state: to report.
-        root: the equilibrium that the state is a first-order correction of, if it is one.
+    The problem is on the whole membrane; `root` is the equilibrium that the state is a
+    first-order correction of, if it is one.
     """
     held, geometry = problem.mechanics, parts.skin.geometry
     if root is not None:

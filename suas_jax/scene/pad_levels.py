@@ -29,21 +29,15 @@ _SMALL = 1e-3  # tangential force of differences, in terms of the loads'
 
 
 class PadReadings(NamedTuple):
-    """What a pad says about its loads at several levels of them.
+    """What a pad says about its loads at several levels of them."""
 
-    Attributes:
-        so: continuous sensor output [counts]; NaN where the membrane touches the electrode.
-        pressure: of the oil, above ambient [Pa].
-        min_gap: smallest between membrane and wall [m].
-        found: whether the equilibrium was found.
-        across: derivatives of `so` and, last, of the pressure by a force on the same patch
-            along growing angles, and by one along the axis [1/N]; NaN where not asked for.
-    """
-
+    # continuous sensor output [counts]; NaN where the membrane touches the electrode
     so: Float[Array, "level taxel"]
-    pressure: Float[Array, " level"]
-    min_gap: Float[Array, " level"]
-    found: Bool[Array, " level"]
+    pressure: Float[Array, " level"]  # of the oil, above ambient [Pa]
+    min_gap: Float[Array, " level"]  # smallest between membrane and wall [m]
+    found: Bool[Array, " level"]  # whether the equilibrium was found
+    # derivatives of `so` and, last, of the pressure by a force on the same patch along growing
+    # angles, and by one along the axis [1/N]; NaN where not asked for
     across: Float[Array, "level 2 channel"]
 
 
@@ -52,15 +46,8 @@ def _with_shear(
 ) -> tuple[State, BorderedVector, Bool[Array, " lane"]]:
     """Newton's method from a state nearby, and the first-order effect of the omitted energy.
 
-    The last correction's factors serve the omitted energy, too.
-
-    Args:
-        problem: membrane, oil and loads; one lane.
-        y: a state near the equilibrium.
-        level: factor on the loads.
-
-    Returns:
-        The state with what the shell leaves out, the shell's own, and whether it was found.
+    The last correction's factors serve the omitted energy, too. Returns the state with what
+    the shell leaves out, the shell's own, and whether it was found.
     """
     mechanics = problem.mechanics
 
@@ -94,22 +81,16 @@ def _with_shear(
 
 
 def readings_along(
-    skin: Skin,
-    loads: Loads,
-    levels: Float[Array, " level"],
+    skin: Skin,  # the pad, with a mesh
+    loads: Loads,  # patches in one lane, with their largest forces
+    levels: Float[Array, " level"],  # factors on the forces, in the order to visit
+    # of the states before, rest first, in the state that the next one starts from, see
+    # `extrapolation`
     weights: Float[Array, "level level"],
+    # levels at which derivatives by tangential forces are wanted
     across: Bool[Array, " level"],
 ) -> PadReadings:
-    """Readings along a path of loads that starts at rest.
-
-    Args:
-        skin: the pad, with a mesh.
-        loads: patches in one lane, with their largest forces.
-        levels: factors on the forces, in the order to visit.
-        weights: of the states before, rest first, in the state that the next one starts
-            from, see `extrapolation`.
-        across: levels at which derivatives by tangential forces are wanted.
-    """
+    """Readings along a path of loads that starts at rest."""
     problem = skin.problem(loads)
     rest = settled(problem, 1, LoadStepping()).y
     history = jax.tree.map(lambda x: jnp.zeros((len(levels), *x.shape)).at[0].set(x), rest)
@@ -149,13 +130,7 @@ def _across(skin: Skin, loads: Loads, y: BorderedVector, state: State) -> Array:
 
     With K the tangent and w_T the work of a force of 1 N, dq/dT = K^-1 dw_T/dq; readings are
     taken at q + e dq/dT, e a thousandth of the load, whose search for the point over each taxel
-    is dear to differentiate.
-
-    Args:
-        skin: the pad, meshed.
-        loads: one patch in one lane.
-        y: the shell's state.
-        state: the same with what the shell leaves out.
+    is dear to differentiate. `y` is the shell's state, `state` has what the shell leaves out.
     """
     one, zero = jnp.ones_like(loads.force), jnp.zeros_like(loads.force)
     quarter = jnp.pi / 2 * one
@@ -181,14 +156,9 @@ def _across(skin: Skin, loads: Loads, y: BorderedVector, state: State) -> Array:
 
 
 def extrapolation(levels: np.ndarray, order: int = 3) -> np.ndarray:
-    """Weights of the states at rest and at earlier levels in a polynomial at the next one.
+    """Weights of earlier states in a polynomial of an order at the next of the levels to visit.
 
-    Args:
-        levels: factors on the loads, in the order to visit.
-        order: most of the polynomial.
-
-    Returns:
-        A row a level, a column for rest and each level but the last.
+    A row a level, a column for rest and each level but the last.
     """
     weights = np.zeros((len(levels), len(levels)))
     places = np.concatenate([[0.0], levels])

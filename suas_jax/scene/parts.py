@@ -1,10 +1,5 @@
-"""The parts of a scene, made once from its numbers: geometry, law, oil, loads, electrodes.
+"""The parts of a scene, made once from its numbers (`continuous_inputs`), traced or not."""
 
-The forward model is a pure function of `continuous_inputs`: this file maps those numbers,
-traced or not, to objects. The scene itself only says which classes.
-"""
-
-import functools
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -32,28 +27,17 @@ from suas_jax.skin.wall import RigidLimit, Wall
 
 
 class SkinParts(NamedTuple):
-    """A skin's objects; arrays have a lane axis.
+    """A skin's objects; arrays have a lane axis."""
 
-    Attributes:
-        geometry: dimensions.
-        law: the membrane's material.
-        oil: how the oil answers.
-        electrodes: taxels and the converter's scale; None where nothing is sensed.
-        wall: what may hold the membrane; None where it passes through.
-    """
-
-    geometry: SkinGeometry
-    law: AbstractLaw
-    oil: AbstractOil
+    geometry: SkinGeometry  # dimensions
+    law: AbstractLaw  # the membrane's material
+    oil: AbstractOil  # how the oil answers
+    # taxels and the converter's scale; None where nothing is sensed
     electrodes: Electrodes | None
-    wall: Wall | None
+    wall: Wall | None  # what may hold the membrane; None where it passes through
 
     def sensing(self) -> Electrodes:
-        """The electrodes of a skin that has to have them.
-
-        Raises:
-            ValueError: it has none.
-        """
+        """The electrodes; ValueError where the skin has none."""
         if self.electrodes is None:
             raise ValueError(
                 "the skin has no [electrodes], so there is nothing to sense: add them to the "
@@ -63,25 +47,16 @@ class SkinParts(NamedTuple):
 
 
 class SceneParts(NamedTuple):
-    """A scene's objects; arrays have a lane axis.
+    """A scene's objects; arrays have a lane axis."""
 
-    Attributes:
-        skin: the skin's objects.
-        forces: the dead loads, in the order of the file.
-        bodies: that are pressed on the skin, in the order of the file.
-        pressures: of the uniform pressure loads, in the order of the file [Pa].
-        oil_pressure: wanted oil pressure [Pa]; None where loads are given as they are.
-        ambient_pressure: of the water around [Pa]; None where no depth is given.
-        scene: the specification, which says how to solve and what to call things.
-    """
-
-    skin: SkinParts
-    forces: list[DeadLoad]
-    bodies: list[Body]
-    pressures: list[Lanes]
+    skin: SkinParts  # the skin's objects
+    forces: list[DeadLoad]  # the dead loads, in the order of the file
+    bodies: list[Body]  # that are pressed on the skin, in the order of the file
+    pressures: list[Lanes]  # of the uniform pressure loads, in the order of the file [Pa]
+    # wanted oil pressure [Pa]; None where loads are given as they are
     oil_pressure: Lanes | None
-    ambient_pressure: Lanes | None
-    scene: SceneSpec
+    ambient_pressure: Lanes | None  # of the water around [Pa]; None where no depth is given
+    scene: SceneSpec  # the specification, which says how to solve and what to call things
 
     @property
     def external_pressure(self) -> Lanes:
@@ -122,12 +97,9 @@ def skin_parts(spec: SkinSpec, inputs: Mapping[str, ArrayLike]) -> SkinParts:
 def scene_parts(
     scene: SceneSpec, inputs: Mapping[str, ArrayLike], law: AbstractLaw | None = None
 ) -> SceneParts:
-    """Make a scene's objects.
+    """Make a scene's objects, as `skin_parts` does a skin's.
 
-    Args:
-        scene: says which classes; its numbers are not used where `inputs` has them.
-        inputs: SI values by TOML path, see `suas_jax.config.continuous_inputs`.
-        law: the membrane's material, its constants with a lane axis, if not the scene's own.
+    The membrane's `law`, its constants with a lane axis, may be another than the scene's own.
     """
     numbers = _all_numbers(scene, inputs)
     skin = _skin(scene, numbers, law)
@@ -140,15 +112,15 @@ def scene_parts(
         if spec.kind == "pressure":
             pressures.append(_lane(numbers[path + "pressure"]))
             continue
-        value = functools.partial(_value, numbers, path)
-        lane = functools.partial(_lane_of, value)
+        lane = _lanes_of_load(numbers, path)
         if spec.kind == "body":
             places = angle_of(spec, section, lane), None if flat else lane("axial")
             rigid = RigidLimit.of(skin.law.shear_modulus, skin.geometry.thickness)
             bodies.append(Body.of(spec, section, places, lane, rigid))
         elif not flat:
             angle = angle_of(spec, section, lane)
-            forces.append(PadLoad.of(spec, angle, value, skin.geometry.width))
+            value = {k.removeprefix(path): x for k, x in numbers.items() if k.startswith(path)}
+            forces.append(PadLoad.of(spec, angle, value.__getitem__, skin.geometry.width))
         else:
             assert spec.kind == "line"  # a scene with a patch in plane strain is refused
             forces.append(LineLoad.of(spec, section, lane))
@@ -157,7 +129,7 @@ def scene_parts(
         wanted = _lane(numbers["solve.oil_pressure"])
     environment = scene.environment
     if environment is not None and environment.depth is not None:
-        ambient = ambient_pressure(functools.partial(_lane_at, numbers))
+        ambient = ambient_pressure(_lanes_in(numbers))
     return SceneParts(skin, forces, bodies, pressures, wanted, ambient, scene)
 
 
@@ -171,52 +143,36 @@ def _all_numbers(spec: SkinSpec, inputs: Mapping[str, ArrayLike]) -> dict[str, A
     return {**dict(structure(spec)), **inputs}
 
 
-def _value(numbers: Mapping[str, Any], path: str, name: str) -> Any:
-    return numbers[path + name]
-
-
-def _lane_of(value: Callable[[str], Any], key: str) -> Array:
-    found = value(key)
-    return _lane(0.0 if found is None else found)
-
-
 def _lane(value: Any) -> Array:
     return jnp.asarray(value, float)[..., None]
 
 
-def _lane_at(numbers: Mapping[str, Any], path: str) -> Array:
-    return _lane(numbers[path])
+def _lanes_in(numbers: Mapping[str, Any], table: str = "") -> Callable[[str], Array]:
+    """Values of a table by key, with a lane axis."""
+    return lambda key: _lane(numbers[table + key])
+
+
+def _lanes_of_load(numbers: Mapping[str, Any], table: str) -> Callable[[str], Array]:
+    """The same of a load, whose keys may be left out."""
+    return lambda key: _lane(0.0 if (x := numbers[table + key]) is None else x)
 
 
 def _skin(
     spec: SkinSpec, numbers: Mapping[str, Any], law: AbstractLaw | None = None
 ) -> SkinParts:
-    prestress = Prestress.of(spec, functools.partial(_lane_at, numbers))
-    geometry = build_geometry(
-        spec.geometry, lambda key: _lane_at(numbers, f"geometry.{key}"), prestress
-    )
+    prestress = Prestress.of(spec, _lanes_in(numbers))
+    geometry = build_geometry(spec.geometry, _lanes_in(numbers, "geometry."), prestress)
     electrodes = electrodes_of(spec, numbers, geometry, prestress.warmed)
     law = law or _law(spec, numbers)
-    wall = _wall(spec, geometry, law, numbers)
-    oil = prestress.contain(_oil(spec, numbers))
+    wall = None
+    if spec.wall.contact:
+        lane, layer = _lanes_in(numbers, "wall.layer."), None
+        if spec.wall.layer is not None:
+            layer = lane("thickness"), lane("stiffness")
+        wall = Wall.of(geometry, law.shear_modulus, layer)
+    oil = prestress.contain(build_oil(spec.oil, _lanes_in(numbers, "oil.")))
     return SkinParts(geometry, law, oil, electrodes, wall)
 
 
-def _wall(
-    spec: SkinSpec, geometry: SkinGeometry, law: AbstractLaw, numbers: Mapping[str, Any]
-) -> Wall | None:
-    if not spec.wall.contact:
-        return None
-    layer = None
-    if spec.wall.layer is not None:
-        path = "wall.layer."
-        layer = (_lane(numbers[path + "thickness"]), _lane(numbers[path + "stiffness"]))
-    return Wall.of(geometry, law.shear_modulus, layer)
-
-
 def _law(spec: SkinSpec, numbers: Mapping[str, Any]) -> AbstractLaw:
-    return build_law(spec.material, lambda path: _lane(numbers[f"material.{path}"]))
-
-
-def _oil(spec: SkinSpec, numbers: Mapping[str, Any]) -> AbstractOil:
-    return build_oil(spec.oil, lambda key: _lane(numbers[f"oil.{key}"]))
+    return build_law(spec.material, _lanes_in(numbers, "material."))

@@ -1,7 +1,7 @@
 """The compiled program of a scene on one mesh, and what it takes.
 
-One program finds the equilibrium, estimates its error and reads what is reported, for a given
-structure of scene and number of elements; the numbers of the scene are its arguments.
+It solves, estimates the error and reads what is reported, for a structure of scene and a number
+of elements; the numbers of the scene are its arguments.
 """
 
 import functools
@@ -85,9 +85,8 @@ def run_program(
 ) -> tuple[dict[str, Any], State, State, State, dict[str, Any]]:
     """The program of a scene from a start; from rest where that leads nowhere.
 
-    Where nothing acts on the skin nothing is solved: the report is that of the undeformed skin.
-    Bodies that are pressed by a force take the travel at which they carry it, unless the inputs
-    give it.
+    Where nothing acts on the skin the report is that of the undeformed skin. Bodies that are
+    pressed by a force take the travel at which they carry it, unless the inputs give it.
 
     Returns:
         What is observed; the equilibrium, the state to report and that of the part solved; how
@@ -136,14 +135,7 @@ class Prepared(NamedTuple):
 def prepared(
     scene: SceneSpec, name: str, counts: Counts, slid: tuple[float, ...] = ()
 ) -> Prepared:
-    """Mesh, inputs and start of a scene's program.
-
-    Args:
-        scene: what to solve.
-        name: of the model.
-        counts: size of its mesh.
-        slid: see `AbstractModel.plan`.
-    """
+    """Mesh of a model and a size, inputs and start of a scene's program; see `plan_for`."""
     plan = plan_for(scene, name, counts, slid)
     meshes = meshes_of(scene, plan)
     return Prepared(plan, meshes, inputs_of(scene), at_rest(meshes.solved))

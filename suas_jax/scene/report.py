@@ -32,19 +32,13 @@ def plain(tree: dict[str, Any], row: int = 0) -> dict[str, Any]:
 
 
 def report_of(
-    scene: SceneSpec,
-    observed: dict[str, Any],
-    outcome: dict[str, Any],
+    scene: SceneSpec,  # what was solved
+    observed: dict[str, Any],  # of the state
+    outcome: dict[str, Any],  # how it was found
+    # of the same skin without loads, where it carries stress then
     rest: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """The report of one state, in the order of the contract.
-
-    Args:
-        scene: what was solved.
-        observed: of the state.
-        outcome: how it was found.
-        rest: of the same skin without loads, where it carries stress then.
-    """
+    """The report of one state, in the order of the contract."""
     kinds = [{"kind": load.kind} for load in scene.loads]
     loads = [kind | load for kind, load in zip(kinds, observed["loads"], strict=True)]
     taxels = taxel_rows(scene, observed.pop("taxels", {}))
@@ -105,12 +99,8 @@ def wall_force_error(report: dict[str, Any], error: float) -> float:
     """Estimated error of the force on the wall [N]: that of the loads at first contact.
 
     Beyond first contact nearly all further load goes into the wall, so its force misses what
-    the load at first contact misses. That load is as wrong as displacements and pressure are,
-    and the share of it, whatever the wall carries.
-
-    Args:
-        report: of a state in contact.
-        error: estimated, relative.
+    the load at first contact misses. That load is as wrong as displacements and pressure are
+    (`error`, relative), and the share of it, whatever the wall carries.
     """
     loads = sum(abs(load.get("force_N", 0.0)) for load in report["loads"])
     return error * max(loads, report["wall"]["force_N"])
@@ -145,12 +135,7 @@ def _remarks(scene: SceneSpec, report: dict[str, Any], error: float | None) -> l
 
 
 def _sway(stable: bool, factor: float | None) -> list[str]:
-    """What became of a state that is not stable, or was not.
-
-    Args:
-        stable: whether the state that is reported is.
-        factor: on the loads, at which the path from rest stops being stable.
-    """
+    """What became of a state that is not stable, or was not, beyond a factor on the loads."""
     share = "" if factor is None else f" from {100 * factor:.3g} % of the load on"
     if not stable:
         return [f"The equilibrium is unstable{share}: a real membrane leaves it."]

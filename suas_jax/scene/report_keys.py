@@ -117,14 +117,9 @@ TAXEL_KEYS = {
 
 
 def require_reported(path: str, loads: int) -> None:
-    """Refuse a path that no report has, before a scene is solved for it.
+    """Refuse a path that no report has, before a scene of so many loads is solved for it.
 
-    Args:
-        path: of a quantity, such as ``oil_pressure_Pa`` or ``loads.0.displacement_m``.
-        loads: number of the scene's loads.
-
-    Raises:
-        ValueError: no report has it.
+    Raises ValueError: names what there is, such as ``loads.0.displacement_m``.
     """
     table, *rest = path.split(".")
     known = {"loads": LOAD_KEYS, "taxels": TAXEL_KEYS}.get(table)

@@ -1,10 +1,8 @@
 """A skin as differentiable arrays: a section in plane strain, or a pad in three dimensions.
 
-`solve` makes a mesh for each scene and estimates its error. A `Skin` is made once, for loads
-anywhere. A section has one even mesh: a load lies inside an element and slides from one to the
-next, so one compiled program serves every load, and loads may pass one another. A pad has a
-mesh graded around its loads (`Skin.around`); those of one size differ in numbers alone, so one
-program serves them, too.
+A `Skin` is made once, for loads anywhere. A section has one even mesh: loads slide from element
+to element, so one program serves them all. A pad has a mesh graded around its loads
+(`Skin.around`); those of one size differ in numbers alone.
 """
 
 import dataclasses
@@ -77,11 +75,7 @@ class Skin(eqx.Module):
     def around(self, loads: Loads) -> "Skin":
         """The pad with meshes graded around its loads, one a lane; a section as it is.
 
-        Args:
-            loads: patches with known places.
-
-        Raises:
-            ValueError: a pad's dimensions or its loads' places are traced.
+        Raises ValueError: a pad's dimensions or its loads' places are traced.
         """
         if not isinstance(self.elements, tuple):
             return self

@@ -40,11 +40,6 @@ def _effect(
 def rest_of(scene: SceneSpec, found: Attempt, *, once: bool) -> dict[str, Any]:
     """Solve a scene without its loads, on the mesh that it was solved on.
 
-    Args:
-        scene: the scene.
-        found: its solution.
-        once: whether programs run once.
-
     Returns:
         The keys of `REST_KEYS`; a rest that was not found is unstable, and has no more.
     """
@@ -128,9 +123,8 @@ class Solution:
     def read(self, reading: Callable[[Problem, State, State], Any]) -> Any:
         """What a function reads of the solved states, as NumPy arrays, by one program.
 
-        Args:
-            reading: of the problem on the whole membrane, the equilibrium and the state to
-                report. The program is kept where its module knows the function by name.
+        It is given the problem on the whole membrane, the equilibrium and the state to report;
+        the program is kept where its module knows the function by name.
         """
         scene = structure_of(self.scene, wall=self.wall)
         states = self.state, self.shown
@@ -195,16 +189,13 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
 def report_with(
     solution: Solution, inputs: Mapping[str, float], *, judged: bool = False
 ) -> dict[str, Any] | None:
-    """What a solution's scene reports with other numbers.
+    """What a solution's scene reports with other numbers; None where no solution was found.
 
     Args:
         solution: of the scene; nothing is compiled anew.
         inputs: SI values by TOML path that replace the scene's own.
         judged: whether errors are wanted, on the solution's own mesh; without them it is the
             smallest mesh that was tried.
-
-    Returns:
-        The observed quantities; None where no solution was found.
     """
     scene = solution.scene
     plan, start = (solution.plan, solution.part) if judged else solution.coarsest

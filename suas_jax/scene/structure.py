@@ -11,12 +11,7 @@ Inputs = Mapping[str, ArrayLike]
 
 
 class Structure(Keyed):
-    """A scene compared by what decides the compiled program: all but its numbers.
-
-    Args:
-        scene: the scene.
-        wall: whether the wall is there, see `problem_of`.
-    """
+    """A scene compared by what decides the compiled program, with its wall or without it."""
 
     def __init__(self, scene: SceneSpec, *, wall: bool = False) -> None:
         self.scene = scene

@@ -1,8 +1,7 @@
 """Skins that sway: where a symmetric equilibrium is unstable, the branch that a membrane takes.
 
-A symmetric skin under symmetric loads has a symmetric equilibrium, which half a mesh finds. It
-can be unstable: a tall arch leaves it sideways, one way or the other. The branch is reached as
-a real skin reaches it, by loads a little off their places, and followed to where they belong.
+It is reached as a real skin reaches it, by loads a little off their places, and followed to
+where they belong.
 """
 
 from collections.abc import Mapping
@@ -24,12 +23,7 @@ Inputs = Mapping[str, np.ndarray]
 
 
 def can_sway(scene: SceneSpec, meshes: Meshes) -> bool:
-    """Whether symmetry was taken for granted, and loads can be moved off it.
-
-    Args:
-        scene: what was solved.
-        meshes: of the solve.
-    """
+    """Whether symmetry was taken for granted, and loads can be moved off it."""
     placed = any(load.kind != "pressure" for load in scene.loads)
     return meshes.solved.symmetric and placed and scene.solve.oil_pressure is None
 
@@ -50,15 +44,7 @@ def shifted(scene: SceneSpec, inputs: Inputs) -> dict[str, np.ndarray]:
 def stable_factor(
     scene: SceneSpec, model: str, counts: Counts, *, wall: bool, once: bool
 ) -> float:
-    """The factor on all loads at which the equilibrium stops being stable, to a per cent.
-
-    Args:
-        scene: whose equilibrium is unstable under its loads.
-        model: name of the model.
-        counts: size of its mesh.
-        wall: whether the wall is there.
-        once: whether programs are compiled to run once.
-    """
+    """The factor on all loads at which the equilibrium stops being stable, to a per cent."""
     _, meshes, inputs, rest = prepared(scene, model, counts)
     static, known = structure_of(scene, wall=wall), continuous_inputs(scene)
     ends = (".force", ".pressure", ".depth")

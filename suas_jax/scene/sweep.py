@@ -85,10 +85,10 @@ def sweep(
     oil_pressures: Sequence[float] | None = None,
     depths: Sequence[float] | None = None,
 ) -> Sweep:
-    """Follow a scene's equilibrium through rising loads.
+    """Follow a scene's equilibrium through rising loads, whose pattern is the scene's.
 
     Args:
-        scene: the scene; its loads give the pattern, which is kept.
+        scene: the scene.
         forces: sums of the line loads' magnitudes, in the order to visit [N].
         oil_pressures: instead of forces: all loads are scaled until the oil reaches these
             pressures above ambient, all of one sign, in the order to visit [Pa].
@@ -120,14 +120,9 @@ def sweep(
 
 
 def force_sweep(scene: SceneSpec, forces: Sequence[float]) -> Sweep:
-    """Scale the line loads through given total forces, their pattern kept.
+    """Scale the line loads through given total forces, see `sweep`.
 
-    Args:
-        scene: the scene; its loads give the pattern.
-        forces: sums of the loads' magnitudes, in the order to visit [N].
-
-    Raises:
-        SweepError: the scene has no force to scale, or forces aren't finite and >= 0.
+    Raises SweepError: the scene has no force to scale, or forces aren't finite and >= 0.
     """
     lines = {
         f"load.{i}.force": load.force
@@ -145,14 +140,9 @@ def force_sweep(scene: SceneSpec, forces: Sequence[float]) -> Sweep:
 
 
 def pressure_sweep(scene: SceneSpec, pressures: Sequence[float]) -> Sweep:
-    """Scale all loads so that the oil goes through given pressures.
+    """Scale all loads so that the oil goes through given pressures, see `sweep`.
 
-    Args:
-        scene: the scene; its loads give the pattern.
-        pressures: of the oil above ambient, all of one sign, in the order to visit [Pa].
-
-    Raises:
-        SweepError: the oil is vented, no load is there to scale, or signs differ.
+    Raises SweepError: the oil is vented, no load is there to scale, or signs differ.
     """
     values = np.asarray(pressures, float)
     sign = -1.0 if (values < 0).any() else 1.0
@@ -165,17 +155,11 @@ def pressure_sweep(scene: SceneSpec, pressures: Sequence[float]) -> Sweep:
 
 
 def depth_sweep(scene: SceneSpec, depths: Sequence[float]) -> Sweep:
-    """Press bodies through given travels, all other loads kept: indentation curves.
+    """Press bodies through given travels, all other loads kept, see `sweep`.
 
     Every point starts from the one before. Model and mesh are those that the deepest point
-    needs; errors are told by a second curve on a coarser mesh.
-
-    Args:
-        scene: the scene; its bodies with a depth give the pattern.
-        depths: travels of the body that is pressed in most, in the order to visit [m].
-
-    Raises:
-        SweepError: no body has a depth, or depths aren't finite.
+    needs; errors are told by a second curve on a coarser mesh. Raises SweepError: no body has a
+    depth, or depths aren't finite.
     """
     own = {
         f"load.{i}.depth": load.depth
@@ -229,15 +213,10 @@ def _sweep(scene: SceneSpec, levels: np.ndarray) -> Sweep:
 
 
 class _Attempt(NamedTuple):
-    """A load-displacement curve on one mesh.
+    """A load-displacement curve on one mesh."""
 
-    Attributes:
-        curve: the mesh and the states found.
-        points: reports at the levels.
-    """
-
-    curve: Curve
-    points: list[dict[str, Any]]
+    curve: Curve  # the mesh and the states found
+    points: list[dict[str, Any]]  # reports at the levels
 
     @classmethod
     def of(cls, scene: SceneSpec, model: str, counts: Counts, levels: np.ndarray) -> Self:

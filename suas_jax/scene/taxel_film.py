@@ -69,15 +69,10 @@ class TaxelFilm:
         return np.broadcast_to(so, self.angle.shape)
 
     def gap(self, so: Float[np.ndarray, "*frame taxel"]) -> Float[np.ndarray, "*frame taxel"]:
-        """Gap of the even film over each taxel that gives its counts [m].
+        """Gap of the even film over each taxel that gives its counts [m]; NaN where unknown.
 
-        Counts are taken from `rest`, so that the gap at rest is `rest_gap`.
-
-        Args:
-            so: readings [counts]; NaN where missing.
-
-        Returns:
-            Between wall and inner face; zero where they touch, NaN where it isn't known.
+        Counts are taken from `rest`, so that the gap at rest is `rest_gap`; zero where membrane
+        and wall touch.
         """
         as_modelled = (so - self.rest + self._model_rest).reshape(-1, len(self.rest))
         gap = _even_film(self._electrodes, jnp.asarray(as_modelled.T))

@@ -1,8 +1,7 @@
 """Bodies that are pressed or pulled along by a force: the travel at which they carry it.
 
-A solve takes travels; forces grow with them. Close to a power law, those of the approach are
-met by Newton's method in the logarithms of both; those across it, which friction carries, in
-shares of the former. Broyden's formula learns the derivatives on the way.
+Forces grow with travels close to a power law: Newton's method in the logarithms of both, with
+Broyden's derivatives; those across the approach, which friction carries, as shares of it.
 """
 
 from collections.abc import Callable
@@ -30,17 +29,11 @@ Solved = tuple[dict[str, Any], State, State, State, dict[str, Any]]
 
 
 class Driven(NamedTuple):
-    """A force that a scene gives a body, and the travel that is found for it.
+    """A force that a scene gives a body, and the travel that is found for it."""
 
-    Attributes:
-        load: index of the body.
-        force: key of the force; its value in the report ends in ``_N``.
-        travel: key of the travel; in the report it ends in ``_m``.
-    """
-
-    load: int
-    force: str
-    travel: str
+    load: int  # index of the body
+    force: str  # key of the force; its value in the report ends in ``_N``
+    travel: str  # key of the travel; in the report it ends in ``_m``
 
     @property
     def across(self) -> bool:
@@ -126,13 +119,9 @@ class _Search(NamedTuple):
 def under_forces(
     scene: SceneSpec, inputs: Inputs, start: State, run: Callable[[Inputs, State], Solved]
 ) -> Solved:
-    """Solve a scene whose bodies carry given forces.
+    """Solve a scene whose bodies carry given forces, by runs with given travels.
 
-    Args:
-        scene: the scene.
-        inputs: its numbers; travels among them are where to begin.
-        start: state to begin with.
-        run: solves the scene with given travels.
+    Travels among the inputs are where to begin.
     """
     every = driven_by_force(scene)
     none = {d.path(d.travel): np.zeros(()) for d in every}

@@ -1,14 +1,9 @@
 """Standard deviations of reported quantities, from those of a scene's inputs.
 
 To first order, with D the change of the inputs by independent errors, one standard deviation
-each (`suas_jax.config.input_errors`), and J the derivatives of a report by the inputs::
-
-    sigma^2 = diag(J^T D^T D J)
-
-The derivatives along D are central differences of a program that the solution had compiled, on
-the smallest mesh that it tried (its own where only one was): a few more solves cost less than a
-program of derivatives takes to compile, and a standard deviation is wanted to two digits. On a
-pad, whose solves take longest, the differences are one-sided.
+each, and J the derivatives of a report: sigma^2 = diag(J^T D^T D J). Derivatives along D are
+differences of a program that the solution had compiled, on the smallest mesh that it tried:
+central, one-sided on pads. A standard deviation is wanted to two digits.
 """
 
 import math
@@ -26,24 +21,16 @@ _NO_OUTPUT = frozenset(
     {"volume_residual", "discretisation_error", "model_error", "key_quantities"}
 )
 _SCALE = "electrodes.lsb"
-_PLACES = (
-    ".angle_deg",
-    ".arc_m",
-    ".axial_m",
-)  # inputs themselves, left out where they are exact
+# Inputs themselves, left out where they are exact.
+_PLACES = (".angle_deg", ".arc_m", ".axial_m")
 
 
 def uncertainty(solution: Solution, errors: InputErrors) -> dict[str, float]:
-    """Standard deviations of what a solution reports.
-
-    Args:
-        solution: a converged solution.
-        errors: of the scene's inputs.
+    """Standard deviations of what a converged solution reports, by its inputs' errors.
 
     Returns:
-        Standard deviations in the units of the keys, by path of the quantity in the report,
-        such as ``oil_pressure_Pa`` or ``taxels.3.so``; NaN where a changed skin has no
-        solution.
+        In the units of the keys, by path of the quantity in the report, such as
+        ``oil_pressure_Pa`` or ``taxels.3.so``; NaN where a changed skin has no solution.
     """
     known = continuous_inputs(solution.scene)
     own = dict(_quantities(report_with(solution, {}) or {}))

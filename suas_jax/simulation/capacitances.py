@@ -1,25 +1,29 @@
-"""Capacitances of a skin's taxels: along a load path, and at rest under a scene's loads.
-
-Along a path the frames of a section are solved side by side, a lane a frame; those of a pad
-follow one another, see `pad_frames`.
-"""
+"""Capacitances of a skin's taxels: along a load path, and at rest under a scene's loads."""
 
 import dataclasses
 from collections.abc import Callable
+from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from suas_jax.acquisition.baseline import Baseline
 from suas_jax.config import SceneSpec
-from suas_jax.equilibrium.outcomes import NAMES, advice
 from suas_jax.runtime.jit import jit
+from suas_jax.runtime.settings import configure
 from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import SPREAD_POINTS, Loads, loads_of
 from suas_jax.scene.skin import skin_of
 from suas_jax.scene.solve import solve
-from suas_jax.simulation.load_path import LoadPath
-from suas_jax.simulation.pad_frames import NoSolutionError, pad_capacitances, pad_path
+from suas_jax.simulation.load_path import LoadPath, skin_behind
+from suas_jax.simulation.pad_frames import (
+    NoSolutionError,
+    no_solution,
+    pad_capacitances,
+    pad_path,
+    same_mesh,
+)
 from suas_jax.simulation.remembering import followed_pad, followed_section, instantaneous
 from suas_jax.skin.plain import clamped_edge
 from suas_jax.skin.section import AbstractSection
@@ -29,19 +33,14 @@ _BLOCK = 256
 
 
 def capacitances(
-    path: LoadPath,
-    time: NDArray[np.float64],
+    path: LoadPath,  # loads over time
+    time: NDArray[np.float64],  # of the frames [s]
+    # called with the number of frames done
     progress: Callable[[int], None] = lambda done: None,
 ) -> NDArray[np.float64]:
     """Capacitance of every taxel along a load path [frame, taxel] [F].
 
-    Args:
-        path: loads over time.
-        time: of the frames [s].
-        progress: called with the number of frames done.
-
-    Raises:
-        NoSolutionError: some loads have no equilibrium.
+    Raises NoSolutionError: some loads have no equilibrium.
     """
     remembers = path.scene.material.relaxation is not None
     scene = instantaneous(path.scene) if remembers else path.scene
@@ -69,8 +68,7 @@ def capacitances(
             output = run(held, block)
         failed = np.flatnonzero(np.asarray(output.result))
         if failed.size:
-            name = NAMES[int(output.result[failed[0]])]
-            raise NoSolutionError(f"t = {time[index[failed[0]]]:g} s: {name}. {advice(name)}")
+            raise no_solution(time[index[failed[0]]], output.result[failed[0]])
         blocks.append(np.asarray(output.readings.capacitance).T)
         progress(min(begin + _BLOCK, len(time)))
     return np.concatenate(blocks)[: len(time)]
@@ -80,11 +78,7 @@ def _remembering_pad(
     path: LoadPath, time: NDArray[np.float64], progress: Callable[[int], None]
 ) -> NDArray[np.float64]:
     scene, moved, plans = pad_path(path, time)
-    first = plans[0].plan
-    if not all(
-        np.array_equal(p.plan.arc, first.arc) and np.array_equal(p.plan.axial, first.axial)
-        for p in plans
-    ):
+    if not all(same_mesh(plan, plans[0]) for plan in plans):
         raise ValueError(
             "loads move over a pad whose material relaxes, which is not followed: keep their "
             "places, or take `relaxation` out of [material]"
@@ -126,16 +120,32 @@ def _loads(path: LoadPath, time: NDArray[np.float64], section: AbstractSection) 
 
 
 def static_state(scene: SceneSpec) -> tuple[NDArray[np.float64], list[float]]:
-    """A scene at rest under its loads.
+    """Capacitance of every taxel at rest under a scene's loads [F], and each load's force [N].
 
-    Returns:
-        Capacitance of every taxel [taxel] [F], and the force of every load [N].
-
-    Raises:
-        NoSolutionError: the scene has no equilibrium.
+    Raises NoSolutionError: the scene has no equilibrium.
     """
     report = solve(scene).report
     if report["status"] != "converged":
         raise NoSolutionError(f"{report['status']}. {report['message']}")
     forces = [load.get("force_N", 0.0) for load in report["loads"]]
     return np.array([taxel["capacitance_F"] for taxel in report["taxels"]]), forces
+
+
+def rest_pattern(skin: Path, like: Baseline) -> NDArray[np.float64]:
+    """Model counts at rest [module, taxel], arranged as in a baseline; NaN where unknown.
+
+    The skin is that of a skin file, a scene or a load path; loads are left out. Raises
+    ConfigError: the file can't be used; ValueError: it has no electrodes.
+    """
+    configure()
+    spec = skin_behind(skin)
+    tables = {name: getattr(spec, name) for name in type(spec).model_fields}
+    report = solve(SceneSpec(**{k: v for k, v in tables.items() if v is not None})).report
+    rest = np.full_like(like.so, np.nan)
+    if not report.get("taxels"):
+        raise ValueError(f"{skin}: no [electrodes]: nothing to compare with")
+    for taxel in report["taxels"]:
+        row = np.flatnonzero(like.modules == taxel["module"])
+        if row.size and taxel["taxel"] <= rest.shape[1]:
+            rest[int(row[0]), taxel["taxel"] - 1] = taxel["so"]
+    return rest

@@ -40,17 +40,11 @@ _ON_PADS = ("axial_m", "tilt_deg")
 
 @dataclass(frozen=True)
 class LoadPath:
-    """Loads over time.
+    """Loads over time."""
 
-    Attributes:
-        scene: whose loads move.
-        time: of the rows [s].
-        columns: values by name, in the units of the names [row].
-    """
-
-    scene: SceneSpec
-    time: NDArray[np.float64]
-    columns: dict[str, NDArray[np.float64]]
+    scene: SceneSpec  # whose loads move
+    time: NDArray[np.float64]  # of the rows [s]
+    columns: dict[str, NDArray[np.float64]]  # values by name, in the units of the names [row]
 
     def at(self, time: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
         """Values at some times [s], linear between rows, constant beyond them."""
@@ -60,9 +54,8 @@ class LoadPath:
 def load_path(file: Path) -> LoadPath:
     """Read a load path.
 
-    Raises:
-        ValueError: naming file, line, column, value and what is allowed.
-        OSError: it, or its scene, can't be read.
+    Raises ValueError: naming file, line, column, value and what is allowed; OSError: it, or its
+    scene, can't be read.
     """
     table = read_csv_table(file)
     if not table.rows:
@@ -90,9 +83,7 @@ def load_path(file: Path) -> LoadPath:
 def skin_behind(file: Path) -> SkinSpec:
     """The skin of a skin file, of a scene, or of the scene that a load path moves.
 
-    Raises:
-        ValueError: the file is none of these, or can't be used.
-        OSError: it can't be read.
+    Raises ValueError: the file is none of these, or can't be used; OSError: it can't be read.
     """
     if file.suffix.lower() != ".toml":
         return load_path(file).scene.skin

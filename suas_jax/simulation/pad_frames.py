@@ -1,13 +1,13 @@
 """Frames of a load path on a pad: each continues the equilibrium of the frame before.
 
-Every frame has a mesh graded around its loads. Places of loads count in steps of a
-millimetre or two there, so most frames share the mesh of the one before and start from its
-state; a frame with another mesh starts from rest.
+Meshes are graded around loads, whose places count in steps of a millimetre or two there: most
+frames share the mesh of the one before; a frame with another mesh starts from rest.
 """
 
 import dataclasses
 import math
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -48,23 +48,21 @@ class NoSolutionError(Exception):
     """No equilibrium was found for a load; the message says which and why."""
 
 
+def no_solution(time: float, result: Any) -> NoSolutionError:
+    """What is said of a frame [s] whose outcome has an index."""
+    name = NAMES[int(result)]
+    return NoSolutionError(f"t = {time:g} s: {name}. {advice(name)}")
+
+
 def pad_capacitances(
     path: LoadPath,
     time: NDArray[np.float64],
     progress: Callable[[int], None] = lambda done: None,
 ) -> NDArray[np.float64]:
-    """Capacitance of every taxel along a load path [frame, taxel] [F].
+    """The same as `capacitances`, of a pad.
 
-    NaN where the membrane touches a taxel that no further dielectric covers.
-
-    Args:
-        path: loads over time, of a scene in three dimensions with electrodes.
-        time: of the frames [s].
-        progress: called with the number of frames done.
-
-    Raises:
-        ConfigError: a load leaves the pad.
-        NoSolutionError: some loads have no equilibrium.
+    NaN where the membrane touches a taxel that no further dielectric covers. Raises
+    ConfigError: a load leaves the pad; NoSolutionError: some loads have no equilibrium.
     """
     scene, moved, plans = pad_path(path, time)
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
@@ -73,7 +71,7 @@ def pad_capacitances(
     rows: list[NDArray[np.float64]] = []
     state, last = None, None
     for i, plan in enumerate(plans):
-        if state is None or not _same(plan, last):
+        if state is None or last is None or not same_mesh(plan, last):
             state = _at_rest(plan)
         here = inputs | {k: jnp.asarray(float(v[i])) for k, v in moved.items()}
         start, once = state, len(time) < _FEW
@@ -83,8 +81,7 @@ def pad_capacitances(
             found = COMPILED.run(_frame, held, plan, here, start, once=once, long=True)
         capacitance, state, result, _ = found
         if int(result[0]):
-            name = NAMES[int(result[0])]
-            raise NoSolutionError(f"t = {time[i]:g} s: {name}. {advice(name)}")
+            raise no_solution(time[i], result[0])
         last = plan
         rows.append(np.asarray(capacitance)[:, 0])
         progress(i + 1)
@@ -162,12 +159,10 @@ def _alike(plans: list[PadMesh]) -> list[PadMesh]:
     return [PadMesh(dataclasses.replace(plan.plan, spread=most)) for plan in plans]
 
 
-def _same(plan: PadMesh, other: PadMesh | None) -> bool:
-    return (
-        other is not None
-        and np.array_equal(plan.plan.arc, other.plan.arc)
-        and np.array_equal(plan.plan.axial, other.plan.axial)
-    )
+def same_mesh(plan: PadMesh, other: PadMesh) -> bool:
+    """Whether two frames are solved on one mesh."""
+    own, its = plan.plan, other.plan
+    return np.array_equal(own.arc, its.arc) and np.array_equal(own.axial, its.axial)
 
 
 def _at_rest(plan: PadMesh) -> State:

@@ -1,9 +1,6 @@
-"""Capacitances along a load path of a skin whose membrane remembers.
+"""Capacitances along a load path of a skin whose membrane remembers, and was at rest before.
 
-Frames follow one another: each begins with what the material remembers of those before. On a
-section loads may move over an even mesh, as in `suas_jax.scene.skin`; on a pad, whose
-elements gather at loads, they stay where they are. Before the first frame the skin has been at
-rest.
+Loads may move over a section; on a pad, whose elements gather at loads, they stay.
 """
 
 import dataclasses
@@ -30,7 +27,6 @@ from suas_jax.dynamics.driven import (
 )
 from suas_jax.dynamics.steps import Moment, Rows, begun, followed
 from suas_jax.equilibrium.balance import Problem
-from suas_jax.equilibrium.outcomes import NAMES, advice
 from suas_jax.mechanics.pad.model import PadMesh
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.loads import Loads
@@ -39,7 +35,7 @@ from suas_jax.scene.program import inputs_of
 from suas_jax.scene.skin import Skin
 from suas_jax.scene.structure import Inputs, Structure
 from suas_jax.sensing.electrodes import Electrodes
-from suas_jax.simulation.pad_frames import NoSolutionError
+from suas_jax.simulation.pad_frames import no_solution
 
 _BLOCK = 64  # frames that one call follows
 _TOLERANCE = 1e-5  # error of the stress that a step may make
@@ -105,23 +101,15 @@ def instantaneous(scene: SceneSpec) -> SceneSpec:
 
 
 def followed_section(
-    scene: SceneSpec,
-    skins: tuple[Skin, Skin],
-    time: NDArray[np.float64],
-    loads: Loads,
-    progress: Callable[[int], None],
+    scene: SceneSpec,  # that remembers, with the instantaneous response
+    skins: tuple[Skin, Skin],  # without and with its wall
+    time: NDArray[np.float64],  # of the frames [s]
+    loads: Loads,  # a lane a frame
+    progress: Callable[[int], None],  # called with the number of frames done
 ) -> NDArray[np.float64]:
     """Capacitances of a section along a path [frame, taxel] [F].
 
-    Args:
-        scene: that remembers, with the instantaneous response.
-        skins: without and with its wall.
-        time: of the frames [s].
-        loads: a lane a frame.
-        progress: called with the number of frames done.
-
-    Raises:
-        NoSolutionError: a load has no equilibrium.
+    Raises NoSolutionError: a load has no equilibrium.
     """
     values = {
         key: np.moveaxis(np.asarray(getattr(loads, key)), -1, 0)[..., None] for key in _LOADS
@@ -141,18 +129,7 @@ def followed_pad(
     moved: dict[str, NDArray[np.float64]],
     progress: Callable[[int], None],
 ) -> NDArray[np.float64]:
-    """Capacitances of a pad along a path [frame, taxel] [F].
-
-    Args:
-        scene: that remembers, with the instantaneous response.
-        plan: the mesh.
-        time: of the frames [s].
-        moved: inputs by path [frame].
-        progress: called with the number of frames done.
-
-    Raises:
-        NoSolutionError: a load has no equilibrium.
-    """
+    """The same of a pad on a mesh, whose inputs are `moved` by path [frame]."""
     inputs = inputs_of(scene)
 
     def run(rows: Rows, start: Moment | Values, *, held: bool) -> Any:
@@ -186,8 +163,7 @@ def _followed(
         capacitance, _, result, reached = (np.asarray(x) for x in read)
         lost = np.flatnonzero(result)
         if lost.size:
-            name = NAMES[int(result[lost[0]])]
-            raise NoSolutionError(f"t = {reached[lost[0]]:g} s: {name}. {advice(name)}")
+            raise no_solution(reached[lost[0]], result[lost[0]])
         found.append(capacitance)
         start = end
         progress(min(first + _BLOCK, len(time)))

@@ -26,18 +26,13 @@ class NotKnownInputsError(ValueError):
 
 
 def true_loads(
-    scene: SceneSpec,
-    forces: Sequence[float],
+    scene: SceneSpec,  # whose loads act
+    forces: Sequence[float],  # total force of each load [N]; that of a pressure is not used
+    # what a load path changes, by its columns' names [frame]
     moved: Mapping[str, NDArray[np.float64]],
-    frames: int,
+    frames: int,  # their number
 ) -> Columns:
     """Columns `load_0_force_N`, `load_0_angle_deg` and their like, by name [frame].
-
-    Args:
-        scene: whose loads act.
-        forces: total force of each load [N]; that of a pressure is not used.
-        moved: what a load path changes, by its columns' names [frame].
-        frames: their number.
 
     Raises:
         NotKnownInputsError: a load has no such columns: a pressure, a spread load, a rectangle.
@@ -100,16 +95,11 @@ _MOST_FRAMES = 1_000_000
 
 @dataclass(frozen=True)
 class LogFaults:
-    """What goes wrong between skin and log.
+    """What goes wrong between skin and log."""
 
-    Attributes:
-        drop: probability that a frame is lost.
-        missing: probability that a single count is missing.
-        stuck: time from which a taxel (module, number) keeps its count [s].
-    """
-
-    drop: float = 0.0
-    missing: float = 0.0
+    drop: float = 0.0  # probability that a frame is lost
+    missing: float = 0.0  # probability that a single count is missing
+    # time from which a taxel (module, number) keeps its count [s]
     stuck: Mapping[tuple[int, int], float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -120,53 +110,36 @@ class LogFaults:
 
 @dataclass(frozen=True)
 class SimulatedLog:
-    """Sensor outputs of a simulation.
+    """Sensor outputs of a simulation."""
 
-    Attributes:
-        scene: with the electrodes.
-        converter: of capacitance to counts.
-        sample: the converter's counts.
-        capacitance: of the taxels [frame, taxel] [F]; NaN where the membrane touches one.
-        readings: as a device would send them, less what was lost.
-        true_loads: columns of the loads [frame]; empty where there are none.
-        untold: why there are none, in words.
-        origin: seed and settings, in words.
-    """
-
-    scene: SceneSpec
-    converter: Converter
-    sample: Sample
+    scene: SceneSpec  # with the electrodes
+    converter: Converter  # of capacitance to counts
+    sample: Sample  # the converter's counts
+    # of the taxels [frame, taxel] [F]; NaN where the membrane touches one
     capacitance: NDArray[np.float64]
-    readings: list[Reading]
-    origin: str
+    readings: list[Reading]  # as a device would send them, less what was lost
+    origin: str  # seed and settings, in words
+    # columns of the loads [frame]; empty where there are none
     true_loads: Columns = field(default_factory=dict)
-    untold: str = ""
+    untold: str = ""  # why there are none, in words
 
 
 def simulate_log(
-    file: Path,
+    file: Path,  # scene (.toml) or load path
     *,
-    rate: float = 10.0,
-    duration: float | None = None,
-    faults: LogFaults | None = None,
-    seed: int = 0,
+    rate: float = 10.0,  # frames per second
+    duration: float | None = None,  # [s]; None for the path's own, or ten seconds of a scene
+    faults: LogFaults | None = None,  # what goes wrong between skin and log; nothing by default
+    seed: int = 0,  # of noise, drift and faults
+    # of the `Converter`, by name; None keeps what the scene's [electrodes] state
     settings: Mapping[str, float | None] | None = None,
+    # called with the number of frames solved so far
     progress: Callable[[int], None] = lambda frames: None,
 ) -> SimulatedLog:
     """Play a scene, or a load path.
 
-    Args:
-        file: scene (.toml) or load path.
-        rate: frames per second.
-        duration: [s]; None for the path's own, or ten seconds of a scene.
-        faults: what goes wrong between skin and log; nothing by default.
-        seed: of noise, drift and faults.
-        settings: of the `Converter`, by name; None keeps what the scene's [electrodes] state.
-        progress: called with the number of frames solved so far.
-
-    Raises:
-        ValueError: the file, the skin or a setting can't be used.
-        NoSolutionError: a load has no equilibrium.
+    Raises ValueError: the file, the skin or a setting can't be used; NoSolutionError: a load
+    has no equilibrium.
     """
     path = None if file.suffix.lower() == ".toml" else load_path(file)
     scene = load_scene(file) if path is None else path.scene
@@ -205,13 +178,7 @@ def simulate_log(
 
 
 def write_simulated_log(log: SimulatedLog, output: Path, source: Path) -> None:
-    """Write a simulated log as the logger would, with its true loads, whole or not at all.
-
-    Args:
-        log: what was simulated.
-        output: the file to write.
-        source: scene or load path, named in the header.
-    """
+    """Write a log as the logger would, with its true loads and source, whole or not at all."""
     judge = Integrity(None, checked=True)
     header = log_header(
         skin=str(source),
@@ -236,21 +203,13 @@ def write_simulated_log(log: SimulatedLog, output: Path, source: Path) -> None:
 
 
 def readings(
-    scene: SceneSpec,
-    time: NDArray[np.float64],
-    sample: Sample,
-    faults: LogFaults,
-    random: np.random.Generator,
+    scene: SceneSpec,  # with the electrodes
+    time: NDArray[np.float64],  # of the frames on the device's clock [s]
+    sample: Sample,  # the converter's counts
+    faults: LogFaults,  # what goes wrong on the way
+    random: np.random.Generator,  # source of the faults
 ) -> Iterator[Reading]:
-    """Frames as a device would send them: module after module, frame after frame.
-
-    Args:
-        scene: with the electrodes.
-        time: of the frames on the device's clock [s].
-        sample: the converter's counts.
-        faults: what goes wrong on the way.
-        random: source of the faults.
-    """
+    """Frames as a device would send them: module after module, frame after frame."""
     assert scene.electrodes is not None
     module, number = (np.array(x) for x in taxel_names(scene.electrodes))
     counts = sample.counts.copy()
@@ -275,8 +234,7 @@ def readings(
 def converter_of(scene: SceneSpec, **changes: float | None) -> Converter:
     """The converter of [electrodes], with changes where they aren't None.
 
-    Raises:
-        ValueError: the scene has no electrodes, or a setting makes no sense.
+    Raises ValueError: the scene has no electrodes, or a setting makes no sense.
     """
     if scene.electrodes is None:
         raise ValueError("the scene's skin has no [electrodes]: there is nothing to simulate")

@@ -19,8 +19,7 @@ from fitting.inverse_load.live.view import LoadView
 from suas_jax.acquisition.frames.registry import decoder, open_source
 from suas_jax.acquisition.log.log_file import LogWriter, log_header
 from suas_jax.acquisition.log.record import FLAG_COLUMNS, write_reading
-from suas_jax.acquisition.signals import ended_by_signal
-from suas_jax.acquisition.stream import Judged, Stream, discard_waiting
+from suas_jax.acquisition.stream import Judged, Stream, discard_waiting, ended_by_signal
 from suas_jax.acquisition.terminal import say
 
 

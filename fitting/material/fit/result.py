@@ -20,7 +20,7 @@ from fitting.material.laws.blocks import Relaxation, Softening, block_of
 from fitting.statistics.diagnostics import Misfit, information_criteria
 from fitting.statistics.least_squares import Minima
 from suas_jax.config.law import CorrelationSpec, LawSpec
-from suas_jax.config.schema_material import LAWS
+from suas_jax.config.schema_scene import LAWS
 from suas_jax.config.tolerance import UncertainQuantity
 from suas_jax.constitutive import drucker_modulus
 

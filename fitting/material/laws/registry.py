@@ -20,7 +20,7 @@ from fitting.material.laws.parameters import (
     Vector,
 )
 from suas_jax.config.law import Constant as Declaration
-from suas_jax.config.schema_material import LAWS
+from suas_jax.config.schema_scene import LAWS
 from suas_jax.constitutive import AbstractLaw, registry
 from suas_jax.constitutive.laws.ogden import Ogden
 

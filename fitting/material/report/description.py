@@ -17,7 +17,7 @@ from fitting.report.description import (
     quantity_text,
 )
 from suas_jax.acquisition.terminal import new_console
-from suas_jax.config.schema_material import LAWS
+from suas_jax.config.schema_scene import LAWS
 
 
 def print_report(report: dict[str, Any], fit: MaterialFit | None) -> None:

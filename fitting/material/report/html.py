@@ -22,7 +22,7 @@ from fitting.material.fit.result import MaterialFit
 from fitting.material.report.description import described
 from fitting.material.report.plots import plot_material
 from fitting.report.page import page
-from suas_jax.config.schema_material import LAWS
+from suas_jax.config.schema_scene import LAWS
 from suas_jax.files.reading import MEGABYTE, read_bytes
 from suas_jax.files.writing import write_text
 

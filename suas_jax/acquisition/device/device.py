@@ -1,25 +1,26 @@
-"""A simulated device: plays readings on a pseudo-terminal, as a skin's electronics would.
-
-With faults on demand, so that a logger can be shown to survive them.
-"""
+"""A simulated device: plays readings on a pseudo-terminal, with faults on demand."""
 
 import contextlib
 import errno
+import json
 import math
 import os
 import select
 import termios
+import threading
 import time
 import tty
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from itertools import groupby
 from pathlib import Path
 
 from suas_jax.acquisition.device.faults import Faults, Injector
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.frames.registry import ENCODERS
-from suas_jax.acquisition.log.log_file import SoLog
+from suas_jax.acquisition.log.log_file import SoLog, read_log
+from suas_jax.acquisition.stream import set_by_signal
+from suas_jax.acquisition.terminal import say
 
 # A device whose host doesn't take its bytes drops them after this long [s].
 _HOST_STALLS = 0.5
@@ -31,23 +32,14 @@ _SETTLE = 0.05
 
 @dataclass
 class Played:
-    """What a device has done: the truth that a log can be held against.
+    """What a device has done: the truth that a log can be held against."""
 
-    Attributes:
-        rows: rows sent, the damaged ones included.
-        damaged: rows with at least one changed byte.
-        dropped: rows left out on purpose.
-        duplicated: rows sent twice.
-        stalled: rows among them that no host took: none there, too slow, or unplugged.
-        bytes: bytes sent.
-    """
-
-    rows: int = 0
-    damaged: int = 0
-    dropped: int = 0
-    duplicated: int = 0
-    stalled: int = 0
-    bytes: int = 0
+    rows: int = 0  # rows sent, the damaged ones included
+    damaged: int = 0  # rows with at least one changed byte
+    dropped: int = 0  # rows left out on purpose
+    duplicated: int = 0  # rows sent twice
+    stalled: int = 0  # rows among them that no host took: none there, too slow, or unplugged
+    bytes: int = 0  # bytes sent
 
 
 def log_readings(log: SoLog) -> Iterator[Reading]:
@@ -81,16 +73,13 @@ def repeated(readings: Iterable[Reading]) -> Iterator[Reading]:
 
 
 class Device:
-    """A device on a pseudo-terminal.
+    """A device on a pseudo-terminal; `played` is what it has sent so far.
 
     Args:
         format_name: frame format, a key of `ENCODERS`.
         faults: what goes wrong.
         link: symbolic link to keep pointing at the pseudo-terminal, whose own name changes
             when it is plugged in again.
-
-    Attributes:
-        played: what was sent so far.
     """
 
     def __init__(
@@ -162,23 +151,13 @@ class Device:
 
     def play(
         self,
-        readings: Iterable[Reading],
+        readings: Iterable[Reading],  # in order of time; those of equal time are sent together
         *,
-        speed: float = 1.0,
-        duration: float | None = None,
-        stopped: Callable[[], bool] = lambda: False,
+        speed: float = 1.0,  # times faster than their clock
+        duration: float | None = None,  # end after this long [s]
+        stopped: Callable[[], bool] = lambda: False,  # asked between frames whether to end
     ) -> Played:
-        """Send readings at the pace of their device times.
-
-        Args:
-            readings: in order of time; those of equal time are sent together.
-            speed: times faster than their clock.
-            duration: end after this long [s].
-            stopped: asked between frames whether to end.
-
-        Returns:
-            What was sent.
-        """
+        """Send readings at the pace of their device times; returns what was sent."""
         start, first, stalled = time.monotonic(), math.nan, False
         for t_device, together in groupby(readings, key=lambda reading: reading.t_device):
             first = t_device if math.isnan(first) else first
@@ -249,3 +228,65 @@ class Device:
                     raise
                 select.select([], [self._master], [], _LOOK)
         return True
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """How to play.
+
+    Raises:
+        ValueError: an unknown format, or a speed that is none.
+    """
+
+    format_name: str = "text"  # frame format, as `suas log --format` takes it, or text-checked
+    link: Path | None = None  # symbolic link to the pseudo-terminal
+    faults: Faults = field(default_factory=Faults)  # what goes wrong
+    speed: float = 1.0  # times faster than the readings' clock
+    duration: float | None = None  # end after this long [s]
+    loop: bool = False  # play over and over
+    as_json: bool = False  # print the port, and at the end what was played, as JSON lines
+
+    def __post_init__(self) -> None:
+        if self.format_name not in ENCODERS:
+            raise ValueError(
+                f'--format "{self.format_name}": allowed are {", ".join(sorted(ENCODERS))}'
+            )
+        if not 0 < self.speed < float("inf"):
+            raise ValueError(f"--speed {self.speed:g}: a number above zero is needed")
+
+
+def play_log(path: Path, options: LiveOptions) -> None:
+    """Play a log; LogFileError where it is none."""
+    play_live(log_readings(read_log(path)), options)
+
+
+def play_live(readings: Iterable[Reading], options: LiveOptions) -> None:
+    """Wait for a host, then play readings, in order of time, until their end or a signal."""
+    stop = threading.Event()
+    with (
+        set_by_signal(stop),
+        Device(options.format_name, options.faults, options.link) as device,
+    ):
+        name = options.format_name.removesuffix("-checked")
+        if options.as_json:
+            say(json.dumps({"port": device.port, "format": name}))
+        else:
+            say(device.port)
+            say(
+                f"suas: waiting for a host: suas log {device.port} --format {name} -o "
+                "LOG.csv; Ctrl-C ends",
+                err=True,
+            )
+        device.wait_for_host(stop.is_set)
+        played = device.play(
+            repeated(readings) if options.loop else readings,
+            speed=options.speed,
+            duration=options.duration,
+            stopped=stop.is_set,
+        )
+        device.let_host_finish(stop.is_set)
+    if options.as_json:
+        say(json.dumps(asdict(played)))
+    else:
+        words = ", ".join(f"{value} {name}" for name, value in asdict(played).items() if value)
+        say(f"suas: played {words or 'nothing'}", err=True)

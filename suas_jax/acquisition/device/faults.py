@@ -2,8 +2,9 @@
 
 import math
 import random
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 from suas_jax.acquisition.frames.reading import Reading
 
@@ -18,34 +19,24 @@ _ALLOWED = (
 
 @dataclass(frozen=True)
 class Faults:
-    """What goes wrong, on demand.
+    """What goes wrong, on demand."""
 
-    Attributes:
-        corrupt: probability that a byte is changed to another one.
-        drop: probability that a row is not sent.
-        duplicate: probability that a row is sent twice.
-        unplug_at: the port vanishes this long after the start [s]; None: never.
-        unplug_for: and comes back after this long [s].
-        wrap_clock_at: the device's clock starts so that it wraps after this long [s].
-        clock_jump: time after which the device's clock jumps, by how much, and for how long
-            [s].
-        restart_at: counter and clock begin again after this long [s].
-        taxels_at: time after which every module sends so many counts only [s].
-        stuck: taxels (module, taxel from 1) that keep their first count.
-        seed: of all random faults.
-    """
-
-    corrupt: float = 0.0
-    drop: float = 0.0
-    duplicate: float = 0.0
+    corrupt: float = 0.0  # probability that a byte is changed to another one
+    drop: float = 0.0  # probability that a row is not sent
+    duplicate: float = 0.0  # probability that a row is sent twice
+    # the port vanishes this long after the start [s]; None: never
     unplug_at: float | None = None
-    unplug_for: float = 1.0
+    unplug_for: float = 1.0  # and comes back after this long [s]
+    # the device's clock starts so that it wraps after this long [s]
     wrap_clock_at: float | None = None
+    # time after which the device's clock jumps, by how much, and for how long [s]
     clock_jump: tuple[float, float, float] | None = None
-    restart_at: float | None = None
+    restart_at: float | None = None  # counter and clock begin again after this long [s]
+    # time after which every module sends so many counts only [s]
     taxels_at: tuple[float, int] | None = None
+    # taxels (module, taxel from 1) that keep their first count
     stuck: tuple[tuple[int, int], ...] = ()
-    seed: int = 0
+    seed: int = 0  # of all random faults
 
     def __post_init__(self) -> None:
         for name in ("corrupt", "drop", "duplicate"):
@@ -54,45 +45,50 @@ class Faults:
                 raise ValueError(f"fault {name} = {value}: a probability from 0 to 1")
 
 
+_READ: dict[str, Callable[[str], dict[str, Any]]] = {
+    "corrupt": lambda text: {"corrupt": float(text)},
+    "drop": lambda text: {"drop": float(text)},
+    "duplicate": lambda text: {"duplicate": float(text)},
+    "unplug": lambda text: _unplug(*map(float, text.split(":"))),
+    "clock-wrap": lambda text: {"wrap_clock_at": float(text)},
+    "clock-jump": lambda text: {"clock_jump": _jump(*map(float, text.split(":")))},
+    "restart": lambda text: {"restart_at": float(text)},
+    "taxels": lambda text: {"taxels_at": _pair(text, ":", float)},
+    "stuck": lambda text: {"stuck": (_pair(text, "/", int),)},
+    "seed": lambda text: {"seed": int(text)},
+}
+"""What the value of each fault says."""
+
+
+def _unplug(at: float, away: float = 1.0) -> dict[str, float]:
+    return {"unplug_at": at, "unplug_for": away}
+
+
+def _jump(at: float, by: float, lasting: float = math.inf) -> tuple[float, float, float]:
+    return at, by, lasting
+
+
+def _pair(text: str, between: str, first: Callable[[str], Any]) -> tuple[Any, int]:
+    at, count = text.split(between)
+    return first(at), int(count)
+
+
 def parse_faults(texts: Iterable[str]) -> Faults:
     """Faults from the command line, each `NAME=VALUE`.
 
-    Raises:
-        ValueError: naming what is allowed.
+    Raises ValueError: naming what is allowed.
     """
-    values: dict[str, object] = {}
-    stuck: list[tuple[int, int]] = []
+    values: dict[str, Any] = {}
     for text in texts:
         name, _, value = text.partition("=")
         try:
-            if name in ("corrupt", "drop", "duplicate"):
-                values[name] = float(value)
-            elif name == "unplug":
-                begin, colon, away = value.partition(":")
-                values["unplug_at"] = float(begin)
-                if colon:
-                    values["unplug_for"] = float(away)
-            elif name == "clock-wrap":
-                values["wrap_clock_at"] = float(value)
-            elif name == "clock-jump":
-                at, by, *lasting = map(float, value.split(":"))
-                (duration,) = lasting or (math.inf,)
-                values["clock_jump"] = (at, by, duration)
-            elif name == "restart":
-                values["restart_at"] = float(value)
-            elif name == "taxels":
-                begin, count = value.split(":")
-                values["taxels_at"] = (float(begin), int(count))
-            elif name == "stuck":
-                module, taxel = value.split("/")
-                stuck.append((int(module), int(taxel)))
-            elif name == "seed":
-                values["seed"] = int(value)
-            else:
-                raise ValueError
-        except ValueError:
+            found = _READ[name](value)
+        except (KeyError, TypeError, ValueError):
             raise ValueError(f'--fault "{text}": allowed are {_ALLOWED}') from None
-    return Faults(**values, stuck=tuple(stuck))  # type: ignore[arg-type]
+        if name == "stuck":
+            found["stuck"] = values.get("stuck", ()) + found["stuck"]
+        values |= found
+    return Faults(**values)
 
 
 class Injector:

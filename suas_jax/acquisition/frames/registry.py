@@ -19,30 +19,20 @@ ENCODERS: dict[str, Callable[[Reading], bytes]] = {
 
 
 def frame_format(name: str) -> FrameFormat:
-    """The format of a name.
-
-    Raises:
-        ValueError: no such format.
-    """
+    """The format of a name. Raises ValueError: no such format."""
     if name not in FORMATS:
         raise ValueError(f'--format "{name}": allowed are {", ".join(FORMATS)}')
     return FORMATS[name]
 
 
 def decoder(name: str) -> Decoder:
-    """A new decoder of a format.
-
-    Raises:
-        ValueError: no such format.
-    """
+    """A new decoder of a format. Raises ValueError: no such format."""
     return frame_format(name).decoder()
 
 
 def open_source(port: str, name: str, baud: int) -> Source:
     """Open the port that carries a format.
 
-    Raises:
-        ValueError: no such format.
-        PortError: it can't be opened.
+    Raises ValueError: no such format; PortError: it can't be opened.
     """
     return frame_format(name).open_source(port, baud)

@@ -1,6 +1,7 @@
 """The columns of an SO log: checked alike, whatever kind of file they come from."""
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,7 @@ from numpy.typing import NDArray
 from suas_jax.acquisition.log.data import SoLog
 from suas_jax.acquisition.log.format import KEY_COLUMNS, MAX_COUNT, MEASURED, LogFileError
 
-LARGEST_INTEGER = 2**53
-"""Whole numbers up to here are exact in float64."""
+_LARGEST_INTEGER = 2**53  # whole numbers up to here are exact in float64
 
 
 def columns(log: SoLog) -> dict[str, np.ndarray]:
@@ -22,15 +22,9 @@ def columns(log: SoLog) -> dict[str, np.ndarray]:
 
 
 def from_columns(path: Path, header: Any, table: Mapping[str, Any]) -> SoLog:
-    """A log from its columns, by the rules that its CSV files follow.
+    """A log from its header and its columns by name, by the rules that its CSV files follow.
 
-    Args:
-        path: where they are from, for messages.
-        header: the log's header, by key.
-        table: columns of one length, by name.
-
-    Raises:
-        LogFileError: a column that every log has is missing, or a value is not allowed.
+    Raises LogFileError: a column that every log has is missing, or a value is not allowed.
     """
     if not isinstance(header, dict) or not all(
         isinstance(key, str) and isinstance(value, str) for key, value in header.items()
@@ -45,66 +39,120 @@ def from_columns(path: Path, header: Any, table: Mapping[str, Any]) -> SoLog:
     for name, values in arrays.items():
         if values.shape != (rows,):
             raise LogFileError(f"{path}, column {name}: one value a row is expected")
-    known = {*KEY_COLUMNS, *names}
-    counts = [_numbers(path, name, arrays[name], 0.0, MAX_COUNT) for name in names]
+    found = {name: Column(path, name, values) for name, values in arrays.items()}
+    return log_of(path, dict(header), found, names)
+
+
+def log_of(
+    path: Path,
+    header: dict[str, str],
+    found: "Mapping[str, Column]",
+    so: Sequence[str],
+    notes: Sequence[str] = (),
+) -> SoLog:
+    """A log from its checked columns, of which those named in `so` are counts."""
     return SoLog(
         path,
-        dict(header),
-        _numbers(path, "t_host_s", arrays["t_host_s"]),
-        _numbers(path, "t_device_s", arrays["t_device_s"]),
-        _integers(path, "seq", arrays["seq"]),
-        _integers(path, "module", arrays["module"]),
-        np.stack(counts, 1),
+        header,
+        found["t_host_s"].floats(),
+        found["t_device_s"].floats(),
+        found["seq"].integers(),
+        found["module"].integers(),
+        np.stack([found[name].floats(0.0, MAX_COUNT) for name in so], axis=1),
         {
-            name: (_numbers if name in MEASURED else _flag)(path, name, x)
-            for name, x in arrays.items()
-            if name not in known
+            name: column.floats() if name in MEASURED else column.flag()
+            for name, column in found.items()
+            if name not in KEY_COLUMNS and name not in so
         },
+        tuple(notes),
     )
 
 
-def _numbers(
-    path: Path, name: str, values: np.ndarray, low: float = -np.inf, high: float = np.inf
-) -> NDArray[np.float64]:
-    """Numbers within limits; NaN where missing."""
+@dataclasses.dataclass(frozen=True)
+class Column:
+    """A column of a file; its methods raise `LogFileError` at a value that is not allowed."""
+
+    path: Path  # the file, for messages
+    name: str  # of the column
+    values: Any  # its fields: texts, as a CSV file has them, or an array
+    # numbers of the lines that texts are in; None for an array
+    lines: Sequence[int] | None = None
+
+    def floats(self, low: float = -np.inf, high: float = np.inf) -> NDArray[np.float64]:
+        """Numbers within limits; NaN where missing."""
+        try:
+            if self.lines is None:
+                numbers = np.asarray(self.values, np.float64)
+            elif "_" in "".join(self.values):
+                raise ValueError
+            else:
+                numbers = np.array(list(map(float, self.values)))
+        except (TypeError, ValueError):  # missing values, or worse
+            if self.lines is None:
+                raise self._no("numbers are expected") from None
+            numbers = np.array([number_in(text) for text in self.values], float)
+        outside = np.isinf(numbers) | (numbers < low) | (numbers > high)
+        no_number = np.isnan(numbers) if self.lines is not None else outside
+        for i in np.flatnonzero(outside | no_number).tolist():
+            if outside[i] or self.values[i].strip().lower() not in ("", "nan", "na"):
+                what = "a number" if high == np.inf else f"a count from {low:.0f} to {high:.0f}"
+                raise self._refused(i, f"{what}, or nothing where the value is missing")
+        return numbers
+
+    def integers(self) -> NDArray[np.int64]:
+        """Whole numbers, none of them missing or too large to be exact."""
+        if self.lines is None:
+            numbers = self.floats()
+        elif (
+            all(map(str.isdecimal, self.values)) and max(map(len, self.values), default=0) < 16
+        ):
+            return np.array(list(map(int, self.values)), np.int64)
+        else:
+            numbers = np.array([number_in(text) for text in self.values], float)
+        whole = (numbers >= 0) & (numbers <= _LARGEST_INTEGER) & (numbers == np.floor(numbers))
+        if not whole.all():
+            raise self._refused(int(whole.argmin()), "a whole number, zero or more")
+        return numbers.astype(np.int64)
+
+    def flag(self) -> NDArray[np.generic]:
+        """Whole numbers, in text zero where missing; the words where some are none."""
+        values = self.values
+        if self.lines is not None:
+            try:
+                return np.array([int(text) if text.strip() else 0 for text in values], np.int64)
+            except (ValueError, OverflowError):
+                return np.array([text.strip() for text in values], np.str_)
+        kind = values.dtype.kind
+        if kind in "iub" or (
+            kind == "f" and np.isfinite(values).all() and (values % 1 == 0).all()
+        ):
+            return values.astype(np.int64)
+        odd = kind == "O" and not all(
+            x is None or isinstance(x, str | int | float) for x in values
+        )
+        if odd or kind not in "fOUST":
+            raise self._no("numbers or words are expected")
+        words = (
+            "" if x is None else x if isinstance(x, str) else f"{x}" for x in values.tolist()
+        )
+        return np.array(list(words), np.str_)
+
+    def _no(self, what: str) -> LogFileError:
+        return LogFileError(f"{self.path}, column {self.name}: {what}")
+
+    def _refused(self, i: int, expected: str) -> LogFileError:
+        if self.lines is None:
+            place, shown = f"row {i + 1}", f"{float(self.values[i]):g}"
+        else:
+            place, shown = f"line {self.lines[i]}", f'"{self.values[i][:80]}"'
+        return LogFileError(
+            f"{self.path}, {place}, column {self.name}: {shown}: expected {expected}"
+        )
+
+
+def number_in(text: str) -> float:
+    """NaN where the text is no number; Python's own `1_000` is none in a CSV."""
     try:
-        numbers = np.asarray(values, np.float64)
-    except (TypeError, ValueError):
-        raise LogFileError(f"{path}, column {name}: numbers are expected") from None
-    wrong = np.isinf(numbers) | (numbers < low) | (numbers > high)
-    if wrong.any():
-        row = int(wrong.argmax())
-        allowed = "a number" if high == np.inf else f"a count from {low:.0f} to {high:.0f}"
-        raise LogFileError(
-            f"{path}, row {row + 1}, column {name}: {numbers[row]:g}: expected {allowed}, or "
-            "nothing where the value is missing"
-        )
-    return numbers
-
-
-def _integers(path: Path, name: str, values: np.ndarray) -> NDArray[np.int64]:
-    numbers = _numbers(path, name, values)
-    wrong = ~((numbers >= 0) & (numbers <= LARGEST_INTEGER) & (numbers == np.floor(numbers)))
-    if wrong.any():
-        row = int(wrong.argmax())
-        raise LogFileError(
-            f"{path}, row {row + 1}, column {name}: {numbers[row]:g}: expected a whole "
-            "number, zero or more"
-        )
-    return numbers.astype(np.int64)
-
-
-def _flag(path: Path, name: str, values: np.ndarray) -> NDArray[np.generic]:
-    """Whole numbers or words, as in a CSV file."""
-    if values.dtype.kind in "iub":
-        return values.astype(np.int64)
-    if values.dtype.kind == "f" and np.isfinite(values).all() and (values % 1 == 0).all():
-        return values.astype(np.int64)
-    if values.dtype.kind == "O" and not all(
-        x is None or isinstance(x, str | int | float) for x in values
-    ):
-        raise LogFileError(f"{path}, column {name}: numbers or words are expected")
-    if values.dtype.kind not in "fOUST":
-        raise LogFileError(f"{path}, column {name}: numbers or words are expected")
-    words = ("" if x is None else x if isinstance(x, str) else f"{x}" for x in values.tolist())
-    return np.array(list(words), np.str_)
+        return float(text) if "_" not in text else float("nan")
+    except ValueError:
+        return float("nan")

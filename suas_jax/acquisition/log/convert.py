@@ -1,9 +1,6 @@
-"""SO logs as Parquet and NetCDF files, and back.
+"""SO logs as Parquet (rows, a column each) and NetCDF files (xarray), and back to the same log.
 
 A log is recorded as CSV, which a crash can't make unreadable, and converted afterwards.
-Parquet keeps the rows as they are, one column each; NetCDF keeps them as an xarray data set
-with the dimensions row and taxel. Both carry the log's header and convert back to the same
-log. The libraries come with ``pip install "suas-jax[tables]"``.
 """
 
 from pathlib import Path
@@ -25,22 +22,14 @@ _KEY = b"suas-so-log"
 _PREFIX = "log."
 _MOST_VALUES = 100_000_000
 _UNITS = {"t_host": "s", "t_device": "s", "so": "counts"}
+_ROWS = {"t_host": "t_host_s", "t_device": "t_device_s", "seq": "seq", "module": "module"}
 
 
 def convert(source: Path, target: Path, *, overwrite: bool = False) -> SoLog:
-    """Convert a log between CSV, Parquet and NetCDF, as the files' endings say.
+    """Convert a log between CSV, Parquet and NetCDF, as the files' endings say; returns it.
 
-    Args:
-        source: .csv, .parquet or .nc.
-        target: likewise.
-        overwrite: replace an existing file.
-
-    Returns:
-        The log.
-
-    Raises:
-        ValueError: an ending is unknown, the source is no log, or a library is missing.
-        OSError: a file can't be read or written.
+    Raises ValueError: an ending is unknown, the source is no log, or a library is missing;
+    OSError: a file can't be read or written.
     """
     read = _chosen({".csv": read_log, ".parquet": read_parquet, ".nc": read_netcdf}, source)
     write = _chosen({".csv": write_csv, ".parquet": write_parquet, ".nc": write_netcdf}, target)
@@ -105,12 +94,7 @@ def write_parquet(log: SoLog, path: Path) -> None:
 
 
 def read_parquet(path: Path) -> SoLog:
-    """Read a log from Parquet.
-
-    Raises:
-        LogFileError: the file is no Parquet file, or no log.
-        OSError: it can't be read.
-    """
+    """Read a log from Parquet; errors as of `convert`."""
     arrow, parquet = _library("pyarrow", "Parquet"), _library("pyarrow.parquet", "Parquet")
     import json
 
@@ -122,23 +106,16 @@ def read_parquet(path: Path) -> SoLog:
         header = json.loads((table.schema.metadata or {}).get(_KEY, b"{}"))
         by_name = {n: table[n].to_numpy(zero_copy_only=False) for n in table.column_names}
     except (arrow.ArrowException, OSError, ValueError, RecursionError) as error:
-        reason = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
-        raise LogFileError(f"{path}: {reason}") from None
+        raise _unreadable(path, error) from None
     return from_columns(path, header, by_name)
 
 
 def to_xarray(log: SoLog) -> "xarray.Dataset":
     """A log as a data set with the dimensions row and taxel, units as attributes."""
     xarray = _library("xarray", "NetCDF")
-    variables: dict[str, Any] = {
-        "t_host": ("row", log.t_host),
-        "t_device": ("row", log.t_device),
-        "seq": ("row", log.seq),
-        "module": ("row", log.module),
-        "so": (("row", "taxel"), log.so),
-    }
-    for name, values in log.flags.items():
-        variables[f"flag_{name}"] = ("row", values)
+    variables: dict[str, Any] = {name: ("row", getattr(log, name)) for name in _ROWS}
+    variables["so"] = ("row", "taxel"), log.so
+    variables |= {f"flag_{name}": ("row", values) for name, values in log.flags.items()}
     data = xarray.Dataset(
         variables,
         coords={"taxel": np.arange(1, log.so.shape[1] + 1)},
@@ -159,12 +136,7 @@ def write_netcdf(log: SoLog, path: Path) -> None:
 
 
 def read_netcdf(path: Path) -> SoLog:
-    """Read a log from NetCDF.
-
-    Raises:
-        LogFileError: the file is no NetCDF file, or no log.
-        OSError: it can't be read.
-    """
+    """Read a log from NetCDF; errors as of `convert`."""
     xarray = _library("xarray", "NetCDF")
     _library("h5netcdf", "NetCDF"), _library("h5py", "NetCDF")
     check_readable(path, MOST_BYTES)
@@ -175,9 +147,8 @@ def read_netcdf(path: Path) -> SoLog:
                 _check_size(path, variable.size, 1)
             data = file.load()
     except (OSError, ValueError, RuntimeError, KeyError, TypeError) as error:
-        reason = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
-        raise LogFileError(f"{path}: {reason}") from None
-    missing = {"t_host", "t_device", "seq", "module", "so"} - set(data.variables)
+        raise _unreadable(path, error) from None
+    missing = {*_ROWS, "so"} - set(data.variables)
     if missing:
         raise LogFileError(f"{path}: no variable {', '.join(sorted(missing))}: no SO log")
     header = {
@@ -188,8 +159,7 @@ def read_netcdf(path: Path) -> SoLog:
     counts = data["so"].values
     if counts.ndim != 2:
         raise LogFileError(f"{path}: so has {counts.ndim} dimensions, not row and taxel")
-    names = {"t_host": "t_host_s", "t_device": "t_device_s", "seq": "seq", "module": "module"}
-    table = {long: data[name].values for name, long in names.items()}
+    table = {long: data[name].values for name, long in _ROWS.items()}
     table |= {f"so_{k + 1}": counts[:, k] for k in range(counts.shape[1])}
     table |= {
         str(name).removeprefix("flag_"): data[name].values
@@ -197,6 +167,11 @@ def read_netcdf(path: Path) -> SoLog:
         if str(name).startswith("flag_")
     }
     return from_columns(path, header, table)
+
+
+def _unreadable(path: Path, error: Exception) -> LogFileError:
+    reason = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
+    return LogFileError(f"{path}: {reason}")
 
 
 def _check_size(path: Path, rows: int, columns: int) -> None:

@@ -17,30 +17,19 @@ _COUNTERS = (2**8, 2**16, 2**24, 2**32)
 
 @dataclass(frozen=True)
 class SoLog:
-    """A log in memory.
+    """A log in memory."""
 
-    Attributes:
-        path: where it was read.
-        header: the `# key: value` lines.
-        t_host: host time since `start_time` [row, s]; NaN where missing.
-        t_device: device time, unwrapped [row, s]; NaN where missing.
-        seq: frame number [row].
-        module: module (triangle) number [row].
-        so: raw counts [row, taxel]; NaN where missing.
-        flags: columns after the counts, by name [row]; integers where they all are, numbers
-            where something was measured (`oil_pressure_Pa`).
-        notes: what the reader left out, in words.
-    """
-
-    path: Path
-    header: dict[str, str]
-    t_host: NDArray[np.float64]
-    t_device: NDArray[np.float64]
-    seq: NDArray[np.int64]
-    module: NDArray[np.int64]
-    so: NDArray[np.float64]
+    path: Path  # where it was read
+    header: dict[str, str]  # the `# key: value` lines
+    t_host: NDArray[np.float64]  # host time since `start_time` [row, s]; NaN where missing
+    t_device: NDArray[np.float64]  # device time, unwrapped [row, s]; NaN where missing
+    seq: NDArray[np.int64]  # frame number [row]
+    module: NDArray[np.int64]  # module (triangle) number [row]
+    so: NDArray[np.float64]  # raw counts [row, taxel]; NaN where missing
+    # columns after the counts, by name [row]; integers where they all are, numbers where
+    # something was measured (`oil_pressure_Pa`)
     flags: dict[str, NDArray[np.generic]]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what the reader left out, in words
 
     def __len__(self) -> int:
         return len(self.seq)
@@ -51,26 +40,16 @@ class Frames:
     """A log by frames: the rows of equal seq side by side.
 
     Counts are kept by rows: a module may be in few of the frames.
-
-    Attributes:
-        t_host: host time of the frame's first row [frame, s].
-        t_device: device time of the frame's first row [frame, s].
-        seq: frame number [frame].
-        modules: module numbers, ascending [module].
-        counts: raw counts [row, taxel]; NaN where missing.
-        frame: which frame a row is of [row].
-        slot: index of a row's module in `modules` [row].
-        row: number of a row in the log, from zero [row].
     """
 
-    t_host: NDArray[np.float64]
-    t_device: NDArray[np.float64]
-    seq: NDArray[np.int64]
-    modules: NDArray[np.int64]
-    counts: NDArray[np.float64]
-    frame: NDArray[np.int64]
-    slot: NDArray[np.int64]
-    row: NDArray[np.int64]
+    t_host: NDArray[np.float64]  # host time of the frame's first row [frame, s]
+    t_device: NDArray[np.float64]  # device time of the frame's first row [frame, s]
+    seq: NDArray[np.int64]  # frame number [frame]
+    modules: NDArray[np.int64]  # module numbers, ascending [module]
+    counts: NDArray[np.float64]  # raw counts [row, taxel]; NaN where missing
+    frame: NDArray[np.int64]  # which frame a row is of [row]
+    slot: NDArray[np.int64]  # index of a row's module in `modules` [row]
+    row: NDArray[np.int64]  # number of a row in the log, from zero [row]
 
     def __len__(self) -> int:
         return len(self.seq)
@@ -83,11 +62,7 @@ class Frames:
         return so
 
     def mean(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Mean over a frame's rows of a column of the log [frame]; NaN where all is missing.
-
-        Args:
-            values: of the column [row of the log].
-        """
+        """Mean over a frame's rows of a column of the log [frame]; NaN where all is missing."""
         own = np.asarray(values, float)[self.row]
         known = np.isfinite(own)
         total = np.bincount(self.frame[known], own[known], len(self))
@@ -106,12 +81,9 @@ def group_frames(log: SoLog) -> Frames:
     """Group the rows of equal seq to frames.
 
     Rows flagged `duplicate` (the device sent them twice) are left out, and so are those flagged
-    `other_taxels` (which taxels their counts are of is unknown). An equal seq counts
-    as the same frame only while it is near and its module is new: a counter that wrapped or
-    a device that restarted begins new frames.
-
-    Raises:
-        ValueError: the log has more modules than any skin.
+    `other_taxels` (which taxels their counts are of is unknown). An equal seq counts as the
+    same frame only while it is near and its module is new: a counter that wrapped or a device
+    that restarted begins new frames. Raises ValueError: the log has more modules than any skin.
     """
     modules = np.unique(log.module)
     if len(modules) > MOST_MODULES:
@@ -165,13 +137,10 @@ def without_other_taxels(log: SoLog) -> SoLog:
     kept = ~flagged(log, "other_taxels")
     if kept.all():
         return log
+    names = ("t_host", "t_device", "seq", "module", "so")
     return dataclasses.replace(
         log,
-        t_host=log.t_host[kept],
-        t_device=log.t_device[kept],
-        seq=log.seq[kept],
-        module=log.module[kept],
-        so=log.so[kept],
+        **{name: getattr(log, name)[kept] for name in names},
         flags={name: values[kept] for name, values in log.flags.items()},
     )
 

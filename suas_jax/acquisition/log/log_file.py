@@ -37,24 +37,3 @@ from suas_jax.acquisition.log.format import (
 from suas_jax.acquisition.log.reader import is_log, read_log
 from suas_jax.acquisition.log.writer import LogWriter
 from suas_jax.files.line_file import LineWriteError
-
-__all__ = [
-    "DEFAULT_SCALE",
-    "FORMAT",
-    "FORMAT_VERSION",
-    "KEY_COLUMNS",
-    "MAX_COUNT",
-    "UNITS",
-    "Frames",
-    "LineWriteError",
-    "LogFileError",
-    "LogWriter",
-    "SoLog",
-    "flagged",
-    "group_frames",
-    "is_log",
-    "log_header",
-    "read_log",
-    "sequence_notes",
-    "without_other_taxels",
-]

@@ -1,21 +1,22 @@
 """Read an SO log strictly, whoever wrote it."""
 
+import dataclasses
+import operator
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from suas_jax.acquisition.log.columns import Column, log_of, number_in
 from suas_jax.acquisition.log.data import FRAME_WINDOW, SoLog
 from suas_jax.acquisition.log.format import (
     CONTINUED,
     KEY_COLUMNS,
-    MAX_COUNT,
-    MEASURED,
     LogFileError,
 )
-from suas_jax.acquisition.log.text_column import TextColumn, number_in
 from suas_jax.files.reading import MEGABYTE, opened, read_bytes, split_fields
 
 # Between the fields of a row once quotes are undone: ASCII's unit separator.
@@ -74,20 +75,22 @@ def _joined(parts: Sequence[SoLog]) -> SoLog:
         return first
     width = max(part.so.shape[1] for part in parts)
 
-    def widened(so: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.pad(so, ((0, 0), (0, width - so.shape[1])), constant_values=np.nan)
+    def joined(column: Callable[[SoLog], NDArray[Any]]) -> NDArray[Any]:
+        return np.concatenate([column(part) for part in parts])
+
+    def widened(log: SoLog) -> NDArray[np.float64]:
+        more = width - log.so.shape[1]
+        return np.pad(log.so, ((0, 0), (0, more)), constant_values=np.nan)
 
     shared = [name for name in first.flags if all(name in part.flags for part in parts)]
-    return SoLog(
-        first.path,
-        first.header,
-        np.concatenate([part.t_host for part in parts]),
-        np.concatenate([part.t_device for part in parts]),
-        np.concatenate([part.seq for part in parts]),
-        np.concatenate([part.module for part in parts]),
-        np.concatenate([widened(part.so) for part in parts]),
-        {name: np.concatenate([part.flags[name] for part in parts]) for name in shared},
-        tuple(note for part in parts for note in part.notes),
+    keys = ("t_host", "t_device", "seq", "module")
+    rows: dict[str, Any] = {name: joined(operator.attrgetter(name)) for name in keys}
+    return dataclasses.replace(
+        first,
+        **rows,
+        so=joined(widened),
+        flags={name: np.concatenate([part.flags[name] for part in parts]) for name in shared},
+        notes=tuple(note for part in parts for note in part.notes),
     )
 
 
@@ -127,27 +130,11 @@ class _Parser:
             self._last_line(*tail, names, rows, numbers, so)
         # One flat list: a list for each row would cost several times more.
         fields = _SEPARATOR.join(rows).split(_SEPARATOR) if rows else []
-        columns = {
-            name: TextColumn(self.path, name, numbers, fields[k :: len(names)])
+        found = {
+            name: Column(self.path, name, fields[k :: len(names)], numbers)
             for k, name in enumerate(names)
         }
-        known = {*KEY_COLUMNS, *so}
-        counts = [columns[k].floats(0.0, MAX_COUNT) for k in so]
-        return SoLog(
-            self.path,
-            self.header,
-            columns["t_host_s"].floats(),
-            columns["t_device_s"].floats(),
-            columns["seq"].integers(),
-            columns["module"].integers(),
-            np.stack(counts, axis=1),
-            {
-                name: column.floats() if name in MEASURED else column.flag()
-                for name, column in columns.items()
-                if name not in known
-            },
-            tuple(self.notes),
-        )
+        return log_of(self.path, self.header, found, so, self.notes)
 
     def _lines(self, data: bytes) -> Iterator[tuple[int, str]]:
         # A power cut leaves zero bytes where data was promised to the file system.

@@ -1,9 +1,11 @@
 """Record a stream to a log."""
 
+import sys
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from suas_jax.acquisition.frames.reading import Decoder
 from suas_jax.acquisition.integrity import Flags
@@ -11,6 +13,11 @@ from suas_jax.acquisition.log.format import RAW_CLOCK
 from suas_jax.acquisition.log.log_file import LineWriteError, LogWriter, log_header
 from suas_jax.acquisition.ports.serial_port import Source
 from suas_jax.acquisition.stream import Judged, Stream
+from suas_jax.acquisition.terminal import LiveTerminal
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
 
 FLAG_COLUMNS = (*Flags._fields, RAW_CLOCK)
 """Columns after the counts in a recorded log."""
@@ -38,21 +45,14 @@ def write_reading(log: LogWriter, judged: Judged, began: float = 0.0) -> None:
 
 
 def record(
-    stream: Stream,
-    log: LogWriter,
+    stream: Stream,  # its clock gives `t_host_s`
+    log: LogWriter,  # closed when this returns or raises
     *,
-    duration: float | None = None,
-    started: float = 0.0,
-    on_progress: Callable[[], None] = lambda: None,
+    duration: float | None = None,  # stop after this many seconds
+    started: float = 0.0,  # `time.monotonic()` when the port was opened [s]
+    on_progress: Callable[[], None] = lambda: None,  # called some ten times a second
 ) -> dict[str, Any]:
     """Write every reading of a stream to a log until it is stopped.
-
-    Args:
-        stream: its clock gives `t_host_s`.
-        log: closed when this returns or raises.
-        duration: stop after this many seconds.
-        started: `time.monotonic()` when the port was opened [s].
-        on_progress: called some ten times a second.
 
     Returns:
         What was recorded and what is missing, see `totals`; `beside` names the files that the
@@ -86,29 +86,16 @@ def record(
 
 
 def record_port(
-    source: Source,
-    decode: Decoder,
-    format_name: str,
-    path: Path,
+    source: Source,  # the open port, which is closed in the end
+    decode: Decoder,  # decoder of its format
+    format_name: str,  # the format's name
+    path: Path,  # of the log
     *,
-    duration: float,
-    report: Callable[[str], None],
-    header: Mapping[str, str] | None = None,
+    duration: float,  # [s]
+    report: Callable[[str], None],  # see `Stream`
+    header: Mapping[str, str] | None = None,  # of the log; None for what every log has
 ) -> dict[str, Any]:
-    """Record an open port to a new log for some time.
-
-    Args:
-        source: the open port, which is closed in the end.
-        decode: decoder of its format.
-        format_name: the format's name.
-        path: of the log.
-        duration: [s].
-        report: called with a sentence about anything a person should know.
-        header: of the log; None for what every log has.
-
-    Returns:
-        As `record`.
-    """
+    """Record an open port to a new log for some time; returns what `record` does."""
     started = time.monotonic()
     try:
         columns = FLAG_COLUMNS + decode.extra_columns
@@ -144,3 +131,82 @@ def totals(stream: Stream, elapsed: float) -> dict[str, Any]:
         "discarded_bytes": tally.discarded,
         "reconnects": stream.reconnects,
     }
+
+
+# Rates are means over this time [s].
+_WINDOW = 2.0
+_REFRESH = 0.25  # between two tables [s]
+
+
+class View(LiveTerminal):
+    """Messages on stderr; on a terminal (or `live`) also a table of rates and losses."""
+
+    def __init__(self, title: str, live: bool | None = None) -> None:
+        super().__init__(sys.stderr.isatty() if live is None else live, _REFRESH)
+        self._title = title
+        self._history: deque[tuple[float, int, int]] = deque()
+
+    def update(self, stream: Stream) -> None:
+        """Show where the recording stands, a few times a second."""
+        if not self.due():
+            return
+        now = time.monotonic()
+        self._history.append((now, stream.summary.rows, stream.tally.bytes))
+        while now - self._history[0][0] > _WINDOW:
+            self._history.popleft()
+        self.draw(self._table(stream))
+
+    def _table(self, stream: Stream) -> "Table":
+        from rich.table import Table
+
+        (then, rows, size), (now, rows_now, size_now) = self._history[0], self._history[-1]
+        span = max(now - then, 1e-9)
+        modules, total, tally = len(stream.modules), stream.summary, stream.tally
+        row_rate = (rows_now - rows) / span
+        table = Table(show_header=False, box=None, title=self._title, title_justify="left")
+        state = "[red]link lost[/]" if stream.lost_link else "recording"
+        table.add_row("state", f"{state}, {stream.reconnects} reconnects")
+        table.add_row("modules", str(modules))
+        table.add_row("frames", f"{row_rate / max(modules, 1):.1f} per second and module")
+        table.add_row(
+            "rows",
+            f"{total.rows} ({row_rate:.0f}/s, {1e-3 * (size_now - size) / span:.1f} kB/s)",
+        )
+        table.add_row("lost", f"{total.lost} frames, {total.restarts} device restarts")
+        table.add_row(
+            "refused", f"{tally.bad_crc} wrong checksums, {tally.malformed} malformed frames"
+        )
+        table.add_row(
+            "flagged",
+            f"{total.duplicates} sent twice, {total.repeats} not refreshed, "
+            f"{total.suspects} suspect",
+        )
+        if total.stuck:
+            taxels = ", ".join(f"{m}: {ks}" for m, ks in sorted(total.stuck.items()))
+            table.add_row("[yellow]stuck taxels[/]", f"module {taxels}")
+        return table
+
+
+def totals_text(totals: dict[str, Any]) -> str:
+    """The totals of a recording in a sentence."""
+    troubles = [
+        f"{totals[key]} {words}"
+        for key, words in (
+            ("lost_frames", "frames lost"),
+            ("bad_crc", "wrong checksums"),
+            ("malformed", "malformed frames"),
+            ("duplicates", "frames sent twice"),
+            ("suspect_rows", "suspect rows"),
+            ("restarts", "device restarts"),
+            ("clock_jumps", "jumps of the device's clock"),
+            ("other_taxels_rows", "rows with another number of taxels"),
+            ("reconnects", "reconnects"),
+            ("unwritten_rows", "rows not written"),
+        )
+        if totals[key]
+    ]
+    troubles += [f"module {m}: taxels {ks} stuck" for m, ks in totals["stuck_taxels"].items()]
+    return (
+        f"{totals['rows']} rows of {len(totals['modules'])} modules in "
+        f"{totals['elapsed_s']:.1f} s; {', '.join(troubles) or 'nothing lost'}"
+    )

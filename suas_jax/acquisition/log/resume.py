@@ -16,27 +16,16 @@ _MOST_PARTS = 100_000
 
 @dataclass(frozen=True)
 class LogEnd:
-    """The end of a log, or of the last part of a rotated one.
+    """The end of a log, or of the last part of a rotated one."""
 
-    Attributes:
-        path: the file.
-        part: which part it is, from 1.
-        header: its `# key: value` lines.
-        start_time: from which `t_host_s` counts.
-        columns: their names; None where they are not named yet.
-        whole_bytes: length without a last line that was cut off.
-        cut_off: that line.
-        last_time: `t_host_s` of the last row, 0 where there is none [s].
-    """
-
-    path: Path
-    part: int
-    header: dict[str, str]
-    start_time: datetime
-    columns: tuple[str, ...] | None
-    whole_bytes: int
-    cut_off: bytes
-    last_time: float
+    path: Path  # the file
+    part: int  # which part it is, from 1
+    header: dict[str, str]  # its `# key: value` lines
+    start_time: datetime  # from which `t_host_s` counts
+    columns: tuple[str, ...] | None  # their names; None where they are not named yet
+    whole_bytes: int  # length without a last line that was cut off
+    cut_off: bytes  # that line
+    last_time: float  # `t_host_s` of the last row, 0 where there is none [s]
 
     @property
     def taxels(self) -> int | None:
@@ -46,15 +35,7 @@ class LogEnd:
         return sum(name.startswith("so_") for name in self.columns)
 
     def check(self, header: Mapping[str, str], flags: Sequence[str]) -> None:
-        """Refuse to append what is not of one kind with the rows that are there.
-
-        Args:
-            header: of the new recording.
-            flags: names of its columns after the counts.
-
-        Raises:
-            LogFileError: another scale, or other columns.
-        """
+        """Refuse (LogFileError) to append rows of another scale or with other columns."""
         if self.columns is not None:
             taxels = [f"so_{k + 1}" for k in range(self.taxels or 0)]
             expected = (*KEY_COLUMNS, *taxels, *flags)
@@ -77,9 +58,7 @@ class LogEnd:
 def end_of_log(path: Path) -> LogEnd | None:
     """The end of a log; None where there is no file, or an empty one.
 
-    Raises:
-        LogFileError: it is no log, or can't be appended to.
-        OSError: it can't be read.
+    Raises LogFileError: it is no log, or can't be appended to; OSError: it can't be read.
     """
     names = {path.name}
     for part in range(1, _MOST_PARTS):

@@ -1,8 +1,4 @@
-"""Write an SO log, append-only: its header, its rows, and the parts that it is rotated into.
-
-Rows are gathered and handed to a `LineFile` a few times a second, which sees to it that only
-whole ones reach the disk, and that none is lost where the file is.
-"""
+"""Write an SO log, append-only: its header, its rows, and the parts that it is rotated into."""
 
 import contextlib
 import time
@@ -28,21 +24,6 @@ class LogWriter:
     program has deleted, moved or replaced it by then, all of it is copied to
     `NAME.beside1.csv`, and the log goes on there.
 
-    Args:
-        path: file to create. An existing one is refused unless it is empty or
-            `overwrite` is set: a log is never lost by a typing error.
-        header: written as `# key: value` lines, usually from `log_header`.
-        taxels: number of so_ columns, or None to call `start` once it is known.
-        flags: names of the integer columns after the counts.
-        flush_interval: [s].
-        sync_interval: [s].
-        rotate_bytes: go on in `NAME.part2.csv`, `NAME.part3.csv`, ... once a file has this
-            size. The file left ends with a `# continued_in` line, which `read_log` follows.
-        overwrite: replace an existing file.
-        append: go on in an existing file (the last part of a rotated one), whose columns and
-            scale must be the same; a last line that was cut off is taken out.
-        report: called with a sentence where the log goes on beside its file.
-
     Attributes:
         rows: handed over so far.
         unwritten: rows among them that a full disk left no room for.
@@ -59,16 +40,24 @@ class LogWriter:
 
     def __init__(
         self,
+        # file to create. An existing one is refused unless it is empty or `overwrite` is set: a
+        # log is never lost by a typing error.
         path: Path,
-        header: Mapping[str, str],
+        header: Mapping[str, str],  # written as `# key: value` lines, usually from `log_header`
         *,
+        # number of so_ columns, or None to call `start` once it is known
         taxels: int | None = None,
-        flags: Sequence[str] = (),
-        flush_interval: float = 0.2,
-        sync_interval: float = 5.0,
+        flags: Sequence[str] = (),  # names of the integer columns after the counts
+        flush_interval: float = 0.2,  # [s]
+        sync_interval: float = 5.0,  # [s]
+        # go on in `NAME.part2.csv`, `NAME.part3.csv`, ... once a file has this size. The file
+        # left ends with a `# continued_in` line, which `read_log` follows.
         rotate_bytes: int | None = None,
-        overwrite: bool = False,
+        overwrite: bool = False,  # replace an existing file
+        # go on in an existing file (the last part of a rotated one), whose columns and scale
+        # must be the same; a last line that was cut off is taken out
         append: bool = False,
+        # called with a sentence where the log goes on beside its file
         report: Callable[[str], None] = lambda sentence: None,
     ) -> None:
         for key, value in header.items():
@@ -139,10 +128,8 @@ class LogWriter:
     ) -> None:
         """Add one row; counts that are None, or fewer than the columns, are missing.
 
-        Times and flags that are NaN are written as missing.
-
-        Raises:
-            LineWriteError: the disk takes no more.
+        Times and flags that are NaN are written as missing. Raises LineWriteError: the disk
+        takes no more.
         """
         if self._taxels is None:
             self.start(len(counts))
@@ -166,8 +153,7 @@ class LogWriter:
     def flush(self) -> None:
         """Hand all complete rows to the operating system: they survive the process.
 
-        Raises:
-            LineWriteError: the disk takes no more; the file ends with a whole row.
+        Raises LineWriteError: the disk takes no more; the file ends with a whole row.
         """
         now = time.monotonic()
         self._flushed = now

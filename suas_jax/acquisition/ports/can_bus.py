@@ -16,7 +16,7 @@ _MOST_AT_ONCE = 512
 
 
 class CanSource:
-    """An open CAN bus.
+    """An open CAN bus, see `Source`.
 
     Args:
         name: `socketcan:can0`, `slcan:/dev/ttyACM0`; without a prefix, a device file or URL is

@@ -1,8 +1,7 @@
 """Open a serial port, by any of its names, and say plainly why it can't be opened.
 
-A port is a device file (`/dev/ttyUSB0`, `COM3`), a URL of pyserial (`socket://host:port`,
-`rfc2217://host:port`, `loop://`), or a USB device by its numbers, `VID:PID` or
-`VID:PID:SERIAL` in hexadecimal, wherever it is plugged in.
+A port is a device file (`/dev/ttyUSB0`, `COM3`), a URL of pyserial (`socket://host:port`), or a
+USB device by its numbers, `VID:PID` or `VID:PID:SERIAL`, wherever it is plugged in.
 """
 
 import contextlib

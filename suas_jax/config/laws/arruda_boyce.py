@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field
-
+from suas_jax.config.fields import file_key
 from suas_jax.config.law import Constant, LawSpec
 
 
@@ -17,10 +16,10 @@ class ArrudaBoyceSpec(LawSpec):
         lambda_m: locking stretch of a chain.
     """
 
-    law: Literal["arruda-boyce"] = Field(default="arruda-boyce", examples=['"arruda-boyce"'])
-    mu: Annotated[float, Constant(positive=True)] = Field(examples=['"0.28 MPa"'])
-    lambda_m: Annotated[float, Constant("number", positive=True, start=(0.2, 3.0))] = Field(
-        examples=["5.1"]
+    law: Literal["arruda-boyce"] = file_key('"arruda-boyce"', "arruda-boyce")
+    mu: Annotated[float, Constant(positive=True)] = file_key('"0.28 MPa"')
+    lambda_m: Annotated[float, Constant("number", positive=True, start=(0.2, 3.0))] = file_key(
+        "5.1"
     )
 
     compared: ClassVar[tuple[int, ...]] = (1,)

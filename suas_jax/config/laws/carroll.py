@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field
-
+from suas_jax.config.fields import file_key
 from suas_jax.config.law import Constant, LawSpec
 
 
@@ -18,9 +17,9 @@ class CarrollSpec(LawSpec):
         C: third constant [Pa], which acts at small strain.
     """
 
-    law: Literal["carroll"] = Field(default="carroll", examples=['"carroll"'])
-    A: Annotated[float, Constant(positive=True)] = Field(examples=['"0.15 MPa"'])
-    B: Annotated[float, Constant(positive=True, degree=(4, 0))] = Field(examples=['"0.3 Pa"'])
-    C: Annotated[float, Constant(positive=True, degree=(0, 1))] = Field(examples=['"95 kPa"'])
+    law: Literal["carroll"] = file_key('"carroll"', "carroll")
+    A: Annotated[float, Constant(positive=True)] = file_key('"0.15 MPa"')
+    B: Annotated[float, Constant(positive=True, degree=(4, 0))] = file_key('"0.3 Pa"')
+    C: Annotated[float, Constant(positive=True, degree=(0, 1))] = file_key('"95 kPa"')
 
     compared: ClassVar[tuple[int, ...]] = (1,)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field
-
+from suas_jax.config.fields import file_key
 from suas_jax.config.law import Constant, LawSpec
 
 
@@ -17,10 +16,10 @@ class GentSpec(LawSpec):
         Jm: value of I1 - 3 at which the chains are fully stretched.
     """
 
-    law: Literal["gent"] = Field(default="gent", examples=['"gent"'])
-    mu: Annotated[float, Constant(positive=True)] = Field(examples=['"0.4 MPa"'])
+    law: Literal["gent"] = file_key('"gent"', "gent")
+    mu: Annotated[float, Constant(positive=True)] = file_key('"0.4 MPa"')
     Jm: Annotated[
         float, Constant("number", positive=True, limits_i1=True, start=(-4.0, 2.0))
-    ] = Field(examples=["80.0"])
+    ] = file_key("80.0")
 
     compared: ClassVar[tuple[int, ...]] = (1,)

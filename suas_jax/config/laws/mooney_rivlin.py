@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field
-
+from suas_jax.config.fields import file_key
 from suas_jax.config.law import Constant, LawSpec
 
 
@@ -18,14 +17,10 @@ class MooneyRivlinSpec(LawSpec):
         C3: third constant [Pa].
     """
 
-    law: Literal["mooney-rivlin"] = Field(default="mooney-rivlin", examples=['"mooney-rivlin"'])
-    C1: Annotated[float, Constant()] = Field(examples=['"20.7 MPa"'])
-    C2: Annotated[float, Constant(degree=(0, 1), since=2)] = Field(
-        default=0.0, examples=['"-4.4 MPa"']
-    )
-    C3: Annotated[float, Constant(degree=(0, 2), since=3)] = Field(
-        default=0.0, examples=['"77 kPa"']
-    )
+    law: Literal["mooney-rivlin"] = file_key('"mooney-rivlin"', "mooney-rivlin")
+    C1: Annotated[float, Constant()] = file_key('"20.7 MPa"')
+    C2: Annotated[float, Constant(degree=(0, 1), since=2)] = file_key('"-4.4 MPa"', 0.0)
+    C3: Annotated[float, Constant(degree=(0, 2), since=3)] = file_key('"77 kPa"', 0.0)
 
     half_modulus: ClassVar[tuple[str, ...]] = ("C1", "C2")
     compared: ClassVar[tuple[int, ...]] = (2, 3)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field
-
+from suas_jax.config.fields import file_key
 from suas_jax.config.law import Constant, LawSpec
 
 
@@ -16,8 +15,8 @@ class NeoHookeanSpec(LawSpec):
         mu: shear modulus [Pa].
     """
 
-    law: Literal["neo-hookean"] = Field(default="neo-hookean", examples=['"neo-hookean"'])
-    mu: Annotated[float, Constant(positive=True)] = Field(examples=['"32.6 MPa"'])
+    law: Literal["neo-hookean"] = file_key('"neo-hookean"', "neo-hookean")
+    mu: Annotated[float, Constant(positive=True)] = file_key('"32.6 MPa"')
 
     compared: ClassVar[tuple[int, ...]] = (1,)
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import ValidationInfo, field_validator
 
-from suas_jax.config.fields import PlacedError, at_most
+from suas_jax.config.fields import PlacedError, at_most, file_key
 from suas_jax.config.law import Constant, LawSpec
 
 MOST_TERMS = 16
@@ -27,13 +27,13 @@ class OgdenSpec(LawSpec):
         convention: what the constants mean.
     """
 
-    law: Literal["ogden"] = Field(default="ogden", examples=['"ogden"'])
-    convention: Literal["mu/alpha", "2mu/alpha^2"] = Field(examples=['"mu/alpha"'])
+    law: Literal["ogden"] = file_key('"ogden"', "ogden")
+    convention: Literal["mu/alpha", "2mu/alpha^2"] = file_key('"mu/alpha"')
     alpha: Annotated[tuple[Annotated[float, Constant("number")], ...], at_most(MOST_TERMS)] = (
-        Field(examples=["[1.3, 5.0, -2.0]"])
+        file_key("[1.3, 5.0, -2.0]")
     )
-    mu: Annotated[tuple[Annotated[float, Constant()], ...], at_most(MOST_TERMS)] = Field(
-        examples=['["0.63 MPa", "1.2 kPa", "-10 kPa"]']
+    mu: Annotated[tuple[Annotated[float, Constant()], ...], at_most(MOST_TERMS)] = file_key(
+        '["0.63 MPa", "1.2 kPa", "-10 kPa"]'
     )
 
     usual_terms: ClassVar[int] = 3

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field
-
+from suas_jax.config.fields import file_key
 from suas_jax.config.law import Constant, LawSpec
 
 
@@ -24,16 +23,16 @@ class PolynomialSpec(LawSpec):
         C03: of (I2 - 3)^3 [Pa].
     """
 
-    law: Literal["polynomial"] = Field(default="polynomial", examples=['"polynomial"'])
-    C10: Annotated[float, Constant(degree=(1, 0), since=1)] = Field(examples=['"0.17 MPa"'])
-    C01: Annotated[float, Constant(degree=(0, 1), since=1)] = Field(0.0, examples=['"5 kPa"'])
-    C20: Annotated[float, Constant(degree=(2, 0), since=2)] = Field(0.0, examples=['"-1 kPa"'])
-    C11: Annotated[float, Constant(degree=(1, 1), since=2)] = Field(0.0, examples=['"0 Pa"'])
-    C02: Annotated[float, Constant(degree=(0, 2), since=2)] = Field(0.0, examples=['"0 Pa"'])
-    C30: Annotated[float, Constant(degree=(3, 0), since=3)] = Field(0.0, examples=['"40 Pa"'])
-    C21: Annotated[float, Constant(degree=(2, 1), since=3)] = Field(0.0, examples=['"0 Pa"'])
-    C12: Annotated[float, Constant(degree=(1, 2), since=3)] = Field(0.0, examples=['"0 Pa"'])
-    C03: Annotated[float, Constant(degree=(0, 3), since=3)] = Field(0.0, examples=['"0 Pa"'])
+    law: Literal["polynomial"] = file_key('"polynomial"', "polynomial")
+    C10: Annotated[float, Constant(degree=(1, 0), since=1)] = file_key('"0.17 MPa"')
+    C01: Annotated[float, Constant(degree=(0, 1), since=1)] = file_key('"5 kPa"', 0.0)
+    C20: Annotated[float, Constant(degree=(2, 0), since=2)] = file_key('"-1 kPa"', 0.0)
+    C11: Annotated[float, Constant(degree=(1, 1), since=2)] = file_key('"0 Pa"', 0.0)
+    C02: Annotated[float, Constant(degree=(0, 2), since=2)] = file_key('"0 Pa"', 0.0)
+    C30: Annotated[float, Constant(degree=(3, 0), since=3)] = file_key('"40 Pa"', 0.0)
+    C21: Annotated[float, Constant(degree=(2, 1), since=3)] = file_key('"0 Pa"', 0.0)
+    C12: Annotated[float, Constant(degree=(1, 2), since=3)] = file_key('"0 Pa"', 0.0)
+    C03: Annotated[float, Constant(degree=(0, 3), since=3)] = file_key('"0 Pa"', 0.0)
 
     half_modulus: ClassVar[tuple[str, ...]] = ("C10", "C01")
     usual_terms: ClassVar[int] = 2

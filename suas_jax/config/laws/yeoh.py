@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field
-
+from suas_jax.config.fields import file_key
 from suas_jax.config.law import Constant, LawSpec
 
 
@@ -18,14 +17,10 @@ class YeohSpec(LawSpec):
         C3: third constant [Pa].
     """
 
-    law: Literal["yeoh"] = Field(default="yeoh", examples=['"yeoh"'])
-    C1: Annotated[float, Constant(positive=True)] = Field(examples=['"0.2 MPa"'])
-    C2: Annotated[float, Constant(degree=(2, 0), since=2)] = Field(
-        default=0.0, examples=['"-2 kPa"']
-    )
-    C3: Annotated[float, Constant(degree=(3, 0), since=3)] = Field(
-        default=0.0, examples=['"50 Pa"']
-    )
+    law: Literal["yeoh"] = file_key('"yeoh"', "yeoh")
+    C1: Annotated[float, Constant(positive=True)] = file_key('"0.2 MPa"')
+    C2: Annotated[float, Constant(degree=(2, 0), since=2)] = file_key('"-2 kPa"', 0.0)
+    C3: Annotated[float, Constant(degree=(3, 0), since=3)] = file_key('"50 Pa"', 0.0)
 
     compared: ClassVar[tuple[int, ...]] = (3,)
     is_polynomial: ClassVar[bool] = True

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
-
-from suas_jax.config.fields import PositivePressure, quantity
+from suas_jax.config.fields import PositivePressure, file_key, quantity
 from suas_jax.config.oil import OilSpec
 from suas_jax.config.substances import OilBulkModulus
 
@@ -20,9 +18,7 @@ class AeratedOilSpec(OilSpec):
         bulk_modulus: K of the oil itself [Pa].
     """
 
-    model: Literal["aerated"] = Field(default="aerated", examples=['"aerated"'])
-    air_fraction: Annotated[float, quantity("number", above=0.0, below=1.0)] = Field(
-        examples=["0.01"]
-    )
-    ambient_pressure: PositivePressure = Field(default=101.3e3, examples=['"101.3 kPa"'])
-    bulk_modulus: OilBulkModulus = Field(default=1.5e9, examples=['"1.5 GPa"'])
+    model: Literal["aerated"] = file_key('"aerated"', "aerated")
+    air_fraction: Annotated[float, quantity("number", above=0.0, below=1.0)] = file_key("0.01")
+    ambient_pressure: PositivePressure = file_key('"101.3 kPa"', 101.3e3)
+    bulk_modulus: OilBulkModulus = file_key('"1.5 GPa"', 1.5e9)

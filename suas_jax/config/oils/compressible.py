@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field
-
+from suas_jax.config.fields import file_key
 from suas_jax.config.oil import OilSpec
 from suas_jax.config.substances import OilBulkModulus
 
@@ -17,5 +16,5 @@ class CompressibleOilSpec(OilSpec):
         bulk_modulus: K [Pa].
     """
 
-    model: Literal["compressible"] = Field(default="compressible", examples=['"compressible"'])
-    bulk_modulus: OilBulkModulus = Field(examples=['"1.5 GPa"'])
+    model: Literal["compressible"] = file_key('"compressible"', "compressible")
+    bulk_modulus: OilBulkModulus = file_key('"1.5 GPa"')

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from pydantic import Field
-
+from suas_jax.config.fields import file_key
 from suas_jax.config.oil import OilSpec
 
 
 class IncompressibleOilSpec(OilSpec):
     """dV = 0."""
 
-    model: Literal["incompressible"] = Field(
-        default="incompressible", examples=['"incompressible"']
-    )
+    model: Literal["incompressible"] = file_key('"incompressible"', "incompressible")
 
     yields: ClassVar[bool] = False

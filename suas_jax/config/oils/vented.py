@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from pydantic import Field
-
+from suas_jax.config.fields import file_key
 from suas_jax.config.oil import OilSpec
 
 
 class VentedOilSpec(OilSpec):
     """p = 0, no constraint on the volume."""
 
-    model: Literal["vented"] = Field(default="vented", examples=['"vented"'])
+    model: Literal["vented"] = file_key('"vented"', "vented")
 
     trapped: ClassVar[bool] = False
     yields: ClassVar[bool] = False

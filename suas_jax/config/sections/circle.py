@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
-from suas_jax.config.fields import PlacedError, PositiveLength, quantity
+from suas_jax.config.fields import PlacedError, PositiveLength, file_key, quantity
 from suas_jax.config.geometry import GeometrySpec
 from suas_jax.config.quantities import format_quantity
 
@@ -20,10 +20,10 @@ class CircleSpec(GeometrySpec):
         half_angle: angle from the symmetry axis to a clamped edge [rad].
     """
 
-    section: Literal["circle"] = Field(default="circle", examples=['"circle"'])
-    inner_radius: PositiveLength = Field(examples=['"57.5 mm"'])
-    half_angle: Annotated[float, quantity("angle", above=0.0, below=math.pi)] = Field(
-        examples=['"90 deg"']
+    section: Literal["circle"] = file_key('"circle"', "circle")
+    inner_radius: PositiveLength = file_key('"57.5 mm"')
+    half_angle: Annotated[float, quantity("angle", above=0.0, below=math.pi)] = file_key(
+        '"90 deg"'
     )
 
     @property

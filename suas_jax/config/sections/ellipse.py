@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import field_validator
 
-from suas_jax.config.fields import AsList, PositiveLength, quantity
+from suas_jax.config.fields import AsList, PositiveLength, file_key, quantity
 from suas_jax.config.geometry import GeometrySpec
 
 
@@ -19,12 +19,12 @@ class EllipseSpec(GeometrySpec):
         half_angle: t at a clamped edge [rad].
     """
 
-    section: Literal["ellipse"] = Field(default="ellipse", examples=['"ellipse"'])
-    inner_semi_axes: Annotated[tuple[PositiveLength, PositiveLength], AsList] = Field(
-        examples=['["57.5 mm", "40 mm"]']
+    section: Literal["ellipse"] = file_key('"ellipse"', "ellipse")
+    inner_semi_axes: Annotated[tuple[PositiveLength, PositiveLength], AsList] = file_key(
+        '["57.5 mm", "40 mm"]'
     )
-    half_angle: Annotated[float, quantity("angle", above=0.0, below=math.pi)] = Field(
-        examples=['"90 deg"']
+    half_angle: Annotated[float, quantity("angle", above=0.0, below=math.pi)] = file_key(
+        '"90 deg"'
     )
 
     @field_validator("inner_semi_axes", mode="before")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
-from suas_jax.config.fields import Angle, PlacedError, PositiveLength, Spec, at_most
+from suas_jax.config.fields import Angle, PlacedError, PositiveLength, Spec, at_most, file_key
 from suas_jax.config.geometry import GeometrySpec
 from suas_jax.config.quantities import format_quantity
 
@@ -23,9 +23,9 @@ class PieceSpec(Spec):
         angle: that the arc turns by [rad].
     """
 
-    line: PositiveLength | None = Field(default=None, examples=['"20 mm"'])
-    radius: PositiveLength | None = Field(default=None, examples=['"30 mm"'])
-    angle: Angle | None = Field(default=None, examples=['"90 deg"'])
+    line: PositiveLength | None = file_key('"20 mm"', None)
+    radius: PositiveLength | None = file_key('"30 mm"', None)
+    angle: Angle | None = file_key('"90 deg"', None)
 
     @model_validator(mode="after")
     def _line_or_arc(self) -> Self:
@@ -46,12 +46,12 @@ class PathSpec(GeometrySpec):
         start: direction of the first piece from +x, counter-clockwise [rad].
     """
 
-    section: Literal["path"] = Field(default="path", examples=['"path"'])
-    path: Annotated[tuple[PieceSpec, ...], at_most(100)] = Field(
-        examples=['[{ line = "20 mm" }, { radius = "30 mm", angle = "90 deg" }]'], min_length=1
+    section: Literal["path"] = file_key('"path"', "path")
+    path: Annotated[tuple[PieceSpec, ...], at_most(100)] = file_key(
+        '[{ line = "20 mm" }, { radius = "30 mm", angle = "90 deg" }]', min_length=1
     )
-    mirror: bool = Field(default=False, examples=["true"])
-    start: Angle = Field(default=math.pi / 2, examples=['"90 deg"'])
+    mirror: bool = file_key("true", False)
+    start: Angle = file_key('"90 deg"', math.pi / 2)
 
     has_angle: ClassVar[bool] = False
 

@@ -6,9 +6,9 @@ import itertools
 import math
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, field_validator
+from pydantic import field_validator
 
-from suas_jax.config.fields import AsList, Length, at_most
+from suas_jax.config.fields import AsList, Length, at_most, file_key
 from suas_jax.config.geometry import GeometrySpec
 
 MOST_POINTS = 400
@@ -23,9 +23,9 @@ class SplineSpec(GeometrySpec):
             a table with the columns x and y and their units.
     """
 
-    section: Literal["spline"] = Field(default="spline", examples=['"spline"'])
-    points: Annotated[tuple[_Point, ...], at_most(MOST_POINTS)] = Field(
-        examples=['"section.csv"'], min_length=4
+    section: Literal["spline"] = file_key('"spline"', "spline")
+    points: Annotated[tuple[_Point, ...], at_most(MOST_POINTS)] = file_key(
+        '"section.csv"', min_length=4
     )
 
     has_angle: ClassVar[bool] = False

@@ -18,8 +18,7 @@ Stuffed by COBS, so that no byte is zero, and a zero byte before and after.
 import binascii
 import struct
 
-from suas_jax.acquisition.frames.checksum import crc16
-from suas_jax.acquisition.frames.reading import FrameFormat, Reading, Tally
+from suas_jax.acquisition.frames.reading import FrameFormat, Reading, SplitDecoder, crc16
 from suas_jax.acquisition.ports.serial_port import SerialSource
 
 _HEAD = struct.Struct("<BBBBII")
@@ -31,50 +30,20 @@ _HAS_MAP = 1
 MAX_FRAME = _HEAD.size + 2 * _MAX_TAXELS + 8 + _CRC.size + 1
 
 
-class CobsDecoder:
+class CobsDecoder(SplitDecoder):
     """Decoder of `cobs` frames; see the module's description."""
 
+    lines, longest = False, MAX_FRAME
     clock_modulus: float | None = 2**32 * 1e-6
     checked = True
-    extra_columns: tuple[str, ...] = ()
 
-    def __init__(self) -> None:
-        self.tally = Tally()
-        self._restart()
+    def _frame(self, frame: bytes, t_host: float) -> list[Reading]:
+        reading = self._parse(frame, t_host)
+        self._opening = False
+        return [] if reading is None else [reading]
 
-    def _restart(self) -> None:
-        self._buffer = b""
-        self._overlong = False
-        self._opening = True
-
-    def feed(self, data: bytes, t_host: float) -> list[Reading]:
-        """Take the bytes read at `t_host` [s]; return the readings they complete."""
-        self.tally.bytes += len(data)
-        *frames, rest = (self._buffer + data).split(b"\0")
-        readings = []
-        for frame in frames:
-            if self._overlong:  # the end of a frame already given up
-                self._overlong = False
-                self.tally.discarded += len(frame)
-            elif frame:
-                reading = self._parse(frame, t_host)
-                if reading is not None:
-                    readings.append(reading)
-                self._opening = False
-        if len(rest) > MAX_FRAME:
-            if not self._overlong:
-                self._refuse(b"")
-            self.tally.discarded += len(rest)
-            self._overlong, rest = True, b""
-        self._buffer = rest
-        self.tally.readings += len(readings)
-        return readings
-
-    def finish(self) -> list[Reading]:
-        """End the stream: forget an unfinished frame."""
-        self.tally.discarded += len(self._buffer)
-        self._restart()
-        return []
+    def _too_long(self) -> None:
+        self._refuse(b"")
 
     def _refuse(self, frame: bytes, *, crc: bool = False) -> None:
         self.tally.discarded += len(frame)

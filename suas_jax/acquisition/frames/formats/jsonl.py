@@ -13,50 +13,30 @@ import math
 import sys
 from typing import TypeGuard
 
-from suas_jax.acquisition.frames.reading import FrameFormat, Reading, Tally
+from suas_jax.acquisition.frames.reading import FrameFormat, Reading, SplitDecoder
 from suas_jax.acquisition.ports.serial_port import SerialSource
 
 MAX_LINE = 8192
 _MAX_COUNT, _MAX_MODULE, _MAX_SEQ = 65535, 99_999, 10**18
 
 
-class JsonLinesDecoder:
+class JsonLinesDecoder(SplitDecoder):
     """Decoder of `jsonl`; see the module's description."""
 
-    clock_modulus: float | None = None
-    checked = False
-    extra_columns: tuple[str, ...] = ()
+    longest = MAX_LINE
 
-    def __init__(self) -> None:
-        self.tally = Tally()
-        self._buffer = b""
-        self._opening = True
+    def _frame(self, frame: bytes, t_host: float) -> list[Reading]:
+        reading = _parsed(frame, t_host)
+        if reading is None:
+            self.tally.discarded += len(frame) + 1
+            self._too_long()
+        self._opening = False
+        return [] if reading is None else [reading]
 
-    def feed(self, data: bytes, t_host: float) -> list[Reading]:
-        """Take the bytes read at `t_host` [s]; return the readings they complete."""
-        self.tally.bytes += len(data)
-        *lines, rest = (self._buffer + data).replace(b"\r", b"\n").split(b"\n")
-        # A line that is too long is malformed however it ends: its begin is enough.
-        self._buffer = rest[: MAX_LINE + 1]
-        self.tally.discarded += len(rest) - len(self._buffer)
-        readings = []
-        for line in lines:
-            reading = _parsed(line, t_host)
-            if reading is not None:
-                readings.append(reading)
-            elif line:
-                self.tally.discarded += len(line) + 1
-                self.tally.partial += self._opening
-                self.tally.malformed += not self._opening
-            self._opening = self._opening and not line
-        self.tally.readings += len(readings)
-        return readings
-
-    def finish(self) -> list[Reading]:
-        """End the stream: forget an unfinished line."""
-        self.tally.discarded += len(self._buffer)
-        self._buffer, self._opening = b"", True
-        return []
+    def _too_long(self) -> None:
+        self.tally.partial += self._opening
+        self.tally.malformed += not self._opening
+        self._opening = False
 
 
 def _parsed(line: bytes, t_host: float) -> Reading | None:

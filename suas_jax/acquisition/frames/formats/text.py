@@ -14,8 +14,7 @@ import math
 import re
 from collections import Counter
 
-from suas_jax.acquisition.frames.checksum import crc16
-from suas_jax.acquisition.frames.reading import FrameFormat, Reading, Tally
+from suas_jax.acquisition.frames.reading import FrameFormat, Reading, SplitDecoder, crc16
 from suas_jax.acquisition.ports.serial_port import SerialSource
 
 MAX_LINE = 8192
@@ -39,66 +38,40 @@ _SALVAGE_TRIES = 16
 _CHANGED = 20
 
 
-class TextDecoder:
+class TextDecoder(SplitDecoder):
     """Decoder of `text` lines; see the module's description."""
 
-    clock_modulus: float | None = None
-    extra_columns: tuple[str, ...] = ()
+    longest = MAX_LINE
 
     def __init__(self) -> None:
-        self.tally = Tally()
-        self.checked = False
         self._widths: dict[int, int] = {}
         self._unlike: dict[int, tuple[int, int]] = {}  # module: other width, lines in a row
-        self._restart()
+        super().__init__()
 
     def _restart(self) -> None:
-        self._buffer = b""
-        self._overlong = False
-        self._opening = True  # nothing has been released since the port was opened
+        super()._restart()
         self._any_line = False
         self._last_seq = -2
         self._last_heard = -math.inf  # when the last line that was released came [s]
         self._held: list[Reading] = []
         self._strangers: dict[int, Reading] = {}
 
-    def feed(self, data: bytes, t_host: float) -> list[Reading]:
-        """Take the bytes read at `t_host` [s]; return the readings they complete."""
-        self.tally.bytes += len(data)
-        *lines, rest = (self._buffer + data).replace(b"\r", b"\n").split(b"\n")
-        readings: list[Reading] = []
-        for line in lines:
-            if self._overlong:  # the end of a line already given up
-                self._overlong = False
-                self.tally.discarded += len(line) + 1
-            elif line:
-                self._line(line, t_host, readings)
-        if len(rest) > MAX_LINE:
-            if not self._overlong:
-                self.tally.malformed += 1
-            self.tally.discarded += len(rest)
-            self._overlong, rest = True, b""
-        self._buffer = rest
-        self.tally.readings += len(readings)
-        return readings
-
     def finish(self) -> list[Reading]:
-        """End the stream: return what was held back, forget an unfinished line."""
+        """See `Decoder`; what was held back is released."""
         held = self._without_partial(self._held)
         self.tally.partial += len(self._held) - len(held)
         readings = self._released(held)
         self._refuse(len(self._strangers))
-        self.tally.discarded += len(self._buffer)
         self.tally.readings += len(readings)
-        self._restart()
+        super().finish()
         return readings
 
-    def _line(self, line: bytes, t_host: float, readings: list[Reading]) -> None:
+    def _frame(self, line: bytes, t_host: float) -> list[Reading]:
         reading = self._parse(line, t_host) if len(line) <= MAX_LINE else None
         first, self._any_line = not self._any_line, True
         if reading is None:
             if line.lstrip().startswith((b"#", b"seq,")):
-                return  # remarks and a line of column names are welcome
+                return []  # remarks and a line of column names are welcome
             if first:
                 self.tally.partial += 1
             else:
@@ -106,14 +79,13 @@ class TextDecoder:
             reading = self._salvaged(line, t_host)
             if reading is None:
                 self.tally.discarded += len(line) + 1
-                return
+                return []
         if self._opening:
             self._held.append(reading)
-            readings += self._sure_of_opening()
-        elif reading.module not in self._widths:
-            readings += self._introduced(reading)
-        else:
-            readings += self._released([reading])
+            return self._sure_of_opening()
+        if reading.module not in self._widths:
+            return self._introduced(reading)
+        return self._released([reading])
 
     def _parse(self, line: bytes, t_host: float) -> Reading | None:
         if self.checked or b"*" in line:
