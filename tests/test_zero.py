@@ -148,11 +148,20 @@ def test_a_zero_of_another_skin_or_another_file_is_refused(tmp_path: Path) -> No
         read_zero(path, skin)
 
 
-def test_pads_are_refused_by_name() -> None:
-    from fitting.inverse_load.zero.from_log import zero_from_log
-
-    with pytest.raises(ValueError, match="pad's errors of filling"):
-        zero_from_log(load_skin(PAD), Path("log.csv"), ["5 N at 0 deg"])
+def test_presses_on_a_pad_have_a_place_along_its_axis() -> None:
+    geometry = load_skin(PAD).geometry
+    press = known_press("500 g at 10 deg, 20 mm +- 0.5 mm", geometry, diameter=8e-3)
+    assert press.quantities == pytest.approx((np.deg2rad(10), 20e-3, 0.5 * 9.80665))
+    assert press.deviations[1] == pytest.approx(0.5e-3)
+    assert press.diameter == pytest.approx(8e-3)
+    assert known_press("5 N at arc 3 mm, 0 mm", geometry).axial_deviation == PLACE_ERROR
+    for text, message in (
+        ("5 N at 0 deg", "place along the axis is needed"),
+        ("5 N at 0 deg, 61 mm", "does not lie on the pad"),
+        ("5 N at 0 deg, 5 N", "5 N"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            known_press(text, geometry)
 
 
 # Compiles readings under presses with their derivatives, the simulation, and an estimator.

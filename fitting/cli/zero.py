@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from fitting.cli.contract import Overwrite, bad_input
-from fitting.cli.options import AsJson
+from fitting.cli.options import AsJson, quantity_option
 from fitting.cli.progress import spinner
 from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import say
@@ -26,14 +26,18 @@ def zero(
         list[str] | None,
         typer.Option(
             metavar="PRESS",
-            help='A press, such as "500 g at 0 deg" or "5 N +- 0.05 N at arc 12 mm"; once for '
-            "each press, in order. Without --known the log's columns state them "
-            "(load_0_force_N, load_0_angle_deg).",
+            help='A press, such as "500 g at 0 deg" or "5 N +- 0.05 N at arc 12 mm", on a pad '
+            '"500 g at 0 deg, 20 mm"; once for each press, in order. Without --known the '
+            "log's columns state them (load_0_force_N, load_0_angle_deg, load_0_axial_mm).",
         ),
     ] = None,
     inputs: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Known inputs in a CSV of their own (t_s)."),
+    ] = None,
+    diameter: Annotated[
+        str | None,
+        typer.Option(metavar="LENGTH", help="Of what presses on a pad; default: 6 mm."),
     ] = None,
     output: Annotated[
         Path | None,
@@ -62,12 +66,14 @@ def zero(
         from suas_jax.config import load_skin
         from suas_jax.runtime.settings import configure
 
+        size = None if diameter is None else quantity_option("--diameter", diameter, "length")
+
         spec = load_skin(skin)
         configure()
         from fitting.inverse_load.zero.from_log import zero_from_log
 
         with spinner("updating the inputs by the known presses"):
-            found = zero_from_log(spec, log, known or (), inputs)
+            found = zero_from_log(spec, log, known or (), inputs, diameter=size)
         write_text(target, zero_text(found, skin, log))
     if as_json:
         say(json_text(_report(found, target)))
@@ -91,6 +97,7 @@ def _report(found: "Zero", target: Path) -> dict[str, Any]:
             {
                 "known": press.text,
                 "angle_rad": press.angle,
+                "axial_m": press.axial,
                 "force_N": press.force,
                 "force_deviation_before": float(before),
                 "force_deviation_after": float(after),
