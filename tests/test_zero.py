@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fitting.inverse_load.zero import update
 from fitting.inverse_load.zero.gaussian import Gaussian, conditioned
 from fitting.inverse_load.zero.presses import (
     FORCE_ERROR,
@@ -98,6 +99,16 @@ def test_frames_of_presses_are_the_held_parts_in_order() -> None:
         frames_of_presses(so, patterns[[0, 1, 0]], 1.0)
     with pytest.raises(ValueError, match="at rest before the first press"):
         frames_of_presses(np.concatenate([so[:2], so[10:]]), patterns, 1.0)
+
+
+def test_every_press_has_its_own_place_and_force() -> None:
+    """Readings of press k move with the errors and with its own quantities alone."""
+    rng = np.random.default_rng(3)
+    by_press, by_error = rng.normal(size=(2, 3, 5)), rng.normal(size=(2, 4, 5))
+    jacobian = update._jacobian(update._Model(np.zeros((2, 5)), by_press, by_error))
+    e, x = rng.normal(size=4), rng.normal(size=(2, 3))
+    moved = [e @ by_error[k] + x[k] @ by_press[k] for k in range(2)]
+    np.testing.assert_allclose(jacobian @ np.concatenate([e, x.ravel()]), np.ravel(moved))
 
 
 def made_up(skin: Path) -> Zero:
@@ -215,3 +226,26 @@ def test_one_weight_sets_the_forces_right(tmp_path: Path) -> None:
         assert (np.abs(error) < 3 * deviation).mean() > 0.97
     assert np.abs(error[here]).mean() / 10 < 0.02  # with the zero
     assert deviation[~here].mean() > deviation[here].mean()  # and less sure elsewhere
+
+
+# Compiles the readings of a pad under presses with their derivatives.
+@pytest.mark.long
+def test_one_weight_sets_a_pad_s_forces_right_where_it_stood() -> None:
+    errors = input_errors(as_assembled(load_skin(PAD)))
+    press = known_press("10 N at 0 deg, 0 mm", errors.spec.geometry)
+    e = np.array([0.8 * (-1) ** k for k in range(len(errors))])
+    true = update.PressModel(errors, [press])
+    change = true.at(e, true.known).change
+    readings = update.PressReadings(change, np.full_like(change, 0.1), np.ones(1))
+    zero = update.zero_of(errors, (press,), readings, 1e-2)
+    assert zero.before[0] > 0.1
+    assert zero.after[0] < 0.02
+    # What the zero leaves of the errors does not move the force it was found with.
+    now = true.at(zero.posterior.mean, true.known)
+    assert np.abs(now.change - change).max() < 0.02 * np.abs(change).max()
+    # Derivatives of the readings by the errors, against differences.
+    for k in range(len(errors)):
+        step = 1e-3 * np.eye(len(errors))[k]
+        high, low = (true.at(e + s * step, true.known).change for s in (1, -1))
+        by = true.at(e, true.known).by_error[0, k]
+        assert np.abs((high - low)[0] / 2e-3 - by).max() < 1e-3 * np.abs(by).max() + 1e-4
