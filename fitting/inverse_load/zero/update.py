@@ -12,14 +12,14 @@ own mean until that stays where it is; what is left of e is the zero.
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
-from jaxtyping import Array
+from jaxtyping import Array, Float
 from scipy.special import chdtrc
 
 from fitting.arrays import Floats
@@ -28,6 +28,7 @@ from fitting.inverse_load.fit.section_errors import changed_skin, skin_tangent
 from fitting.inverse_load.zero.gaussian import Gaussian, conditioned
 from fitting.inverse_load.zero.zero import KnownPress, Zero, inputs_at, zeroed_inputs
 from suas_jax.config import InputErrors
+from suas_jax.equilibrium.balance import State
 from suas_jax.mesh.pad_plan import PadPlan
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.forward import forward
@@ -90,24 +91,30 @@ class PressModel:
         self._scale = np.ones_like(self.known)
         self._scale[:, -1] = share
         self._diameter = np.array([press.diameter for press in presses])
-        skin = skin_of(errors.spec, contact=False)
+        self._skin = skin_of(errors.spec, contact=False)
         # A pad's mesh stays graded around where the presses are known to be.
-        self._mesh = skin.around(self._loads(self.known)).mesh
-        self._skin = skin
+        groups = self._groups(self.known)
+        self._meshes = [self._skin.around(loads).mesh for loads in groups]
 
-    def _loads(self, x: Floats) -> Loads:
-        """The presses, each in its lane, and rest in the last."""
+    def _groups(self, x: Floats) -> list[Loads]:
+        """The presses and, last, rest: in lanes of one program, on a pad one after another."""
         rows = np.concatenate([x * self._scale, np.zeros((1, x.shape[1]))])
         if not self._pad:
-            return Loads.line(*rows.T[:, None])
-        diameter = np.append(self._diameter, self._diameter[-1])
-        angle, axial, force = rows.T[:, None]
-        return Loads.patch(angle, axial, force, diameter[None])
+            return [Loads.line(*rows.T[:, None])]
+        sizes = np.append(self._diameter, self._diameter[-1])
+        return [
+            Loads.patch(angle, axial, force, size)
+            for (angle, axial, force), size in zip(rows, sizes, strict=True)
+        ]
 
     def change(self) -> Floats:
         """Change of readings under the presses as known, by the skin's file [press, taxel]."""
-        skin = dataclasses.replace(self._skin, mesh=self._mesh)
-        so = np.asarray(forward(skin, self._loads(self.known)).so).T
+        so = np.concatenate(
+            [
+                np.asarray(forward(_on(self._skin, mesh), loads).so).T
+                for mesh, loads in zip(self._meshes, self._groups(self.known), strict=True)
+            ]
+        )
         return np.asarray(np.nan_to_num(so[:-1] - so[-1]))
 
     def at(self, e: Floats, x: Floats) -> _Model:
@@ -119,60 +126,58 @@ class PressModel:
         paths = self._errors.paths
         values = dict(zip(paths, inputs_at(self._errors, e).tolist(), strict=True))
         spec = zeroed_inputs(self._errors.spec, values)
-        skin = changed_skin(spec, self._skin, {})
-        along = [skin_tangent(spec, skin, paths, column) for column in self._errors.directions]
-        known = COMPILED.run(_readings, skin, along, self._mesh, self._loads(x))
-        so, by_error, by_press, solved = (np.asarray(part) for part in known)
-        change = (so[:, :-1] - so[:, -1:]).T
-        if not solved.all() or not np.isfinite(change).all():
-            raise ValueError(
-                "the model finds no state under the known presses with inputs "
-                + ", ".join(f"{path} = {value:.6g}" for path, value in values.items())
-                + ": is the force right, and the skin file this skin's?"
-            )
-        # [error, taxel, press] -> [press, error, taxel]
-        by_error = np.moveaxis(by_error[..., :-1] - by_error[..., -1:], -1, 0)
-        by_press = np.moveaxis(by_press[..., :-1], -1, 0) * self._scale[..., None]
-        return _Model(change, by_press, by_error)
+        plain = changed_skin(spec, self._skin, {})
+        tangents = [
+            skin_tangent(spec, plain, paths, column) for column in self._errors.directions
+        ]
+        so, slopes = [], []
+        for mesh, loads in zip(self._meshes, self._groups(x), strict=True):
+            skin = _on(plain, mesh)
+            found = forward(skin, loads)
+            if not (np.asarray(found.solved).all() and np.isfinite(found.so).all()):
+                raise ValueError(
+                    "the model finds no state under the known presses with inputs "
+                    + ", ".join(f"{path} = {value:.6g}" for path, value in values.items())
+                    + ": is the force right, and the skin file this skin's?"
+                )
+            still = jax.tree.map(jnp.zeros_like, loads)
+            along = [(_filled(skin, tangent), still) for tangent in tangents]
+            none = _filled(skin, None)
+            along += [
+                (none, dataclasses.replace(still, **{k: jnp.ones_like(getattr(loads, k))}))
+                for k in _QUANTITIES
+                if getattr(loads, k) is not None
+            ]
+            so.append(np.asarray(found.so).T)
+            columns = [COMPILED.run(_along, skin, loads, found.state, *by) for by in along]
+            slopes.append(np.stack([np.asarray(column).T for column in columns], 1))
+        both = np.concatenate(so), np.concatenate(slopes)
+        change, moved = (x[:-1] - x[-1] for x in (both[0], both[1][:, : len(tangents)]))
+        by_press = both[1][:-1, len(tangents) :] * self._scale[..., None]
+        return _Model(change, by_press, moved)
+
+
+def _on(skin: Skin, mesh: PadPlan | None) -> Skin:
+    return dataclasses.replace(skin, mesh=mesh)
+
+
+def _filled(skin: Skin, tangent: Skin | None) -> Skin:
+    """A tangent of a skin with zeros where nothing changes: one structure, one program."""
+    arrays = eqx.filter(skin, eqx.is_inexact_array)
+    zero = jax.tree.map(jnp.zeros_like, arrays)
+    return zero if tangent is None else eqx.combine(_on(tangent, None), zero)
 
 
 @eqx.filter_jit
-def _readings(
-    skin: Skin, along: list[Skin], mesh: PadPlan | None, loads: Loads
-) -> tuple[Array, Array, Array, Array]:
-    """Readings [taxel, lane], their derivatives along changes of the skin and by the loads.
+def _along(
+    skin: Skin, loads: Loads, start: State, by_skin: Skin, by_loads: Loads
+) -> Float[Array, "taxel lane"]:
+    """Derivative of readings at a state as skin and loads change along tangents."""
 
-    Returns:
-        Readings; derivatives [change, taxel, lane]; derivatives by angle, axial position (of
-        patches) and force [quantity, taxel, lane]; which lanes have a state.
-    """
-    arrays, static = eqx.partition(skin, eqx.is_inexact_array)
-    names = [k for k in _QUANTITIES if getattr(loads, k) is not None]
-    varied = {k: getattr(loads, k) for k in names}
+    def so(skin: Skin, loads: Loads) -> Array:
+        return forward(skin, loads, start).so
 
-    def so(arrays: Any, varied: dict[str, Array]) -> tuple[Array, Array]:
-        changed = dataclasses.replace(eqx.combine(arrays, static), mesh=mesh)
-        found = forward(changed, dataclasses.replace(loads, **varied))
-        return found.so, found.solved
-
-    readings, push, solved = jax.linearize(so, arrays, varied, has_aux=True)
-    still = jax.tree.map(jnp.zeros_like, (arrays, varied))
-    moved = [eqx.filter(tangent, eqx.is_inexact_array) for tangent in along]
-    tangents = jax.tree.map(_stacked, arrays, *moved, is_leaf=lambda x: x is None)
-    by_error = jax.vmap(lambda tangent: push(tangent, still[1]))(tangents)
-    units = {
-        k: jnp.stack([jnp.full_like(x, float(k == name)) for name in names])
-        for k, x in varied.items()
-    }
-    by_press = jax.vmap(lambda unit: push(still[0], unit))(units)
-    return readings, by_error, by_press, solved
-
-
-def _stacked(x: Array | None, *tangents: Array | None) -> Array | None:
-    """Tangents of an array, zero where it does not change."""
-    if x is None:
-        return None
-    return jnp.stack([jnp.zeros_like(x) if t is None else t for t in tangents])
+    return eqx.filter_jvp(so, (skin, loads), (by_skin, by_loads))[1]
 
 
 def zero_of(
