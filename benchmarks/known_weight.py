@@ -6,6 +6,7 @@ readings, and loads anywhere on it are then found with the zero's inputs and cov
 with the file's::
 
     python benchmarks/known_weight.py --skins 60
+    python benchmarks/known_weight.py --skin configs/skins/suas-pad.toml --skins 20
 """
 
 import argparse
@@ -13,26 +14,27 @@ import argparse
 import numpy as np
 
 from fitting.inverse_load.drift import ROUNDING
-from fitting.inverse_load.estimator import MODEL_ERROR
+from fitting.inverse_load.estimator import MODEL_ERROR, PAD_MODEL_ERROR
 from fitting.inverse_load.zero.gaussian import Gaussian, conditioned
 from fitting.inverse_load.zero.presses import known_press
-from fitting.inverse_load.zero.update import PressReadings, SectionPresses, zero_of
+from fitting.inverse_load.zero.update import PressModel, PressReadings, zero_of
 from suas_jax import configure
 from suas_jax.config import input_errors, load_skin
 from suas_jax.config.input_errors import as_assembled
 
-_KNOWN = "10 N at 0 deg"
+_KNOWN = {2: "10 N at 0 deg", 3: "10 N at 0 deg, 0 mm"}
 _FRAMES = 50  # of the weight, and of the rest before it
 _LOADS = 6  # found on each skin at a time
 _FREE = 1e6  # variance of what is not known
-_NEAR = np.deg2rad(3.0)
+_FORCES = {2: (3, 15), 3: (1, 12)}
 
 
 def found_loads(
-    model: SectionPresses, change: np.ndarray, weight: np.ndarray, errors: Gaussian
+    model: PressModel, change: np.ndarray, weight: np.ndarray, errors: Gaussian
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Loads [load, 2] and standard deviations of their forces [load], from their readings."""
+    """Loads [load, quantity] and deviations of their forces [load], from their readings."""
     x, count = model.known.copy(), len(errors.mean)
+    size = x.shape[1]
     for _ in range(6):
         now = model.at(errors.mean, x)
         step = np.zeros_like(x)
@@ -42,8 +44,8 @@ def found_loads(
                 np.concatenate([errors.mean, x[k]]),
                 np.block(
                     [
-                        [errors.covariance, np.zeros((count, 2))],
-                        [np.zeros((2, count)), _FREE * np.eye(2)],
+                        [errors.covariance, np.zeros((count, size))],
+                        [np.zeros((size, count)), _FREE * np.eye(size)],
                     ]
                 ),
             )
@@ -68,38 +70,43 @@ def main() -> None:
     rng = np.random.default_rng(options.seed)
     spec = load_skin(options.skin)
     errors = input_errors(as_assembled(spec))
-    count, taxels = len(errors), len(spec.electrodes.taxels)
+    count, pad = len(errors), spec.geometry.dimension == 3
     noise = spec.electrodes.noise**2 + ROUNDING
-    weighed = (known_press(_KNOWN, spec.geometry),)
-    truth_of_weight = SectionPresses(errors, weighed, np.ones(1))
+    model_error = PAD_MODEL_ERROR if pad else MODEL_ERROR
+    weighed = (known_press(_KNOWN[spec.geometry.dimension], spec.geometry),)
+    truth_of_weight = PressModel(errors, weighed)
     rows = []
     for _ in range(options.skins):
         e = rng.normal(size=count)
         place = np.concatenate([[0.0], rng.uniform(-60, 60, _LOADS - 1)])
-        force = np.concatenate([[10.0], rng.uniform(3, 15, _LOADS - 1)])
-        loads = tuple(
-            known_press(f"{f} N at {a} deg", spec.geometry)
-            for a, f in zip(place, force, strict=True)
-        )
-        pressed = SectionPresses(errors, loads, np.ones(_LOADS))
+        least, most = _FORCES[spec.geometry.dimension]
+        force = np.concatenate([[10.0], rng.uniform(least, most, _LOADS - 1)])
+        axial = np.concatenate([[0.0], rng.uniform(-40, 40, _LOADS - 1)])
+        ends = [f", {z} mm" if pad else "" for z in axial]
+        loads = [
+            known_press(f"{f} N at {a} deg{end}", spec.geometry)
+            for a, f, end in zip(place, force, ends, strict=True)
+        ]
+        pressed = PressModel(errors, loads)
         try:
             scale_error = 1 + weighed[0].force_deviation / weighed[0].force * rng.normal()
-            x = truth_of_weight.known * [1.0, scale_error]
+            x = truth_of_weight.known.copy()
+            x[:, -1] *= scale_error
             read = truth_of_weight.at(e, x).change
             change = pressed.at(e, pressed.known).change
         except ValueError:  # beyond buckling, or at the wall
             continue
-        variance = np.full((1, taxels), 2 * noise / _FRAMES)
+        variance = np.full_like(read, 2 * noise / _FRAMES)
         read = read + np.sqrt(variance) * rng.normal(size=read.shape)
         readings = PressReadings(read, variance, np.ones(1))
         change = change + np.sqrt(noise) * rng.normal(size=change.shape)
-        weight = 1 / (noise + (MODEL_ERROR * change) ** 2)
+        weight = 1 / (noise + (model_error * change) ** 2)
         try:
-            zero = zero_of(errors, weighed, readings, MODEL_ERROR)
+            zero = zero_of(errors, weighed, readings, model_error)
             for own in (Gaussian(np.zeros(count), np.eye(count)), zero.posterior):
                 at, deviation = found_loads(pressed, change, weight, own)
-                off = at[:, 1] / force - 1
-                rows.append((off, deviation / force, np.abs(np.deg2rad(place)) < _NEAR))
+                off = at[:, -1] / force - 1
+                rows.append((off, deviation / force, np.arange(_LOADS) == 0))
         except ValueError as error:
             print("left out:", str(error)[:90])
     print(f"{len(rows) // 2} skins")

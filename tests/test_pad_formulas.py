@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fitting.inverse_load.pad import input_errors as pad_errors
+from fitting.inverse_load.pad import stiffening
 from fitting.inverse_load.pad.columns import LEVELS, Column, _reach, largest_forces
 from fitting.inverse_load.pad.finer_mesh import force_surplus
 from fitting.inverse_load.pad.fitter import AskewFitter, PadFitter
@@ -25,6 +25,7 @@ from fitting.inverse_load.pad.pad_least_squares import (
 from fitting.inverse_load.pad.parts import PadNodeSearch
 from fitting.inverse_load.pad.solved import near
 from fitting.inverse_load.pad.spline import SplineBasis, TensorSpline
+from fitting.inverse_load.pad.stiffening import Stiffening
 from fitting.inverse_load.pad.table import PadTable, reciprocal
 from fitting.inverse_load.pad.table_build import _between, edge_of
 from suas_jax.config import InputErrors, SkinSpec, load_skin
@@ -131,8 +132,9 @@ ERRORS = {  # path: (deviation, d stray, da, db / b, relative change of stiffnes
 }
 
 
-def _stiffened(self: PadErrors, path: str, size: float) -> float:
-    return 1.5 * size / value_of(self._spec, path)
+def _stiffened(spec: SkinSpec, steps: dict[str, float], *_: object) -> np.ndarray:
+    by = [1.5 * step / value_of(spec, path) for path, step in steps.items()]
+    return np.broadcast_to(by, (2, 2, 2, len(by)))
 
 
 def errors_of(spec: SkinSpec, *, from_rest: bool = False) -> PadErrors:
@@ -141,10 +143,16 @@ def errors_of(spec: SkinSpec, *, from_rest: bool = False) -> PadErrors:
     sizes = np.diag([x[0] for x in ERRORS.values()])
     errors = InputErrors(paths, sizes, paths, (), spec)
     table: Any = SimpleNamespace(
-        rest=STRAY + 1 / AT_REST, stray=np.full(3, STRAY), diameter=6e-3
+        rest=STRAY + 1 / AT_REST,
+        stray=np.full(3, STRAY),
+        diameter=6e-3,
+        angle=np.array([-1.0, 1.0]),
+        axial=np.array([-0.02, 0.02]),
+        largest=lambda angle, axial: (np.log(10.0) + 0 * angle[:, None],),
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(PadErrors, "_solved_stiffening", _stiffened)
+        patch.setattr(stiffening, "_solved", _stiffened)
+        patch.setattr(stiffening, "kept_arrays", lambda name, make: make())
         skin = skin_of(spec, contact=False)
         return PadErrors(errors, skin, table, from_rest=from_rest, slots=1)
 
@@ -228,10 +236,9 @@ def test_model_and_mesh_leave_half_a_per_cent_and_a_twentieth_of_a_millimetre(
 
 
 def test_a_dimension_stiffens_as_less_force_does(
-    spec: SkinSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    spec: SkinSpec, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A membrane whose displacement is F / t^3: two per cent of t are six of stiffness."""
-    monkeypatch.setattr("platformdirs.user_cache_path", lambda name: tmp_path)
+    """A membrane whose displacement is F / t^3, under which rest moves, too."""
     forces = []
 
     def channels(skin: Any, loads: np.ndarray, diameter: float, slots: int) -> np.ndarray:
@@ -239,22 +246,41 @@ def test_a_dimension_stiffens_as_less_force_does(
         forces.extend(loads[:, 2])
         force = loads[:, 2] * (1 - 3 * (thickness - 1))
         place = 1 + loads[:, 0] + loads[:, 1]
-        so = (force * place)[:, None] * np.array([1.0, 2.0, np.nan])
+        so = (force * place)[:, None] * np.array([1.0, 2.0, np.nan]) + 7 * thickness
         return np.column_stack([so, 100 * loads[:, 2]])
 
-    monkeypatch.setattr(pad_errors, "solved_channels", channels)
-    own = object.__new__(PadErrors)
-    own._spec, own._skin, own._slots = spec, skin_of(spec, contact=False), 1
-    own._inputs, own._table = {}, linear_table()
-    change = 1e-4, 3.0 * 1e-4 / 5e-3  # of the thickness [m], of the stiffness
-    found = own._solved_stiffening("geometry.thickness", change[0])
-    assert found == pytest.approx(change[1], rel=1e-9)
-    largest = 10.0  # at the middle of the pad
-    expected = np.array([1.0, 0.98, 1.0]) * 0.4 * largest
-    np.testing.assert_allclose(forces, [*expected, *expected], rtol=1e-12)
-    # The second time it comes from the cache.
-    assert own._solved_stiffening("geometry.thickness", change[0]) == found
-    assert len(forces) == 6
+    monkeypatch.setattr(stiffening, "solved_channels", channels)
+    nodes = np.array([0.0, 0.4]), np.array([0.0, 0.01]), np.array([[[1.0, 8.0]] * 2] * 2)
+    step = 1e-4  # of the thickness [m]
+    skin = skin_of(spec, contact=False)
+    found = stiffening._solved(spec, {"geometry.thickness": step}, skin, nodes, 6e-3, 1)
+    np.testing.assert_allclose(found, np.full((2, 2, 2, 1), 3 * step / 5e-3), rtol=1e-9)
+    own = [*nodes[2].ravel(), 0.0]
+    np.testing.assert_allclose(forces, [*own, *(0.98 * nodes[2].ravel()), *own], rtol=1e-12)
+
+
+def test_stiffening_is_linear_between_places_and_forces() -> None:
+    """Of a change a + b |angle| + c |axial| + d F, for forces whose range differs by place."""
+    angle, axial = np.array([0.0, 0.6]), np.array([0.0, 0.03])
+    force = np.array([[[1.0, 9.0], [1.0, 8.0]], [[0.5, 7.0], [0.5, 6.0]]])
+
+    def change(a: Any, z: Any, f: Any) -> Any:
+        return -0.2 + 0.1 * a + 2.0 * z + 0.005 * f
+
+    nodes = np.meshgrid(angle, axial, indexing="ij")
+    solved = change(nodes[0][..., None], nodes[1][..., None], force)[..., None]
+    errors = Stiffening(
+        np.array([0.1, 0.0]), np.array([[0.0], [5.0]]), angle, axial, force, solved
+    )
+    places = np.array([0.0, -0.6, 0.6, 0.3]), np.array([-0.03, 0.0, 0.03, 0.0])
+    loads = np.array([3.0, 0.5, 2.0, 5.0])
+    found = errors.at(*places, loads)
+    np.testing.assert_allclose(found[:, 0], 0.1)
+    expected = 5 * change(np.abs(places[0]), np.abs(places[1]), loads)
+    np.testing.assert_allclose(found[:, 1], expected, rtol=1e-12)
+    # Beyond the solved states their change is kept.
+    beyond = errors.at(np.array([0.9]), np.array([0.0]), np.array([20.0]))[0, 1]
+    assert beyond == pytest.approx(5 * change(0.6, 0.0, 7.0))
 
 
 # --- spline -------------------------------------------------------------------------------

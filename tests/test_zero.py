@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fitting.inverse_load.zero import update
 from fitting.inverse_load.zero.gaussian import Gaussian, conditioned
 from fitting.inverse_load.zero.presses import (
     FORCE_ERROR,
@@ -100,6 +101,16 @@ def test_frames_of_presses_are_the_held_parts_in_order() -> None:
         frames_of_presses(np.concatenate([so[:2], so[10:]]), patterns, 1.0)
 
 
+def test_every_press_has_its_own_place_and_force() -> None:
+    """Readings of press k move with the errors and with its own quantities alone."""
+    rng = np.random.default_rng(3)
+    by_press, by_error = rng.normal(size=(2, 3, 5)), rng.normal(size=(2, 4, 5))
+    jacobian = update._jacobian(update._Model(np.zeros((2, 5)), by_press, by_error))
+    e, x = rng.normal(size=4), rng.normal(size=(2, 3))
+    moved = [e @ by_error[k] + x[k] @ by_press[k] for k in range(2)]
+    np.testing.assert_allclose(jacobian @ np.concatenate([e, x.ravel()]), np.ravel(moved))
+
+
 def made_up(skin: Path) -> Zero:
     """A zero of a skin with another mean and covariance of its errors."""
     rng = np.random.default_rng(4)
@@ -148,11 +159,20 @@ def test_a_zero_of_another_skin_or_another_file_is_refused(tmp_path: Path) -> No
         read_zero(path, skin)
 
 
-def test_pads_are_refused_by_name() -> None:
-    from fitting.inverse_load.zero.from_log import zero_from_log
-
-    with pytest.raises(ValueError, match="pad's errors of filling"):
-        zero_from_log(load_skin(PAD), Path("log.csv"), ["5 N at 0 deg"])
+def test_presses_on_a_pad_have_a_place_along_its_axis() -> None:
+    geometry = load_skin(PAD).geometry
+    press = known_press("500 g at 10 deg, 20 mm +- 0.5 mm", geometry, diameter=8e-3)
+    assert press.quantities == pytest.approx((np.deg2rad(10), 20e-3, 0.5 * 9.80665))
+    assert press.deviations[1] == pytest.approx(0.5e-3)
+    assert press.diameter == pytest.approx(8e-3)
+    assert known_press("5 N at arc 3 mm, 0 mm", geometry).axial_deviation == PLACE_ERROR
+    for text, message in (
+        ("5 N at 0 deg", "place along the axis is needed"),
+        ("5 N at 0 deg, 61 mm", "does not lie on the pad"),
+        ("5 N at 0 deg, 5 N", "5 N"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            known_press(text, geometry)
 
 
 # Compiles readings under presses with their derivatives, the simulation, and an estimator.
@@ -206,3 +226,26 @@ def test_one_weight_sets_the_forces_right(tmp_path: Path) -> None:
         assert (np.abs(error) < 3 * deviation).mean() > 0.97
     assert np.abs(error[here]).mean() / 10 < 0.02  # with the zero
     assert deviation[~here].mean() > deviation[here].mean()  # and less sure elsewhere
+
+
+# Compiles the readings of a pad under presses with their derivatives.
+@pytest.mark.long
+def test_one_weight_sets_a_pad_s_forces_right_where_it_stood() -> None:
+    errors = input_errors(as_assembled(load_skin(PAD)))
+    press = known_press("10 N at 0 deg, 0 mm", errors.spec.geometry)
+    e = np.array([0.8 * (-1) ** k for k in range(len(errors))])
+    true = update.PressModel(errors, [press])
+    change = true.at(e, true.known).change
+    readings = update.PressReadings(change, np.full_like(change, 0.1), np.ones(1))
+    zero = update.zero_of(errors, (press,), readings, 1e-2)
+    assert zero.before[0] > 0.1
+    assert zero.after[0] < 0.02
+    # What the zero leaves of the errors does not move the force it was found with.
+    now = true.at(zero.posterior.mean, true.known)
+    assert np.abs(now.change - change).max() < 0.02 * np.abs(change).max()
+    # Derivatives of the readings by the errors, against differences.
+    for k in range(len(errors)):
+        step = 1e-3 * np.eye(len(errors))[k]
+        high, low = (true.at(e + s * step, true.known).change for s in (1, -1))
+        by = true.at(e, true.known).by_error[0, k]
+        assert np.abs((high - low)[0] / 2e-3 - by).max() < 1e-3 * np.abs(by).max() + 1e-4

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from fitting.cli.contract import Overwrite, answer, bad_input
-from fitting.cli.options import AsJson, SkinFile, argument, computing, option
+from fitting.cli.options import AsJson, SkinFile, argument, computing, option, quantity_option
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.reading import read_bytes
 from suas_jax.files.writing import check_output, write_text
@@ -21,14 +21,18 @@ def zero(
     known: Annotated[
         list[str] | None,
         option(
-            'A press, such as "500 g at 0 deg" or "5 N +- 0.05 N at arc 12 mm"; once for '
-            "each press, in order. Without --known the log's columns state them "
-            "(load_0_force_N, load_0_angle_deg).",
+            'A press, such as "500 g at 0 deg" or "5 N +- 0.05 N at arc 12 mm", on a pad '
+            '"500 g at 0 deg, 20 mm"; once for each press, in order. Without --known the '
+            "log's columns state them (load_0_force_N, load_0_angle_deg, load_0_axial_mm).",
             metavar="PRESS",
         ),
     ] = None,
     inputs: Annotated[
         Path | None, option("Known inputs in a CSV of their own (t_s).", metavar="FILE")
+    ] = None,
+    diameter: Annotated[
+        str | None,
+        option("Of what presses on a pad; default: 6 mm.", metavar="LENGTH"),
     ] = None,
     output: Annotated[
         Path | None,
@@ -56,11 +60,12 @@ def zero(
             raise ValueError("--known, --inputs: both say what the presses were; leave one out")
         from suas_jax.config import load_skin
 
+        size = None if diameter is None else quantity_option("--diameter", diameter, "length")
         spec = load_skin(skin)
         with computing("updating the inputs by the known presses"):
             from fitting.inverse_load.zero.from_log import zero_from_log
 
-            found = zero_from_log(spec, log, known or (), inputs)
+            found = zero_from_log(spec, log, known or (), inputs, diameter=size)
         write_text(target, zero_text(found, skin, log))
     answer(as_json, _report(found, target), lambda: _print(found, target))
 
@@ -86,6 +91,7 @@ def _report(found: "Zero", target: Path) -> dict[str, Any]:
             {
                 "known": press.text,
                 "angle_rad": press.angle,
+                "axial_m": press.axial,
                 "force_N": press.force,
                 "force_deviation_before": float(before),
                 "force_deviation_after": float(after),

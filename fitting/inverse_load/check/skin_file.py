@@ -25,7 +25,7 @@ from fitting.inverse_load.check.verdict import (
 from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.pad.fitter import PadFitter
-from fitting.inverse_load.pad.input_errors import solved_channels
+from fitting.inverse_load.pad.stiffening import solved_channels
 from suas_jax.config import continuous_inputs
 from suas_jax.config.input_errors import STIFFNESS
 from suas_jax.scene.skin import skin_of

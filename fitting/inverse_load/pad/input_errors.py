@@ -8,9 +8,8 @@ loads' decrease does, at more pressure::
     dSO = dstray - (SO - stray)^2 (da + (db / b) (u - a)) - n sum_c F_c dSO/dF_c
     dp = n (p - sum_c F_c dp/dF_c)
 
-n is the relative change of stiffness: that of the shear modulus for a constant of the
-material; for a dimension it is what a few solved states show, and the part of its effect that
-is no change of stiffness is left out.
+n is the relative change of stiffness that the error amounts to under the contact
+(`stiffening`); the part of its effect that is no change of stiffness is left out.
 """
 
 from collections.abc import Mapping
@@ -21,13 +20,10 @@ from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.pad.rest import rest_readings, stray_counts
+from fitting.inverse_load.pad.stiffening import stiffening_of
 from fitting.inverse_load.pad.table import PadTable
 from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
 from suas_jax.config.input_errors import value_of
-from suas_jax.files.kept_arrays import kept_arrays
-from suas_jax.runtime.content_key import content_key, source_digest
-from suas_jax.scene.forward import forward
-from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import Skin, skin_of
 
 _PLACE_ERROR, _FORCE_ERROR = 5e-5, 5e-3  # standard deviations [m], of the force
@@ -35,11 +31,8 @@ _WIDE_PLACE, _WIDE_FORCE = (
     0.02,
     2.0,
 )  # those by extent beyond the table's disc, the latter [1/m]
-_STEP = 0.02  # of the force in solved states, relative
 _SMALL = 1e-3  # of a standard deviation, for derivatives at rest
 _ELECTRICAL = ("electrodes.", "oil.relative_permittivity", "geometry.oil_gap")
-_PROBES = ((0.0, 0.0), (0.4, 0.4))  # places of the solved states, shares of the pad's edges
-_LOADED = 0.4  # force of the solved states, as a share of the table's largest
 
 
 class PadErrors(AbstractSystematicErrors):
@@ -67,8 +60,7 @@ class PadErrors(AbstractSystematicErrors):
         slots: int,
     ) -> None:
         self.names = errors.names
-        self._spec, self._skin, self._table, self._slots = errors.spec, skin, table, slots
-        self._inputs = continuous_inputs(errors.spec)
+        self._spec, self._table = errors.spec, table
         self._radius = float(skin.geometry.outer_size[0])
         taxels, count = len(table.rest), len(errors)
         self._stray = table.stray
@@ -76,16 +68,18 @@ class PadErrors(AbstractSystematicErrors):
         self._by_stray = np.zeros((count, taxels))
         self._constant = np.zeros((count, taxels))  # da
         self._relative = np.zeros((count, taxels))  # db / b
-        self._stiffness = np.zeros(count)
+        mechanical: dict[str, Floats] = {}
         for e, direction in enumerate(errors.directions):
             change = dict(zip(errors.paths, direction.tolist(), strict=True))
             change = {path: size for path, size in change.items() if size}
             electrical = {p: s for p, s in change.items() if p.startswith(_ELECTRICAL)}
             if electrical:
                 self._read_at_rest(e, electrical)
-            self._stiffness[e] = self._stiffening(
-                {p: s for p, s in change.items() if p not in electrical}
-            )
+            for path in change.keys() - electrical.keys():
+                mechanical.setdefault(path, np.zeros(count))[e] = change[path]
+        # In an order that does not change, which names what is kept.
+        mechanical = {path: mechanical[path] for path in errors.paths if path in mechanical}
+        self._stiffening = stiffening_of(errors, mechanical, skin, table, slots)
         rest = self._by_stray - self._constant / self._at_rest**2
         zero = np.zeros((count, 1))
         self._moved_at_rest = np.concatenate([rest, zero], 1)
@@ -94,16 +88,20 @@ class PadErrors(AbstractSystematicErrors):
     def slopes(self, best: Explanations, per_contact: int, contacts: int) -> Floats:
         """See the base class."""
         del per_contact
-        forces = slice(2 * contacts, 3 * contacts)
-        along = (best.parameters[:, forces, None] * best.jacobian[:, forces]).sum(1)
+        angle, axial, force = (
+            best.parameters[:, : 3 * contacts].reshape(-1, 3, contacts).swapaxes(0, 1)
+        )
+        along = force[..., None] * best.jacobian[:, 2 * contacts : 3 * contacts]
         so = best.so[:, :-1]
         u = 1 / np.maximum(so - self._stray, 1e-9)
         change = self._constant + self._relative * (u - self._at_rest)[:, None]
         electrical = self._by_stray - change / u[:, None] ** 2
         own = np.concatenate([electrical, np.zeros((*electrical.shape[:2], 1))], 2)
-        stiffer = -along
-        stiffer[:, -1] += best.pressure
-        moved = own + self._stiffness[:, None] * stiffer[:, None]
+        stiffer = self._stiffening.at(angle, axial, force)  # [frame, contact, error]
+        total = np.abs(force).sum(1, keepdims=True)
+        weight = np.abs(force) / np.where(total > 0, total, 1.0)
+        moved = own - np.einsum("fce,fcx->fex", stiffer, along)
+        moved[..., -1] += np.einsum("fce,fc->fe", stiffer, weight) * best.pressure[:, None]
         return np.asarray(moved - self._moved_at_rest + self.rest)
 
     def unexplained(self, best: Explanations, per_contact: int) -> Floats | None:
@@ -140,64 +138,6 @@ class PadErrors(AbstractSystematicErrors):
         inputs = {path: value_of(self._spec, path) + size * by for path, by in change.items()}
         return gap_line(self._spec, inputs)
 
-    def _stiffening(self, change: Mapping[str, float]) -> float:
-        """Relative change of the membrane's stiffness along a change of inputs."""
-        if not change:
-            return 0.0
-        material = {p: s for p, s in change.items() if p.startswith("material.")}
-        total = 0.0
-        if material:
-            moduli = []
-            for side in (-1.0, 1.0):
-                inputs = {
-                    p: value_of(self._spec, p) + side * _SMALL * s for p, s in material.items()
-                }
-                law = skin_of(self._spec, inputs, contact=False).law
-                moduli.append(float(np.ravel(law.shear_modulus)[0]))
-            total += (moduli[1] - moduli[0]) / (_SMALL * (moduli[0] + moduli[1]))
-        for path, size in change.items():
-            if path not in material:
-                total += self._solved_stiffening(path, size)
-        return total
-
-    def _solved_stiffening(self, path: str, size: float) -> float:
-        """Relative change of stiffness by a change of another input, from solved states."""
-        name = content_key(
-            {
-                "path": path,
-                "size": size,
-                "inputs": self._inputs,
-                "electrodes": repr(self._spec.electrodes),
-                "elements": self._skin.elements,
-                "diameter": self._table.diameter,
-                "source": source_digest(),
-            }
-        )
-        kept = kept_arrays(name, lambda: {"change": self._stiffer(path, size)})
-        return float(kept["change"])
-
-    def _stiffer(self, path: str, size: float) -> float:
-        changed = skin_of(
-            self._spec,
-            {path: value_of(self._spec, path) + size},
-            elements=self._skin.elements,
-            contact=False,
-        )
-        middle = [len(x) // 2 for x in (self._table.angle, self._table.axial)]
-        force = _LOADED * float(self._table.cap[middle[0], middle[1]])
-        top = norm = 0.0
-        for a, z in _PROBES:
-            place = a * self._table.angle[-1], z * self._table.axial[-1]
-            loads = np.array([[*place, force], [*place, (1 - _STEP) * force]])
-            own = solved_channels(self._skin, loads, self._table.diameter, self._slots)
-            moved = solved_channels(changed, loads[:1], self._table.diameter, self._slots)
-            lighter = (own[1] - own[0])[:-1]  # what so much more stiffness does
-            by = (moved[0] - own[0])[:-1]
-            used = np.isfinite(lighter) & np.isfinite(by)
-            top += float(by[used] @ lighter[used])
-            norm += float(lighter[used] @ lighter[used])
-        return _STEP * top / norm if norm > 0 else 0.0
-
 
 def gap_line(spec: SkinSpec, inputs: Mapping[str, float]) -> tuple[Floats, Floats, Floats]:
     """Stray counts, a and b of 1 / (SO - stray) = a + b w [taxel].
@@ -214,27 +154,3 @@ def gap_line(spec: SkinSpec, inputs: Mapping[str, float]) -> tuple[Floats, Float
         stray = stray_counts(skin)
         values.append(1 / (rest_readings(skin) - stray))
     return stray, values[1], (values[2] - values[0]) / (2 * step)
-
-
-def solved_channels(skin: Skin, parameters: Floats, diameter: float, slots: int) -> Floats:
-    """Readings and the oil's pressure under single contacts, from the model.
-
-    Args:
-        skin: the pad.
-        parameters: angle, axial position and force, and a diameter where it is estimated
-            [frame, parameter].
-        diameter: of the contacts else [m].
-        slots: contacts that the program has room for.
-
-    Returns:
-        Channels [frame, channel]; NaN where no state was found.
-    """
-    rows = []
-    for x in parameters:
-        size = x[3] if len(x) > 3 else diameter
-        unused = [[*x[:2], 0.0, size]] * (slots - 1)
-        columns = np.array([[*x[:3], size], *unused]).T
-        found = forward(skin, Loads.patch(*columns[..., None]))
-        row = np.append(np.asarray(found.so)[:, 0], np.asarray(found.oil_pressure))
-        rows.append(row if bool(found.solved[0]) else np.full_like(row, np.nan))
-    return np.array(rows)

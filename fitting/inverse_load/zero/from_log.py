@@ -5,19 +5,20 @@ from pathlib import Path
 
 import numpy as np
 
-from fitting.arrays import Floats, Rows
+from fitting.arrays import Floats
 from fitting.inverse_load.drift import ROUNDING
-from fitting.inverse_load.estimator import MODEL_ERROR
+from fitting.inverse_load.estimator import MODEL_ERROR, PAD_MODEL_ERROR
 from fitting.inverse_load.memory.series import LoadMemory, creeping_load
 from fitting.inverse_load.readings import LogReadings, noise_of_readings, readings_of
 from fitting.inverse_load.zero.presses import (
     PressedFrames,
     frames_of_presses,
     known_press,
+    on_pad,
     press_at,
     settled,
 )
-from fitting.inverse_load.zero.update import PressReadings, expected_changes, zero_of
+from fitting.inverse_load.zero.update import PressModel, PressReadings, zero_of
 from fitting.inverse_load.zero.zero import KnownPress, Zero
 from fitting.sensor.logs.log import AlignedLog, read_aligned
 from suas_jax.acquisition.log.log_file import read_log
@@ -32,41 +33,44 @@ def zero_from_log(
     log: Path,
     known: Sequence[str] = (),
     inputs: Path | None = None,
-    model_error: float = MODEL_ERROR,
+    model_error: float | None = None,
+    diameter: float | None = None,
 ) -> Zero:
     """Find what known presses in a log say of a skin's inputs.
 
     Args:
-        spec: the skin, in plane strain.
+        spec: the skin.
         log: SO log that begins at rest.
         known: the presses in words, in their order; without any, columns of the log or of
             `inputs` state them.
         inputs: a second file of known inputs.
-        model_error: of the model's change of readings, relative.
+        model_error: of the model's change of readings, relative; by default as estimates
+            of loads take it.
+        diameter: of what presses on a pad [m]; None for a fingertip's.
 
     Raises:
         ValueError: the skin, the log or a press can't be used.
         OSError: a file can't be read.
     """
-    if spec.geometry.dimension == 3:
-        raise ValueError(
-            "suas zero: a pad's errors of filling, mounting and stiffness are taken as one "
-            "change of stiffness, so that one press would claim to know forces everywhere; "
-            "give known presses over the pad to suas fit sensor --fit permittivity,gap,fill"
-        )
+    pad = spec.geometry.dimension == 3
+    if diameter is not None and not pad:
+        raise ValueError("a diameter belongs to presses on a pad; leave it out")
+    if model_error is None:
+        model_error = PAD_MODEL_ERROR if pad else MODEL_ERROR
     errors = input_errors(as_assembled(spec))
     if not len(errors):
         raise ValueError("the skin file states every input as exact: there is nothing to find")
     if known:
-        presses = tuple(known_press(text, spec.geometry) for text in known)
+        presses = tuple(known_press(text, spec.geometry, diameter) for text in known)
         readings = readings_of(read_log(log), spec, None)
         so, time = _usable(readings), readings.time
         noise = noise_of_readings(spec, None)
-        frames = frames_of_presses(so, expected_changes(spec, presses), noise)
+        patterns = PressModel(errors, presses).change()
+        frames = frames_of_presses(so, patterns, noise)
     else:
         aligned = read_aligned(spec, log, inputs, None)
         so, time = aligned.so.T, aligned.time
-        presses, frames = _told_in_columns(spec, aligned)
+        presses, frames = _told_in_columns(spec, aligned, diameter)
     return zero_of(errors, presses, _averaged(spec, so, time, frames), model_error)
 
 
@@ -75,22 +79,25 @@ def _usable(readings: LogReadings) -> Floats:
 
 
 def _told_in_columns(
-    spec: SkinSpec, log: AlignedLog
+    spec: SkinSpec, log: AlignedLog, diameter: float | None
 ) -> tuple[tuple[KnownPress, ...], PressedFrames]:
     """Presses whose forces and places stand in columns of a log."""
-    known = log.known.values
+    known, pad = log.known.values, spec.geometry.dimension == 3
     kind = "angle" if (0, "angle") in known else "arc"
+    needed = ("force", kind, "axial") if pad else ("force", kind)
     others = [f"load {load}: {quantity}" for load, quantity in known if load > 0]
-    if (0, "force") not in known or (0, kind) not in known or others:
+    if others or any((0, quantity) not in known for quantity in needed):
+        columns = "load_0_force_N, load_0_angle_deg" + (", load_0_axial_mm" if pad else "")
         raise ValueError(
             f"{log.path}: one load with its force and place is needed in every press (columns "
-            'load_0_force_N and load_0_angle_deg); or give --known "500 g at 0 deg"'
+            f'{columns}); or give --known "500 g at 0 deg{", 20 mm" if pad else ""}"'
             + (f"; found beside it: {', '.join(others)}" if others else "")
         )
     force, place = np.nan_to_num(known[0, "force"]), np.nan_to_num(known[0, kind])
+    axial = np.nan_to_num(known[0, "axial"]) if pad else 0 * place
     same = _SAME * np.abs(force).max(initial=0.0)
     loaded = force > same
-    moved = (np.abs(np.diff(force)) > same) | (np.abs(np.diff(place)) > 1e-9)
+    moved = (np.abs(np.diff(force)) > same) | (np.abs(np.diff([place, axial])) > 1e-9).any(0)
     parts = np.split(np.arange(len(force)), np.flatnonzero(moved) + 1)
     runs = [run for run in parts if loaded[run[0]] and len(run) >= 3]
     rest = np.arange(int(loaded.argmax())) if loaded.any() else np.zeros(0, int)
@@ -99,29 +106,22 @@ def _told_in_columns(
             f"{log.path}: {len(runs)} held presses and {len(rest)} frames of rest before the "
             "first; one press that is held, after 3 frames of rest, is needed at least"
         )
-    presses = tuple(
-        press_at(
-            kind,
-            place[run[0]],
-            force[run[0]],
-            spec.geometry,
-            _in_words(kind, place, force, run),
+    presses = []
+    for at, *_ in runs:
+        text = (
+            f"{force[at]:.6g} N at {np.rad2deg(place[at]):.6g} deg"
+            if kind == "angle"
+            else f"{force[at]:.6g} N at arc {1e3 * place[at]:.6g} mm"
         )
-        for run in runs
-    )
-    return presses, PressedFrames(
+        text += f", {1e3 * axial[at]:.6g} mm" if pad else ""
+        press = press_at(kind, place[at], force[at], spec.geometry, text)
+        if pad:
+            own = float(known[0, "diameter"][at]) if (0, "diameter") in known else diameter
+            press = on_pad(press, float(axial[at]), spec.geometry, own)
+        presses.append(press)
+    return tuple(presses), PressedFrames(
         rest, [settled(run) for run in runs], [int(r[0]) for r in runs]
     )
-
-
-def _in_words(kind: str, place: Floats, force: Floats, run: Rows) -> str:
-    at = int(run[0])
-    where = (
-        f"{np.rad2deg(place[at]):.6g} deg"
-        if kind == "angle"
-        else f"arc {1e3 * place[at]:.6g} mm"
-    )
-    return f"{force[at]:.6g} N at {where}"
 
 
 def _averaged(spec: SkinSpec, so: Floats, time: Floats, frames: PressedFrames) -> PressReadings:

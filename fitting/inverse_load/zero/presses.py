@@ -1,11 +1,13 @@
 """Known presses, and the frames of a log that hold them.
 
-A press is told in words, ``"500 g at 0 deg"``, or stands in the log as `suas fit sensor` reads
-it: columns `load_0_force_N` and `load_0_angle_deg` or `load_0_arc_mm`. The log begins at rest;
-the frames before the first press are its baseline.
+A press is told in words, ``"500 g at 0 deg"`` or, on a pad, ``"500 g at 0 deg, 20 mm"``, or
+stands in the log as `suas fit sensor` reads it: columns `load_0_force_N`, `load_0_angle_deg` or
+`load_0_arc_mm` and, on a pad, `load_0_axial_mm`. The log begins at rest; the frames before the
+first press are its baseline.
 """
 
 import re
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,10 +23,12 @@ from suas_jax.skin.plain import angles_at, plain_geometry
 FORCE_ERROR = 2e-3
 """Standard deviation of a known force that states none, relative: of a kitchen scale."""
 PLACE_ERROR = 1e-3
-"""Standard deviation of a known place that states none, along the arc [m]."""
+"""Standard deviation of a known place that states none, along arc and axis [m]."""
+_FINGER = 6e-3  # diameter of what presses on a pad where none is told [m]
+_LEAST = 1e-6  # of a known quantity's deviation: rad, m, share of the force
 _KNOWN = re.compile(r"\s*(?P<force>.+?)\s+at\s+(?P<place>[^,]+?)\s*(?:,\s*(?P<axial>.+?)\s*)?")
 _GRAMS = re.compile(r"(?<![A-Za-z])(k?)g(?![A-Za-z])")
-_EXAMPLE = '"500 g at 0 deg" or "5 N +- 0.05 N at arc 12 mm"'
+_EXAMPLE = '"500 g at 0 deg" or "5 N +- 0.05 N at arc 12 mm"; on a pad "500 g at 0 deg, 20 mm"'
 _PRESSED, _AT_REST = 0.5, 0.1  # of the change that a press is expected to make
 _FEWEST = 3  # frames of rest, and of a press
 _SETTLING, _LEAVING = 1 / 3, 0.1  # shares of a press that are left out at its ends
@@ -44,11 +48,16 @@ class PressedFrames(NamedTuple):
     began: list[int]
 
 
-def known_press(text: str, geometry: GeometrySpec) -> KnownPress:
-    """Read ``--known "FORCE at PLACE"``.
+def known_press(text: str, geometry: GeometrySpec, diameter: float | None = None) -> KnownPress:
+    """Read ``--known "FORCE at PLACE"``, on a pad ``"FORCE at PLACE, AXIAL"``.
 
     Masses weigh 9.80665 m/s^2. Places are angles, or arc lengths of the inner face from its
-    middle.
+    middle; along the axis, distances from the middle of the pad.
+
+    Args:
+        text: a press in words.
+        geometry: of the skin.
+        diameter: of what presses on a pad [m]; None for a fingertip's.
 
     Raises:
         ValueError: the text can't be understood, or the skin has no such place.
@@ -57,7 +66,12 @@ def known_press(text: str, geometry: GeometrySpec) -> KnownPress:
     found = _KNOWN.fullmatch(text)
     if found is None:
         raise ValueError(f"{where}: expected FORCE at PLACE, such as {_EXAMPLE}")
-    if found["axial"] is not None:
+    pad = geometry.dimension == 3
+    if pad and found["axial"] is None:
+        raise ValueError(
+            f'{where}: on a pad the place along the axis is needed, too, such as "{text}, 0 mm"'
+        )
+    if not pad and found["axial"] is not None:
         raise ValueError(
             f"{where}: the skin is in plane strain, where a press has no place along the "
             f'axis; leave ", {found["axial"]}" out'
@@ -74,37 +88,55 @@ def known_press(text: str, geometry: GeometrySpec) -> KnownPress:
         )
     kind: DimensionName = "length" if by_arc else "angle"
     at, place_error = _quantity(place.removeprefix("arc "), kind, where)
-    return press_at("arc" if by_arc else "angle", at, force, geometry, text, place_error, error)
+    press = press_at("arc" if by_arc else "angle", at, force, geometry, text)
+    if place_error is not None:
+        scale = _arc_per_angle(geometry) if by_arc else 1.0
+        press = replace(press, angle_deviation=max(place_error / scale, _LEAST))
+    if error is not None:
+        press = replace(press, force_deviation=max(error, _LEAST * force))
+    if pad:
+        axial, axial_error = _quantity(found["axial"], "length", where)
+        press = on_pad(press, axial, geometry, diameter)
+        if axial_error is not None:
+            press = replace(press, axial_deviation=max(axial_error, _LEAST))
+    return press
 
 
 def press_at(
-    kind: str,
-    place: float,
-    force: float,
-    geometry: GeometrySpec,
-    text: str,
-    place_error: float | None = None,
-    force_error: float | None = None,
+    kind: str, place: float, force: float, geometry: GeometrySpec, text: str
 ) -> KnownPress:
-    """A press at an angle or an arc length, with deviations where none are stated.
+    """A press at an angle or an arc length, with the deviations of one that states none.
 
     Raises:
         ValueError: the place is not on the skin.
     """
-    size = float(plain_geometry(geometry).section.size[0])
     angle = float(angles_at(geometry, kind, np.array(place)))
     edge = float(np.asarray(plain_geometry(geometry).half_angle).ravel()[0])
     if not abs(angle) < edge:
         raise ValueError(f"{text}: the place is beyond the clamps of the skin")
-    if place_error is None:
-        deviation = PLACE_ERROR / size
-    elif kind == "arc":
-        deviation = place_error / size
-    else:
-        deviation = place_error
-    own = FORCE_ERROR * force if force_error is None else force_error
-    least = 1e-6
-    return KnownPress(angle, force, max(deviation, least), max(own, least * force), text)
+    deviation = PLACE_ERROR / _arc_per_angle(geometry)
+    return KnownPress(angle, force, max(deviation, _LEAST), FORCE_ERROR * force, text)
+
+
+def on_pad(
+    press: KnownPress, axial: float, geometry: GeometrySpec, diameter: float | None
+) -> KnownPress:
+    """The same press at a place along a pad [m], by a disc of a diameter [m].
+
+    Raises:
+        ValueError: the place is not on the pad.
+    """
+    size, half = diameter or _FINGER, float(geometry.width) / 2
+    if not abs(axial) + size / 2 < half:
+        raise ValueError(
+            f"{press.text}: a disc of {1e3 * size:g} mm at {1e3 * axial:g} mm along the axis "
+            f"does not lie on the pad, which ends {1e3 * half:g} mm from its middle"
+        )
+    return replace(press, axial=axial, axial_deviation=PLACE_ERROR, diameter=size)
+
+
+def _arc_per_angle(geometry: GeometrySpec) -> float:
+    return float(plain_geometry(geometry).section.size[0])
 
 
 def _quantity(text: str, kind: DimensionName, where: str) -> tuple[float, float | None]:

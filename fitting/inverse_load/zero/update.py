@@ -10,32 +10,36 @@ counted from the readings at rest. All of (e, x) is updated together (`condition
 own mean until that stays where it is; what is left of e is the zero.
 """
 
+import dataclasses
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.linalg
+from jaxtyping import Array, Float
 from scipy.special import chdtrc
 
 from fitting.arrays import Floats
 from fitting.inverse_load.estimate.assessment import POOR
-from fitting.inverse_load.fit.section_errors import (
-    SLOPE_PROGRAMS,
-    changed_skin,
-    skin_tangent,
-)
-from fitting.inverse_load.model.evaluation import at_rest, evaluate
+from fitting.inverse_load.fit.section_errors import changed_skin, skin_tangent
 from fitting.inverse_load.zero.gaussian import Gaussian, conditioned
 from fitting.inverse_load.zero.zero import KnownPress, Zero, inputs_at, zeroed_inputs
-from suas_jax.config import InputErrors, SkinSpec
+from suas_jax.config import InputErrors
+from suas_jax.equilibrium.balance import State
+from suas_jax.mesh.pad_plan import PadPlan
 from suas_jax.runtime.compiled import COMPILED
+from suas_jax.scene.forward import forward
+from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import Skin, skin_of
 
 _ROUNDS = 12
 _SHORTER = 5  # halvings of a step beyond which the model has no state
 _ENDED = 1e-2  # step in standard deviations
 _BEYOND = 9.0  # chi2 per degree of freedom beyond which nothing is concluded
+_QUANTITIES = ("angle", "axial", "force")  # of a press; a line load has no axial position
 
 
 class PressReadings(NamedTuple):
@@ -60,7 +64,7 @@ class _Model(NamedTuple):
 
     Attributes:
         change: [press, taxel].
-        by_press: by angle and force of the press [press, 2, taxel].
+        by_press: by place and force of the press [press, quantity, taxel].
         by_error: [press, error, taxel].
     """
 
@@ -69,8 +73,8 @@ class _Model(NamedTuple):
     by_error: Floats
 
 
-class SectionPresses:
-    """The model of a skin in plane strain under known presses, as its inputs change.
+class PressModel:
+    """The model of a section or a pad under known presses, as its inputs change.
 
     Args:
         errors: of its inputs.
@@ -79,14 +83,42 @@ class SectionPresses:
     """
 
     def __init__(
-        self, errors: InputErrors, presses: tuple[KnownPress, ...], share: Floats
+        self, errors: InputErrors, presses: Sequence[KnownPress], share: Floats | float = 1.0
     ) -> None:
-        self._errors, self._share = errors, share
-        self.known = np.array([(press.angle, press.force) for press in presses])
+        self._errors = errors
+        self._pad = errors.spec.geometry.dimension == 3
+        self.known = np.array([press.quantities for press in presses])
+        self._scale = np.ones_like(self.known)
+        self._scale[:, -1] = share
+        self._diameter = np.array([press.diameter for press in presses])
         self._skin = skin_of(errors.spec, contact=False)
+        # A pad's mesh stays graded around where the presses are known to be.
+        groups = self._groups(self.known)
+        self._meshes = [self._skin.around(loads).mesh for loads in groups]
+
+    def _groups(self, x: Floats) -> list[Loads]:
+        """The presses and, last, rest: in lanes of one program, on a pad one after another."""
+        rows = np.concatenate([x * self._scale, np.zeros((1, x.shape[1]))])
+        if not self._pad:
+            return [Loads.line(*rows.T[:, None])]
+        sizes = np.append(self._diameter, self._diameter[-1])
+        return [
+            Loads.patch(angle, axial, force, size)
+            for (angle, axial, force), size in zip(rows, sizes, strict=True)
+        ]
+
+    def change(self) -> Floats:
+        """Change of readings under the presses as known, by the skin's file [press, taxel]."""
+        so = np.concatenate(
+            [
+                np.asarray(forward(_on(self._skin, mesh), loads).so).T
+                for mesh, loads in zip(self._meshes, self._groups(self.known), strict=True)
+            ]
+        )
+        return np.asarray(np.nan_to_num(so[:-1] - so[-1]))
 
     def at(self, e: Floats, x: Floats) -> _Model:
-        """Change of readings at some errors [error] and presses [press, 2].
+        """Change of readings at some errors [error] and presses [press, quantity].
 
         Raises:
             ValueError: the model has no state there.
@@ -94,38 +126,58 @@ class SectionPresses:
         paths = self._errors.paths
         values = dict(zip(paths, inputs_at(self._errors, e).tolist(), strict=True))
         spec = zeroed_inputs(self._errors.spec, values)
-        skin = changed_skin(spec, self._skin, {})
-        loads = x * np.stack([np.ones(len(x)), self._share], 1)
-        parameters = np.concatenate([loads, np.zeros((1, 2))]).T  # rest is the last lane
-        found = COMPILED.run(_EVALUATE, skin, parameters, at_rest(skin, len(x) + 1))
-        so, jacobian = np.asarray(found.so).T, np.asarray(found.jacobian)
-        if np.asarray(found.result).any() or not np.isfinite(so).all():
-            raise ValueError(
-                "the model finds no state under the known presses with inputs "
-                + ", ".join(f"{path} = {value:.6g}" for path, value in values.items())
-                + ": is the force right, and the skin file this skin's?"
-            )
-        none = np.zeros(2)
-        slopes = []
-        for column in self._errors.directions:
-            tangent = skin_tangent(spec, skin, paths, column)
-            moved = COMPILED.run(
-                SLOPE_PROGRAMS[1], skin, tangent, none, parameters, found.state
-            )
-            slopes.append(np.asarray(moved).T)
-        by_error = np.stack(slopes, 1)
-        by_press = jacobian.transpose(2, 0, 1)[:-1].copy()
-        by_press[:, 1] *= self._share[:, None]
-        return _Model(so[:-1] - so[-1], by_press, by_error[:-1] - by_error[-1])
+        plain = changed_skin(spec, self._skin, {})
+        tangents = [
+            skin_tangent(spec, plain, paths, column) for column in self._errors.directions
+        ]
+        so, slopes = [], []
+        for mesh, loads in zip(self._meshes, self._groups(x), strict=True):
+            skin = _on(plain, mesh)
+            found = forward(skin, loads)
+            if not (np.asarray(found.solved).all() and np.isfinite(found.so).all()):
+                raise ValueError(
+                    "the model finds no state under the known presses with inputs "
+                    + ", ".join(f"{path} = {value:.6g}" for path, value in values.items())
+                    + ": is the force right, and the skin file this skin's?"
+                )
+            still = jax.tree.map(jnp.zeros_like, loads)
+            along = [(_filled(skin, tangent), still) for tangent in tangents]
+            none = _filled(skin, None)
+            along += [
+                (none, dataclasses.replace(still, **{k: jnp.ones_like(getattr(loads, k))}))
+                for k in _QUANTITIES
+                if getattr(loads, k) is not None
+            ]
+            so.append(np.asarray(found.so).T)
+            columns = [COMPILED.run(_along, skin, loads, found.state, *by) for by in along]
+            slopes.append(np.stack([np.asarray(column).T for column in columns], 1))
+        both = np.concatenate(so), np.concatenate(slopes)
+        change, moved = (x[:-1] - x[-1] for x in (both[0], both[1][:, : len(tangents)]))
+        by_press = both[1][:-1, len(tangents) :] * self._scale[..., None]
+        return _Model(change, by_press, moved)
 
 
-def expected_changes(spec: SkinSpec, presses: tuple[KnownPress, ...]) -> Floats:
-    """Change of readings that a skin as its file has it shows under presses [press, taxel]."""
-    skin: Skin = skin_of(spec, contact=False)
-    parameters = np.array([*((p.angle, p.force) for p in presses), (0.0, 0.0)]).T
-    found = COMPILED.run(_EVALUATE, skin, parameters, at_rest(skin, len(presses) + 1))
-    so = np.asarray(found.so).T
-    return np.asarray(np.nan_to_num(so[:-1] - so[-1]))
+def _on(skin: Skin, mesh: PadPlan | None) -> Skin:
+    return dataclasses.replace(skin, mesh=mesh)
+
+
+def _filled(skin: Skin, tangent: Skin | None) -> Skin:
+    """A tangent of a skin with zeros where nothing changes: one structure, one program."""
+    arrays = eqx.filter(skin, eqx.is_inexact_array)
+    zero = jax.tree.map(jnp.zeros_like, arrays)
+    return zero if tangent is None else eqx.combine(_on(tangent, None), zero)
+
+
+@eqx.filter_jit
+def _along(
+    skin: Skin, loads: Loads, start: State, by_skin: Skin, by_loads: Loads
+) -> Float[Array, "taxel lane"]:
+    """Derivative of readings at a state as skin and loads change along tangents."""
+
+    def so(skin: Skin, loads: Loads) -> Array:
+        return forward(skin, loads, start).so
+
+    return eqx.filter_jvp(so, (skin, loads), (by_skin, by_loads))[1]
 
 
 def zero_of(
@@ -145,11 +197,11 @@ def zero_of(
     Raises:
         ValueError: no inputs within what the file allows explain the readings.
     """
-    model = SectionPresses(errors, presses, readings.share)
-    count, size = len(errors), len(errors) + 2 * len(presses)
-    deviations = np.array([(p.angle_deviation, p.force_deviation) for p in presses])
-    creep = model.known[:, 1] * readings.share_deviation  # a share that is off reads as a force
-    deviations[:, 1] = np.hypot(deviations[:, 1], creep)
+    model = PressModel(errors, presses, readings.share)
+    count = len(errors)
+    deviations = np.array([press.deviations for press in presses])
+    creep = model.known[:, -1] * readings.share_deviation  # it reads as a force
+    deviations[:, -1] = np.hypot(deviations[:, -1], creep)
     prior = Gaussian(
         np.concatenate([np.zeros(count), model.known.ravel()]),
         np.diag(np.concatenate([np.ones(count), deviations.ravel() ** 2])),
@@ -158,10 +210,10 @@ def zero_of(
     variance = readings.variance + (model_error * np.nan_to_num(readings.change)) ** 2
     weight = np.where(used, 1 / variance, 0.0)
     at, size_of = prior.mean.copy(), np.sqrt(np.diag(prior.covariance))
-    now = model.at(at[:count], at[count:].reshape(-1, 2))
+    now = model.at(at[:count], at[count:].reshape(model.known.shape))
     for _ in range(_ROUNDS):
         residual = np.where(used, readings.change - now.change, 0.0)
-        jacobian = _jacobian(now, size)
+        jacobian = _jacobian(now)
         found = conditioned(prior, at, jacobian, residual.ravel(), weight.ravel())
         if np.abs((found.mean - at) / size_of).max() < _ENDED:
             break
@@ -172,7 +224,7 @@ def zero_of(
             "would be needed to explain them; check forces, places and the skin file"
         )
     chi2 = float((weight * residual**2).sum())
-    dof = max(int(used.sum()) - 2 * len(presses), 1)
+    dof = max(int(used.sum()) - model.known.size, 1)
     ratio, poor = chi2 / dof, bool(chdtrc(dof, chi2) < POOR)
     if poor and ratio > _BEYOND:
         raise ValueError(
@@ -182,34 +234,31 @@ def zero_of(
         )
     own = found.covariance[:count, :count] * (ratio if poor else 1.0)
     before, after = (
-        force_deviations(now, weight, c) / model.known[:, 1] for c in (np.eye(count), own)
+        force_deviations(now, weight, c) / model.known[:, -1] for c in (np.eye(count), own)
     )
     posterior = Gaussian(found.mean[:count], own)
     status = "poor_fit" if poor else "ok"
     return Zero(errors, posterior, presses, before, after, ratio, status)
 
 
-def _moved(
-    model: SectionPresses, at: Floats, wanted: Floats, count: int
-) -> tuple[Floats, _Model]:
+def _moved(model: PressModel, at: Floats, wanted: Floats, count: int) -> tuple[Floats, _Model]:
     """The model at wanted errors and presses, or on the way there where it has no state."""
-    for _ in range(_SHORTER):
+    for k in range(_SHORTER + 1):
         try:
-            return wanted, model.at(wanted[:count], wanted[count:].reshape(-1, 2))
+            return wanted, model.at(wanted[:count], wanted[count:].reshape(model.known.shape))
         except ValueError:
+            if k == _SHORTER:
+                raise
             wanted = (at + wanted) / 2
-    return wanted, model.at(wanted[:count], wanted[count:].reshape(-1, 2))
+    raise AssertionError
 
 
-def _jacobian(model: _Model, size: int) -> Floats:
+def _jacobian(model: _Model) -> Floats:
     """Derivatives of all readings by errors and presses [press * taxel, parameter]."""
-    presses, errors, taxels = model.by_error.shape
-    whole = np.zeros((presses, taxels, size))
-    whole[:, :, :errors] = np.swapaxes(model.by_error, 1, 2)
-    for k in range(presses):
-        own = slice(errors + 2 * k, errors + 2 * k + 2)
-        whole[k, :, own] = model.by_press[k].T
-    return whole.reshape(-1, size)
+    by_press = np.swapaxes(model.by_press, 1, 2)  # [press, taxel, quantity]
+    own = scipy.linalg.block_diag(*by_press)
+    by_error = np.swapaxes(model.by_error, 1, 2)
+    return np.concatenate([by_error.reshape(len(own), -1), own], 1)
 
 
 def force_deviations(model: _Model, weight: Floats, covariance: Floats) -> Floats:
@@ -228,10 +277,3 @@ def force_deviations(model: _Model, weight: Floats, covariance: Floats) -> Float
         information[:count, :count] += np.linalg.inv(covariance)
         found.append(np.sqrt(np.linalg.inv(information)[-1, -1]))
     return np.array(found)
-
-
-def _evaluate(skin: Skin, parameters: jax.Array, start: object) -> object:
-    return evaluate(skin, jnp.asarray(parameters), start, 1)  # type: ignore[arg-type]
-
-
-_EVALUATE = eqx.filter_jit(_evaluate)

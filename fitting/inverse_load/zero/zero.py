@@ -22,6 +22,9 @@ class KnownPress:
         angle_deviation: standard deviation of the place [rad].
         force_deviation: of the force [N].
         text: as it was told.
+        axial: where along a pad [m]; None in plane strain.
+        axial_deviation: its standard deviation [m].
+        diameter: of the disc that presses on a pad [m].
     """
 
     angle: float
@@ -29,6 +32,20 @@ class KnownPress:
     angle_deviation: float
     force_deviation: float
     text: str
+    axial: float | None = None
+    axial_deviation: float = 0.0
+    diameter: float = 0.0
+
+    @property
+    def quantities(self) -> tuple[float, ...]:
+        """Angle, axial position on a pad, force."""
+        return self.angle, *(() if self.axial is None else (self.axial,)), self.force
+
+    @property
+    def deviations(self) -> tuple[float, ...]:
+        """Standard deviations of the quantities."""
+        along = () if self.axial is None else (self.axial_deviation,)
+        return self.angle_deviation, *along, self.force_deviation
 
 
 @dataclass(frozen=True)

@@ -75,6 +75,8 @@ def zero_text(zero: Zero, skin: Path, log: Path) -> str:
         row["known"] = press.text
         row["force"] = format_quantity(press.force, "force")
         row["angle"] = format_quantity(press.angle, "angle")
+        if press.axial is not None:
+            row["axial"] = format_quantity(press.axial, "length")
         row["force_deviation_before"] = f"{100 * before:.3g} %"
         row["force_deviation_after"] = f"{100 * after:.3g} %"
         presses.append(row)

@@ -1,0 +1,193 @@
+"""What filling, mounting, warmth and dimensions do to a pad, as changes of its stiffness.
+
+Stresses, the oil's pressure and forces are proportional to the constants of the material, so
+that so much more modulus does exactly what so much less force does. An error of another input
+of the membrane does nearly that; how much it amounts to depends on place and force: 0.05 % of
+mounting is -18 % at 1 N and -13 % at 12 N on the shipped pad, and a tenth more near the crown
+than near the ends. It is solved at a few of them, where n makes n dF most like the change of
+the readings, and lies in between elsewhere.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fitting.arrays import Floats
+from fitting.inverse_load.pad.table import PadTable
+from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
+from suas_jax.config.input_errors import value_of
+from suas_jax.files.kept_arrays import kept_arrays
+from suas_jax.runtime.content_key import content_key, source_digest
+from suas_jax.scene.forward import forward
+from suas_jax.scene.loads import Loads
+from suas_jax.scene.skin import Skin, skin_of
+
+_PLACES = np.array([0.0, 0.65])  # shares of the pad's edges, along arc and axis
+_FORCES = np.array([0.08, 0.8])  # shares of the table's largest force there
+_LIGHTER = 0.02  # by which the force is less, relative
+_STEP = 0.2  # of an error of one standard deviation
+_SMALL = 1e-3  # of the same, for the modulus
+
+
+@dataclass(frozen=True)
+class Stiffening:
+    """Relative changes of a pad's stiffness by its errors.
+
+    Attributes:
+        even: of those that do the same everywhere [error].
+        share: change of every solved input by each error, in its steps [error, path].
+        angle, axial: of the places, one side of the pad's middle [rad], [m].
+        force: solved there [angle, axial, force] [N].
+        change: change of stiffness by every solved input [angle, axial, force, path].
+    """
+
+    even: Floats
+    share: Floats
+    angle: Floats
+    axial: Floats
+    force: Floats
+    change: Floats
+
+    def at(self, angle: Floats, axial: Floats, force: Floats) -> Floats:
+        """Changes of stiffness by every error under contacts [..., error].
+
+        Args:
+            angle: of the contacts [rad].
+            axial: their axial positions [m].
+            force: their forces [N].
+        """
+        corners = [
+            ((i, k), side * end)
+            for i, side in enumerate(_sides(np.abs(angle), self.angle))
+            for k, end in enumerate(_sides(np.abs(axial), self.axial))
+        ]
+        low, high = (sum(w * self.force[(*at, j)] for at, w in corners) for j in (0, 1))
+        levels = _sides(force, np.stack([low, high]))
+        change = sum(
+            (w * level)[..., None] * self.change[(*at, j)]
+            for at, w in corners
+            for j, level in enumerate(levels)
+        )
+        return np.asarray(self.even + change @ self.share.T)
+
+
+def _sides(x: Floats, nodes: Floats) -> tuple[Floats, Floats]:
+    """Weights of two nodes; beyond them those of the nearer."""
+    share = np.clip((x - nodes[0]) / (nodes[1] - nodes[0]), 0.0, 1.0)
+    return 1 - share, share
+
+
+def stiffening_of(
+    errors: InputErrors,
+    mechanical: Mapping[str, Floats],
+    skin: Skin,
+    table: PadTable,
+    slots: int,
+) -> Stiffening:
+    """Changes of stiffness by some errors, from solved states; those are kept.
+
+    Args:
+        errors: of a pad's inputs.
+        mechanical: change of the inputs of the membrane and the oil by each error [error], by
+            path.
+        skin: the model of the pad.
+        table: of its states.
+        slots: contacts that the program for solved states has room for.
+    """
+    spec, even = errors.spec, np.zeros(len(errors))
+    steps = {}
+    for path, change in mechanical.items():
+        if path.startswith("material.") and path != "material.expansion":
+            even += change * _by_constant(spec, path, float(np.abs(change).max()))
+        else:
+            steps[path] = _STEP * float(np.linalg.norm(change))
+    edges = table.angle[-1] * _PLACES, table.axial[-1] * _PLACES
+    cap = np.exp(table.largest(*(x.ravel() for x in np.meshgrid(*edges, indexing="ij")))[0])
+    force = cap.reshape(2, 2, 1) * _FORCES
+    name = content_key(
+        {
+            "steps": steps,
+            "inputs": continuous_inputs(spec),
+            "electrodes": repr(spec.electrodes),
+            "elements": skin.elements,
+            "diameter": table.diameter,
+            "places": [edges, force],
+            "source": source_digest(),
+        }
+    )
+
+    def solved() -> dict[str, Floats]:
+        return {"change": _solved(spec, steps, skin, (*edges, force), table.diameter, slots)}
+
+    change = kept_arrays(name, solved)["change"] if steps else np.zeros((2, 2, 2, 0))
+    share = np.array([mechanical[path] / step for path, step in steps.items()])
+    return Stiffening(even, share.reshape(len(steps), -1).T, *edges, force, change)
+
+
+def _by_constant(spec: SkinSpec, path: str, size: float) -> float:
+    """Relative change of the shear modulus by a constant of the material."""
+    moduli = []
+    for side in (-1.0, 1.0):
+        inputs = {path: value_of(spec, path) + side * _SMALL * size}
+        law = skin_of(spec, inputs, contact=False).law
+        moduli.append(float(np.ravel(law.shear_modulus)[0]))
+    return (moduli[1] - moduli[0]) / (_SMALL * size * (moduli[0] + moduli[1]))
+
+
+def _solved(
+    spec: SkinSpec,
+    steps: Mapping[str, float],
+    skin: Skin,
+    nodes: tuple[Floats, Floats, Floats],
+    diameter: float,
+    slots: int,
+) -> Floats:
+    """Changes of stiffness by steps of inputs [angle, axial, force, path]."""
+    angle, axial, force = nodes
+    places = np.meshgrid(angle, axial, np.arange(force.shape[-1]), indexing="ij")
+    loads = np.stack([places[0], places[1], force], -1).reshape(-1, 3)
+    lighter = loads * np.array([1.0, 1.0, 1 - _LIGHTER])
+    rest = np.zeros((1, 3))
+    own = _readings(skin, np.concatenate([loads, rest]), diameter, slots)
+    less = (_readings(skin, lighter, diameter, slots) - own[:-1]) / _LIGHTER
+    found = []
+    for path, step in steps.items():
+        changed = skin_of(
+            spec, {path: value_of(spec, path) + step}, elements=skin.elements, contact=False
+        )
+        moved = _readings(changed, np.concatenate([loads, rest]), diameter, slots) - own
+        by = moved[:-1] - moved[-1]
+        used = np.isfinite(less) & np.isfinite(by)
+        by, along = np.where(used, by, 0.0), np.where(used, less, 0.0)
+        size = (along**2).sum(1)
+        found.append((by * along).sum(1) / np.where(size > 0, size, np.inf))
+    return np.array(found).T.reshape(*force.shape, len(steps))
+
+
+def _readings(skin: Skin, loads: Floats, diameter: float, slots: int) -> Floats:
+    return solved_channels(skin, loads, diameter, slots)[:, :-1]
+
+
+def solved_channels(skin: Skin, parameters: Floats, diameter: float, slots: int) -> Floats:
+    """Readings and the oil's pressure under single contacts, from the model.
+
+    Args:
+        skin: the pad.
+        parameters: angle, axial position and force, and a diameter where it is estimated
+            [frame, parameter].
+        diameter: of the contacts else [m].
+        slots: contacts that the program has room for.
+
+    Returns:
+        Channels [frame, channel]; NaN where no state was found.
+    """
+    rows = []
+    for x in parameters:
+        size = x[3] if len(x) > 3 else diameter
+        unused = [[*x[:2], 0.0, size]] * (slots - 1)
+        columns = np.array([[*x[:3], size], *unused]).T
+        found = forward(skin, Loads.patch(*columns[..., None]))
+        row = np.append(np.asarray(found.so)[:, 0], np.asarray(found.oil_pressure))
+        rows.append(row if bool(found.solved[0]) else np.full_like(row, np.nan))
+    return np.array(rows)
