@@ -168,16 +168,19 @@ class LoadStepping(optx.AbstractRootFinder):
         residual, operator = fn(y, (problem, (state.level, tangent_level), mechanics))
         solved = lx.linear_solve(operator, residual, BlockElimination(), throw=False)
         size = mechanics.displacement_size(solved.value.stations)
+        # A body that does not touch yet moves nothing: its own way is a step, too.
+        way = jnp.where(first, mechanics.travel, 0.0) * jnp.abs(state.level - state.base_level)
+        reach = jnp.maximum(size, way)
         radius = state.radius
         size_of_state = mechanics.displacement_size(state.base.stations)
         relative = self.largest_step * jnp.maximum(size_of_state, 1e-300)
         radius = jnp.minimum(radius, relative)
-        cut = jnp.where(first, jnp.minimum(1, radius / size), 1)
-        cut = jnp.where(size > 0, cut, 1)
+        cut = jnp.where(first, jnp.minimum(1, radius / reach), 1)
+        cut = jnp.where(reach > 0, cut, 1)
         level = state.base_level + cut * (state.level - state.base_level)
         level = jnp.where(first & (cut < 1), level, state.level)
         trial = jax.tree.map(lambda a, b: a - cut * b, y, solved.value)
-        size = cut * size
+        size, way, reach = cut * size, cut * way, cut * reach
 
         # Newton contracts quadratically: e_next ~ size^3 / previous^2.
         ratio = jnp.where(first, 1.0, size / state.correction)
@@ -189,12 +192,12 @@ class LoadStepping(optx.AbstractRootFinder):
         settled = (expected <= self.rtol * scale) & (size <= _small(mechanics) * scale)
         # At the limit of the arithmetic corrections stop shrinking.
         stagnant = ~first & (ratio > 0.25) & (size <= 1e-8 * scale)
-        equilibrium = fine & (settled | stagnant | (size <= 1e-16 * length))
+        equilibrium = fine & (settled | stagnant | (size <= 1e-16 * length)) & (way == 0)
         # On the way it is enough to be near the path, compared with the step along it:
         # the next step's first correction starts from the residual that is left. This
         # saves a quarter of all corrections. Should it lead astray, as it may close to a
         # limit point, the lane goes back to its last equilibrium and becomes strict.
-        tried = jnp.where(first, size, state.tried)
+        tried = jnp.where(first, reach, state.tried)
         near = ~first & (expected <= self.path_tolerance * tried) & (size <= 0.1 * tried)
         near = fine & near & ~state.strict & (level != target)
         inner = state.inner + 1
@@ -231,7 +234,7 @@ class LoadStepping(optx.AbstractRootFinder):
             strict=state.strict | retry,
             radius=jnp.where(accept, grown, jnp.where(retry, shrunk, state.radius)),
             tried=tried,
-            correction=size,
+            correction=jnp.maximum(size, way),
             inner=jnp.where(accept | retry, 0, inner),
             total=state.total + 1,
             negative=jnp.where(accept, solved.stats["negative"], state.negative),

@@ -7,6 +7,7 @@ In plane strain everything is per unit of width along the axis until results are
 
 import abc
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -25,7 +26,6 @@ from suas_jax.skin.body import Body, Grip, PlacedBody
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Wall
-
 
 class Assembly(NamedTuple):
     """One evaluation of the membrane at a trial state.
@@ -430,6 +430,12 @@ class AbstractMechanics(eqx.Module):
     def touches(self) -> bool:
         """Whether there is anything that a face may touch."""
         return self.wall is not None or bool(self.bodies)
+
+    @property
+    def travel(self) -> Lanes:
+        """Longest way of a body from first touch to full load [m]."""
+        ways = [largest(body.way) for body in self.bodies]
+        return functools.reduce(jnp.maximum, ways, jnp.zeros_like(self.length_scale))
 
     def softened(self, factor: Array) -> Self:
         """The same membrane, what it may touch no stiffer than a share of the rigid limit."""
