@@ -28,7 +28,7 @@ from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.equilibrium import differentiable
 from suas_jax.equilibrium.friction import equilibrium_with_friction
 from suas_jax.equilibrium.outcomes import index_of
-from suas_jax.mechanics.base import BodyContact
+from suas_jax.mechanics.contact.state import BodyContact
 from suas_jax.mesh.section import measures
 from suas_jax.scene.assessment import error_by_squeezing
 from suas_jax.scene.build import plan_for
