@@ -153,13 +153,16 @@ def under_forces(
     unknown = [k for k, d in enumerate(loaded) if d.across]
     across = np.array([d.across for d in loaded], bool)
     low, high = np.full(len(x), -np.inf), np.full(len(x), np.inf)
+    blocked = index_of("no_convergence")
     for _ in range(_MOST_RUNS):
         found = run({**inputs, **none, **search.travels(x)}, start)
         y = search.apart(found[0])
-        if number(found[-1]["result"]) != 0 or y is None:
+        failure = int(number(found[-1]["result"]))
+        if failure != 0 or y is None:
+            blocked = failure or blocked
             # Not touched yet, or too far at once.
             away = np.array([0.0 if d.across else 1.0 for d in loaded])
-            x = x + (away if y is None else -away) if before is None else (x + before[0]) / 2
+            x = x + (-away if failure else away) if before is None else (x + before[0]) / 2
             continue
         start, error = found[3], float(np.max(np.abs(y), initial=0.0))
         idle = 0 if best is None or error < 0.98 * best[0] else idle + 1
@@ -188,6 +191,5 @@ def under_forces(
     error, found, y = best
     if error > _LOOSE:
         slides = any(d.across and abs(v) == error for d, v in zip(loaded, y, strict=True))
-        name = "sliding" if slides else "no_convergence"
-        found[-1]["result"] = np.asarray([index_of(name)])
+        found[-1]["result"] = np.asarray([index_of("sliding") if slides else blocked])
     return found

@@ -87,13 +87,17 @@ class BodyContact(NamedTuple):
 
     @property
     def on_clamp(self) -> Bool[Array, " lane"]:
-        """Whether the body reaches a clamped edge."""
-        first, last = self.gap[0], self.gap[-1]
+        """Whether the body reaches a clamped edge, which a plane of symmetry is none."""
+
+        def clamped(place: Array) -> Array:
+            far = jnp.abs(jnp.broadcast_to(place, self.gap.shape))
+            return (self.gap < 0) & (far > jnp.max(far, (0, 1)) / 2)
+
+        along = clamped(self.angle)
         if self.axial is None:
-            return (first[0] < 0) | (last[-1] < 0)
-        sides = jnp.stack([self.gap[:, 0], self.gap[:, -1]])
-        ends = jnp.concatenate([x.reshape(-1, x.shape[-1]) for x in (first, last, sides)])
-        return jnp.any(ends < 0, 0)
+            return along[0, 0] | along[-1, -1]
+        across = clamped(self.axial)
+        return jnp.any(along[0] | along[-1], 0) | jnp.any(across[:, 0] | across[:, -1], 0)
 
 
 class Strip(NamedTuple):
