@@ -83,6 +83,21 @@ def travels_of(scene: SceneSpec, report: dict[str, Any]) -> dict[str, np.ndarray
     }
 
 
+def on_the_way(scene: SceneSpec, state: State, share: float) -> State:
+    """A state as one on the way to other travels, which is then followed from there.
+
+    A factor scales all that acts, so this needs bodies alone that are not dragged.
+
+    Args:
+        scene: the scene.
+        state: its equilibrium at travels.
+        share: of those that are wanted.
+    """
+    if share <= 0 or any(load.kind != "body" or any(load.dragged) for load in scene.loads):
+        return state
+    return state._replace(factor=state.factor * share)
+
+
 class _Search(NamedTuple):
     """What is sought: travels, as numbers of the size of one, for forces, likewise."""
 
@@ -154,8 +169,12 @@ def under_forces(
     across = np.array([d.across for d in loaded], bool)
     low, high = np.full(len(x), -np.inf), np.full(len(x), np.inf)
     blocked = index_of("no_convergence")
+    alone = len(every) == len(scene.bodies) == 1 and not across.any()
     for _ in range(_MOST_RUNS):
-        found = run({**inputs, **none, **search.travels(x)}, start)
+        near = start
+        if before is not None and alone:
+            near = on_the_way(scene, start, float(np.exp(before[0] - x)[0]))
+        found = run({**inputs, **none, **search.travels(x)}, near)
         y = search.apart(found[0])
         failure = int(number(found[-1]["result"]))
         if failure != 0 or y is None:
