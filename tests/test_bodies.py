@@ -4,6 +4,7 @@ tests/data/indenter2d.csv: finite elements under a rigid cylinder; its header sa
 """
 
 import csv
+import dataclasses
 import functools
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,8 @@ from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.equilibrium import differentiable
 from suas_jax.equilibrium.friction import equilibrium_with_friction
 from suas_jax.equilibrium.outcomes import index_of
-from suas_jax.mechanics.base import BodyContact
+from suas_jax.equilibrium.validity import room_for_bodies
+from suas_jax.mechanics.contact.state import BodyContact
 from suas_jax.mesh.section import measures
 from suas_jax.scene.assessment import error_by_squeezing
 from suas_jax.scene.build import plan_for
@@ -194,6 +196,39 @@ def test_a_shell_between_two_rigid_surfaces_has_no_answer() -> None:
 
     assert squeezed() > 1
     assert squeezed(thickness=1e-3, stiffness=1e5) < 1e-2
+
+
+@pytest.mark.parametrize(
+    ("angle", "depth", "outcome", "tight"),
+    [
+        (30, 4.0, None, False),
+        (30, 5.5, None, True),
+        (30, 8.0, "squeezed", True),
+        (85, 2.0, "body_on_clamp", False),
+    ],
+)
+def test_a_travel_that_ends_in_wall_or_clamp_is_named_before_it_is_solved(
+    angle: float, depth: float, outcome: str | None, tight: bool
+) -> None:
+    spec = scene(body(angle, depth))
+    problem = problem_of(spec, 32)
+    wall = skin_parts(spec, continuous_inputs(spec)).wall
+    held = dataclasses.replace(problem, mechanics=problem.mechanics.with_wall(wall))
+    lost, room = quick(room_for_bodies)(held)
+    assert int(lost[0]) == (index_of(outcome) if outcome else 0)
+    assert bool(room[0]) is tight
+
+
+def test_a_small_body_does_not_pass_through_a_skin_that_it_goes_into_deep() -> None:
+    """Deeper than its radius: a soft law that lets it in has to push the skin back its way."""
+    small = body(-48.416, 2.7134, shape="cylinder", radius="2.696 mm")
+    sizes = {"inner_radius": 0.034403, "thickness": 0.9775e-3, "oil_gap": 0.006355}
+    found = find(problem_of(scene(small, **sizes), 32))
+    assert found.result[0] == 0
+    shape = Round(jnp.full(1, 2e-3), endless=True)
+    for deep in (1e-4, 1e-3, 3e-3, 9e-3):
+        place = jnp.array([[1e-5], [deep]])
+        assert float(shape.straight_distance(place)[0]) == pytest.approx(-deep, abs=1e-6)
 
 
 def test_a_body_off_the_skin_leaves_it_at_rest() -> None:

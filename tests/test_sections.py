@@ -486,6 +486,14 @@ def test_half_an_arc_stands_for_the_whole_where_both_halves_are_alike(
     assert built.symmetric is symmetric
 
 
+@pytest.mark.parametrize(("mirror", "joints"), [(True, 4), (False, 2)])
+def test_a_mirrored_path_has_no_joint_at_its_crown(mirror: bool, joints: int) -> None:
+    spec = shaped(MIRRORED_PATH | {"mirror": mirror}, line_at("0 mm"))
+    inputs = {path: np.full(1, x) for path, x in inputs_of(spec).items()}
+    built = eqx.filter_eval_shape(build_geometry, spec.geometry, value_of(spec, inputs))
+    assert len(built.section.kinks) == joints
+
+
 def test_a_scene_is_solved_on_half_an_arc_where_tables_allow_it() -> None:
     for table, half in ((HUMP, True), (LEANING, False)):
         spec = shaped(EXAMPLES["circle"] | {"oil_gap": table}, line_at("0 mm"))

@@ -167,17 +167,10 @@ class LoadStepping(optx.AbstractRootFinder):
         tangent_level = jnp.where(first, state.base_level, state.level)
         residual, operator = fn(y, (problem, (state.level, tangent_level), mechanics))
         solved = lx.linear_solve(operator, residual, BlockElimination(), throw=False)
-        size = mechanics.displacement_size(solved.value.stations)
-        radius = state.radius
-        size_of_state = mechanics.displacement_size(state.base.stations)
-        relative = self.largest_step * jnp.maximum(size_of_state, 1e-300)
-        radius = jnp.minimum(radius, relative)
-        cut = jnp.where(first, jnp.minimum(1, radius / size), 1)
-        cut = jnp.where(size > 0, cut, 1)
+        cut, size, way = self._cut(mechanics, state, solved.value)
         level = state.base_level + cut * (state.level - state.base_level)
         level = jnp.where(first & (cut < 1), level, state.level)
         trial = jax.tree.map(lambda a, b: a - cut * b, y, solved.value)
-        size = cut * size
 
         # Newton contracts quadratically: e_next ~ size^3 / previous^2.
         ratio = jnp.where(first, 1.0, size / state.correction)
@@ -189,12 +182,12 @@ class LoadStepping(optx.AbstractRootFinder):
         settled = (expected <= self.rtol * scale) & (size <= _small(mechanics) * scale)
         # At the limit of the arithmetic corrections stop shrinking.
         stagnant = ~first & (ratio > 0.25) & (size <= 1e-8 * scale)
-        equilibrium = fine & (settled | stagnant | (size <= 1e-16 * length))
+        equilibrium = fine & (settled | stagnant | (size <= 1e-16 * length)) & (way == 0)
         # On the way it is enough to be near the path, compared with the step along it:
         # the next step's first correction starts from the residual that is left. This
         # saves a quarter of all corrections. Should it lead astray, as it may close to a
         # limit point, the lane goes back to its last equilibrium and becomes strict.
-        tried = jnp.where(first, size, state.tried)
+        tried = jnp.where(first, jnp.maximum(size, way), state.tried)
         near = ~first & (expected <= self.path_tolerance * tried) & (size <= 0.1 * tried)
         near = fine & near & ~state.strict & (level != target)
         inner = state.inner + 1
@@ -231,7 +224,7 @@ class LoadStepping(optx.AbstractRootFinder):
             strict=state.strict | retry,
             radius=jnp.where(accept, grown, jnp.where(retry, shrunk, state.radius)),
             tried=tried,
-            correction=size,
+            correction=jnp.maximum(size, way),
             inner=jnp.where(accept | retry, 0, inner),
             total=state.total + 1,
             negative=jnp.where(accept, solved.stats["negative"], state.negative),
@@ -242,6 +235,23 @@ class LoadStepping(optx.AbstractRootFinder):
         new = _select(live, new, state)
         trial = _select(live & ~failed, trial, new.base)
         return trial, new, operator
+
+    def _cut(
+        self, mechanics: AbstractMechanics, state: SteppingState, correction: BorderedVector
+    ) -> tuple[Lanes, Lanes, Lanes]:
+        """Share of a correction that is trusted; its displacement and bodies' travel then [m].
+
+        A body that does not touch yet moves nothing: its own way is a step, too.
+        """
+        first = state.inner == 0
+        size = mechanics.displacement_size(correction.stations)
+        step = jnp.where(first, jnp.abs(state.level - state.base_level), 0.0)
+        reach = jnp.maximum(size, step * mechanics.travel)
+        size_of_state = mechanics.displacement_size(state.base.stations)
+        relative = self.largest_step * jnp.maximum(size_of_state, 1e-300)
+        radius = jnp.minimum(state.radius, relative)
+        cut = jnp.where(first & (reach > 0), jnp.minimum(1, radius / reach), 1)
+        return cut, cut * size, cut * step * mechanics.travel
 
     def terminate(
         self,

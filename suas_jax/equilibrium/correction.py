@@ -32,7 +32,8 @@ from suas_jax.equilibrium.balance import (
     unknowns_of,
 )
 from suas_jax.equilibrium.equilibrium import differentiable
-from suas_jax.mechanics.base import AbstractMechanics, BodyContact, ContactState
+from suas_jax.mechanics.base import AbstractMechanics
+from suas_jax.mechanics.contact.state import BodyContact, ContactState
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.bordered_solve import BorderedVector, solve_bordered
 from suas_jax.skin.body import Body

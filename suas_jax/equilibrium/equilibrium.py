@@ -26,7 +26,8 @@ from suas_jax.equilibrium.balance import (
 )
 from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.load_path import Found, follow, from_rest_to_pressure, settled
-from suas_jax.equilibrium.validity import kept_in_domain
+from suas_jax.equilibrium.outcomes import index_of
+from suas_jax.equilibrium.validity import kept_in_domain, room_for_bodies
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.numerics.array_types import LaneCounts, Lanes, StationVector
 from suas_jax.numerics.bordered_solve import (
@@ -99,6 +100,11 @@ def _solve_lanes(
     going = None if start is None or problem.oil_pressure is not None else start.factor != 0
     rest = settled(problem, lanes, stepping, going)
     zero, lost = rest.level, rest.result != 0 if problem.prestressed else None
+    tight = None
+    if problem.mechanics.bodies and problem.oil_pressure is None:
+        hopeless, tight = room_for_bodies(problem)
+        rest = rest._replace(result=jnp.where(hopeless != 0, hopeless, rest.result))
+        lost = rest.result != 0
     if problem.oil_pressure is None:
         y, level = rest.y, zero
         near: Bool[Array, " lane"] | bool = False
@@ -119,6 +125,9 @@ def _solve_lanes(
             rest=begin,
             through=through,
         )
+        if tight is not None:
+            result = jnp.where((found.result != 0) & tight, index_of("squeezed"), found.result)
+            found = found._replace(result=result)
         return found if lost is None else _after(rest, found)
     wanted = jnp.broadcast_to(problem.oil_pressure, zero.shape)
     # The pressure grows with the square of the factor: a step longer than the

@@ -305,8 +305,11 @@ def _to_the_wall(
         begin, phase, softest, softest, longest, done, jnp.zeros((), jnp.int32)
     )
     end = jax.lax.while_loop(going, go, standing)
-    unfinished = jnp.where(end.done, end.found.result, index_of("max_steps"))
-    return end.found._replace(result=unfinished.astype(end.found.result.dtype))
+    result = jnp.where(end.done, end.found.result, index_of("max_steps"))
+    # An equilibrium against something softer is none of the skin's.
+    soft = (result != 0) & (end.reached < 0)
+    y, level = _where(soft, (begin.y, begin.level), (end.found.y, end.found.level))
+    return end.found._replace(y=y, level=level, result=result.astype(end.found.result.dtype))
 
 
 def _where(keep: Bool[Array, " lane"], a: Any, b: Any) -> Any:

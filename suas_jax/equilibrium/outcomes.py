@@ -57,7 +57,8 @@ class RESULTS(eqx.Enumeration):
     squeezed = (
         "A body presses the membrane against the wall: between two rigid surfaces the membrane "
         "itself is compressed, which no shell knows, and its force has no meaning. Press the "
-        'body less deep, or set solve.model = "solid", which resolves the membrane.'
+        'body less deep, or set solve.model = "solid", which resolves the membrane. A travel '
+        "that ends inside the wall has no solution in any model."
     )
     sliding = (
         "A body is pulled along with more than friction holds: it slides, and no drag carries "

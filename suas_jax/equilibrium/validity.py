@@ -18,6 +18,7 @@ from suas_jax.equilibrium.balance import (
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.base import AbstractMechanics, largest
 from suas_jax.numerics.array_types import Lanes, StationVector
+from suas_jax.skin.wall import SoftLayer
 
 # Of the forces that balance one another, and of the film's volume. Rounding alone leaves
 # 2e-9 of a load a tenth of a degree from a clamp, where elements are shortest.
@@ -25,6 +26,36 @@ _UNBALANCED = 1e-8
 # On a wall, where rounding of the gap (1e-17 m) meets the wall's stiffness: 7e-8 was seen.
 _UNBALANCED_ON_A_WALL = 1e-6
 _VOLUME = 1e-9
+# Of a thickness: how deep a body lies over an edge at rest that no load takes away from it.
+_ON_CLAMP = 0.1
+
+
+def room_for_bodies(problem: Problem) -> tuple[Int[Array, " lane"], Bool[Array, " lane"]]:
+    """What the travels of bodies say before anything is solved.
+
+    Args:
+        problem: membrane with bodies at full travel, wall, oil and loads.
+
+    Returns:
+        Index of the outcome where no membrane can be in equilibrium: a body lies on a clamped
+        edge, or reaches into the wall. And whether less than the membrane's thickness is left
+        between a body and the wall.
+    """
+    mechanics, rest = problem.mechanics, problem.mechanics.rest()
+    thickness = mechanics.length_scale
+    lost, tight = jnp.zeros(thickness.shape, jnp.int32), jnp.zeros(thickness.shape, bool)
+    wall = mechanics.wall
+    for body in mechanics.bodies:
+        there = mechanics.touched(rest, body.placed(1.0))
+        if wall is not None:
+            layer = wall.law.thickness if isinstance(wall.law, SoftLayer) else 0.0
+            room = wall.geometry.gap(there.angle, there.axial) + layer + thickness
+            left = jnp.min(room + there.gap, (0, 1))
+            lost = jnp.where(left < 0, index_of("squeezed"), lost)
+            tight |= left < thickness
+        deep = there._replace(gap=there.gap + _ON_CLAMP * thickness)
+        lost = jnp.where(deep.on_clamp, index_of("body_on_clamp"), lost)
+    return lost, tight
 
 
 def validity(

@@ -7,16 +7,17 @@ In plane strain everything is per unit of width along the axis until results are
 
 import abc
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
-from suas_jax.mechanics.contact.term import contact_pressure, push
+from suas_jax.mechanics.contact.state import BodyContact, ContactState, Strip
 from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.shape import AbstractShape
 from suas_jax.numerics.array_types import Lanes, StationVector
@@ -85,106 +86,6 @@ class Displacements(NamedTuple):
 
     mid_displacement: Array
     inner_displacement: Array
-
-
-class ContactState(NamedTuple):
-    """The inner face at the points where it may touch the wall.
-
-    Arrays are [point, element, lane] along a section, [arc, axial, lane] over a pad.
-
-    Attributes:
-        angle: reference angle [rad].
-        polar_angle: angle of the normal of the undeformed section through the point [rad].
-        gap: to the wall's surface, negative inside it [m].
-        pressure: of the wall on the face, per area of the undeformed face [Pa].
-        area: of the undeformed face that a point stands for [m^2]; in plane strain per
-            width [m].
-        axial: current position along the axis [m]; None in plane strain.
-    """
-
-    angle: Array
-    polar_angle: Array
-    gap: Array
-    pressure: Array
-    area: Array
-    axial: Array | None = None
-
-
-class BodyContact(NamedTuple):
-    """The outer face at the points where it may touch a body.
-
-    Arrays are [point, element, lane] along a section, [arc, axial, lane] over a pad; components
-    lead.
-
-    Attributes:
-        angle: reference angle [rad].
-        position: current position [m].
-        gap: to the body's surface, negative inside it [m].
-        pressure: on the face, per area of the undeformed face [Pa].
-        force: on the body [N]; in plane strain per width [N/m].
-        area: of the undeformed face that a point stands for [m^2]; in plane strain per
-            width [m].
-        axial: reference position along the axis [m]; None in plane strain.
-    """
-
-    angle: Array
-    position: Array
-    gap: Array
-    pressure: Array
-    force: Array
-    area: Array
-    axial: Array | None = None
-
-    @classmethod
-    def of(
-        cls,
-        body: PlacedBody,
-        angle: Array,
-        position: Array,
-        rest: Array | None,
-        area: Array,
-        axial: Array | None,
-        shift: Array | float = 0.0,
-    ) -> "BodyContact":
-        """What a face's points say about a body; a shift adds to the gaps that they see.
-
-        Args:
-            body: where it is.
-            angle: reference angle of the points [rad].
-            position: of the points [m].
-            rest: where they were at rest [m]; None without friction.
-            area: of the undeformed face that a point stands for.
-            axial: see the attribute.
-            shift: added to the gaps [m].
-        """
-        gap = body.gap(position) + shift
-        pressure = contact_pressure(body.law, gap)
-        force = push(body, position, angle, area, shift, rest)
-        return cls(angle, position, gap, pressure, force, area, axial)
-
-    @property
-    def on_clamp(self) -> Bool[Array, " lane"]:
-        """Whether the body reaches a clamped edge."""
-        first, last = self.gap[0], self.gap[-1]
-        if self.axial is None:
-            return (first[0] < 0) | (last[-1] < 0)
-        sides = jnp.stack([self.gap[:, 0], self.gap[:, -1]])
-        ends = jnp.concatenate([x.reshape(-1, x.shape[-1]) for x in (first, last, sides)])
-        return jnp.any(ends < 0, 0)
-
-
-class Strip(NamedTuple):
-    """The strip that a body touches, as a continuum does where a shell touches along lines.
-
-    Attributes:
-        half: half its width [m].
-        pressure: the largest on it [Pa].
-        told: whether both are good to a tenth.
-    """
-
-    half: Lanes
-    pressure: Lanes
-    told: Bool[Array, " lane"]
 
 
 class AbstractMechanics(eqx.Module):
@@ -430,6 +331,12 @@ class AbstractMechanics(eqx.Module):
     def touches(self) -> bool:
         """Whether there is anything that a face may touch."""
         return self.wall is not None or bool(self.bodies)
+
+    @property
+    def travel(self) -> Lanes:
+        """Longest way of a body from first touch to full load [m]."""
+        ways = [largest(body.way) for body in self.bodies]
+        return functools.reduce(jnp.maximum, ways, jnp.zeros_like(self.length_scale))
 
     def softened(self, factor: Array) -> Self:
         """The same membrane, what it may touch no stiffer than a share of the rigid limit."""

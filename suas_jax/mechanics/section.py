@@ -14,7 +14,8 @@ from jaxtyping import Array, Bool, Float
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import FibreStretch, HeldFibre
 from suas_jax.constitutive.stability import drucker_modulus
-from suas_jax.mechanics.base import AbstractMechanics, BodyContact, Displacements, Profile
+from suas_jax.mechanics.base import AbstractMechanics, Displacements, Profile
+from suas_jax.mechanics.contact.state import BodyContact
 from suas_jax.mechanics.section_face import INTERVALS, NormalFace, normal_face
 from suas_jax.mechanics.shape import AbstractShape, Extreme
 from suas_jax.numerics.array_types import Lanes, StationVector

@@ -14,6 +14,7 @@ from suas_jax.scene.choice import choose, difference
 from suas_jax.scene.curve import contact_of, first_touch
 from suas_jax.scene.program import at_rest, prepared, run_program, structure_of
 from suas_jax.scene.report import plain, report_of
+from suas_jax.scene.travel import on_the_way
 
 _CONTACT_TOLERANCE = 1e-7  # of the travel at first contact with the wall
 _MOST_HALVINGS = 40
@@ -60,11 +61,19 @@ class IndentationCurve(NamedTuple):
         """Solutions at given travels [m] on one mesh, each from the one before."""
         points: list[Point] = []
         start = None
-        for depth in depths:
+        for k, depth in enumerate(depths):
+            if start is not None:
+                start = self._near(start, depths[k - 1], depth)
             points.append(self._solved(depth, counts, start, wall=self.wall))
             found = number(points[-1].outcome["result"]) == 0
             start = points[-1].part if found else None
         return points
+
+    def _near(self, state: State, before: float, depth: float) -> State:
+        """A state at one travel as a start for another."""
+        if depth == 0 or len(self.shares) < len(self.scene.loads):
+            return state
+        return on_the_way(self.scene, state, before / depth)
 
     def _solved(
         self, depth: float, counts: tuple[int, ...], start: State | None, *, wall: bool
@@ -91,7 +100,8 @@ class IndentationCurve(NamedTuple):
             if abs(high - low) <= _CONTACT_TOLERANCE * abs(high):
                 break
             middle = (low + high) / 2
-            point = self._solved(middle, self.plan.counts, start, wall=False)
+            near = None if start is None else self._near(start, low, middle)
+            point = self._solved(middle, self.plan.counts, near, wall=False)
             if number(point.outcome["result"]) != 0:
                 break
             found = plain(point.report)

@@ -76,6 +76,21 @@ def travels_of(scene: SceneSpec, report: dict[str, Any]) -> dict[str, np.ndarray
     }
 
 
+def on_the_way(scene: SceneSpec, state: State, share: float) -> State:
+    """A state as one on the way to other travels, which is then followed from there.
+
+    A factor scales all that acts, so this needs bodies alone that are not dragged.
+
+    Args:
+        scene: the scene.
+        state: its equilibrium at travels.
+        share: of those that are wanted.
+    """
+    if share <= 0 or any(load.kind != "body" or any(load.dragged) for load in scene.loads):
+        return state
+    return state._replace(factor=state.factor * share)
+
+
 class _Search(NamedTuple):
     """What is sought: travels, as numbers of the size of one, for forces, likewise."""
 
@@ -142,13 +157,20 @@ def under_forces(
     unknown = [k for k, d in enumerate(loaded) if d.across]
     across = np.array([d.across for d in loaded], bool)
     low, high = np.full(len(x), -np.inf), np.full(len(x), np.inf)
+    blocked = index_of("no_convergence")
+    alone = len(every) == len(scene.bodies) == 1 and not across.any()
     for _ in range(_MOST_RUNS):
-        found = run({**inputs, **none, **search.travels(x)}, start)
+        near = start
+        if before is not None and alone:
+            near = on_the_way(scene, start, float(np.exp(before[0] - x)[0]))
+        found = run({**inputs, **none, **search.travels(x)}, near)
         y = search.apart(found[0])
-        if number(found[-1]["result"]) != 0 or y is None:
+        failure = int(number(found[-1]["result"]))
+        if failure != 0 or y is None:
+            blocked = failure or blocked
             # Not touched yet, or too far at once.
             away = np.array([0.0 if d.across else 1.0 for d in loaded])
-            x = x + (away if y is None else -away) if before is None else (x + before[0]) / 2
+            x = x + (-away if failure else away) if before is None else (x + before[0]) / 2
             continue
         start, error = found[3], float(np.max(np.abs(y), initial=0.0))
         idle = 0 if best is None or error < 0.98 * best[0] else idle + 1
@@ -177,6 +199,5 @@ def under_forces(
     error, found, y = best
     if error > _LOOSE:
         slides = any(d.across and abs(v) == error for d, v in zip(loaded, y, strict=True))
-        name = "sliding" if slides else "no_convergence"
-        found[-1]["result"] = np.asarray([index_of(name)])
+        found[-1]["result"] = np.asarray([index_of("sliding") if slides else blocked])
     return found

@@ -15,7 +15,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from suas_jax.config import BodyLoadSpec
 from suas_jax.numerics.array_types import Lanes
@@ -24,6 +24,7 @@ from suas_jax.skin.section import AbstractSection, outward, tangent
 from suas_jax.skin.wall import AbstractPressureGap
 
 _STICK = 1e-3  # thicknesses of slip until friction is mobilised
+_STRAIGHT = 0.25  # radii of the tip down to which the inside of a soft body is its own
 _ANGLES, _LENGTHS = 1601, 81  # places among which the first touch is sought
 
 
@@ -41,6 +42,25 @@ class AbstractShape(eqx.Module):
         Args:
             across: coordinates across the approach.
         """
+
+    def straight_distance(
+        self, place: Float[Array, "component *point"]
+    ) -> Float[Array, "*point"]:
+        """The distance near the tip, deep inside a straight continuation of it [m].
+
+        What a soft law lets so deep into a small body that another side is as near is pushed
+        back the way it came.
+        """
+        if isinstance(self.curvature, float):
+            return self.distance(place)
+        deepest = _STRAIGHT / self.curvature
+        low = jnp.minimum(place[-1], deepest)
+
+        def at(out: Array) -> Array:
+            return self.distance(place.at[-1].set(out))
+
+        value, slope = jax.jvp(at, (low,), (jnp.ones_like(low),))
+        return value + slope * (place[-1] - low)
 
     @property
     def centre(self) -> Lanes | float:
@@ -213,6 +233,7 @@ class Body(eqx.Module):
         friction: Coulomb's coefficient; None for none.
         stick: slip by which friction is as good as fully mobilised [m].
         grip: of friction on the points of the face; None for that of the state at hand.
+        soft: whether the law is softer than the body's own; None where it never is.
     """
 
     shape: AbstractShape
@@ -226,6 +247,7 @@ class Body(eqx.Module):
     friction: Lanes | None = None
     stick: Lanes | None = None
     grip: Grip | None = None
+    soft: Bool[Array, "..."] | None = None
 
     @classmethod
     def of(
@@ -298,7 +320,7 @@ class Body(eqx.Module):
 
     def softened(self, factor: Array) -> "Body":
         """The same body with a law that is nowhere stiffer than a share of the rigid limit."""
-        return eqx.tree_at(lambda body: body.law, self, self.law.softened(factor))
+        return dataclasses.replace(self, law=self.law.softened(factor), soft=factor < 1)
 
 
 class PlacedBody(eqx.Module):
@@ -331,7 +353,10 @@ class PlacedBody(eqx.Module):
     ) -> Float[Array, "*point"]:
         """Distance of points from the body, wherever they have slid [m]."""
         del near
-        return self.body.shape.distance(self.seen(position))
+        shape, soft, seen = self.body.shape, self.body.soft, self.seen(position)
+        if soft is None:
+            return shape.distance(seen)
+        return jnp.where(soft, shape.straight_distance(seen), shape.distance(seen))
 
     def grip(
         self, position: Float[Array, "component *point"], area: Float[Array, "*#point"]

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from suas_jax.mechanics.base import BodyContact, ContactState
+from suas_jax.mechanics.contact.state import BodyContact, ContactState
 from suas_jax.mechanics.contact.term import (
     ContactTerms,
     by_travel,

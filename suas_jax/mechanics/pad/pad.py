@@ -17,13 +17,8 @@ from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.relaxation import Response
-from suas_jax.mechanics.base import (
-    AbstractMechanics,
-    Assembly,
-    BodyContact,
-    ContactState,
-    Displacements,
-)
+from suas_jax.mechanics.base import AbstractMechanics, Assembly, Displacements
+from suas_jax.mechanics.contact.state import BodyContact, ContactState
 from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.pad.faces import Faces
 from suas_jax.mechanics.pad.lane import PadLane

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from suas_jax.mechanics.base import BodyContact, ContactState
+from suas_jax.mechanics.contact.state import BodyContact, ContactState
 from suas_jax.mechanics.contact.term import (
     ContactTerms,
     contact_pressure,

@@ -21,13 +21,8 @@ from jaxtyping import Array, Float
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import PlaneStrain
 from suas_jax.constitutive.relaxation import Response
-from suas_jax.mechanics.base import (
-    Assembly,
-    ContactState,
-    Displacements,
-    Profile,
-    largest,
-)
+from suas_jax.mechanics.base import Assembly, Displacements, Profile, largest
+from suas_jax.mechanics.contact.state import ContactState
 from suas_jax.mechanics.contact.term import by_travel
 from suas_jax.mechanics.section import AbstractPlaneStrain
 from suas_jax.mechanics.solid.contact import ContactFace

@@ -45,8 +45,10 @@ class Path(AbstractCurve):
 
     @property
     def kinks(self) -> tuple[int, ...]:
-        """Where pieces meet."""
-        return tuple(range(1, self.length.shape[0]))
+        """Where pieces meet; at a mirrored crown a piece meets itself."""
+        count = self.length.shape[0]
+        crown = count // 2 if self.mirrored else 0
+        return tuple(k for k in range(1, count) if k != crown)
 
     @property
     def symmetric(self) -> bool:
