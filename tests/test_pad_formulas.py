@@ -275,11 +275,34 @@ def test_spline_of_cubics_is_exact_inside_and_beyond_its_nodes() -> None:
 
 def test_basis_sums_to_one_everywhere() -> None:
     basis = SplineBasis(np.linspace(0.0, 1.0, 7) ** 2)
-    first, value, slope = basis.at(np.linspace(0.0, 1.0, 23))
+    first, (value, slope) = basis.at(np.linspace(0.0, 1.0, 23))
     np.testing.assert_allclose(value.sum(1), 1.0, rtol=1e-12)
     np.testing.assert_allclose(slope.sum(1), 0.0, atol=1e-10)
     assert first.min() == 0
     assert first.max() == 7 - 4
+
+
+@pytest.mark.parametrize("share", [-1.5, 0.4, 0.999, 1.001, 3.0])
+def test_means_over_intervals_have_no_kinks(share: float) -> None:
+    """Slopes are those of the means, of either sign of the variance and across knots."""
+    basis = SplineBasis(np.linspace(0.0, 1.0, 9))
+    variance = share * basis._least
+    values = np.sin(np.arange(9.0))
+
+    def means(x: np.ndarray, variance: float) -> np.ndarray:
+        first, rows = basis.over(x, np.full(len(x), variance))
+        columns = first[:, None] + np.arange(rows.shape[2])
+        return np.asarray((rows * values[columns]).sum(2))
+
+    x, small = np.linspace(0.2, 0.8, 101), 1e-6
+    _, by_place, by_variance = means(x, variance)
+    across = (means(x + small, variance)[0] - means(x - small, variance)[0]) / (2 * small)
+    np.testing.assert_allclose(by_place, across, atol=1e-6)
+    step = 1e-5 * basis._least
+    along = (means(x, variance + step)[0] - means(x, variance - step)[0]) / (2 * step)
+    np.testing.assert_allclose(by_variance, along, atol=1e-3 * np.abs(along).max())
+    if share < 1:  # the second derivative's steps at knots would show in slopes by the variance
+        assert np.abs(np.diff(by_variance, 2)).max() < 0.1 * np.ptp(by_variance)
 
 
 def test_spline_in_three_variables_has_a_slope_in_each() -> None:
@@ -436,29 +459,30 @@ def test_slopes_by_extent_and_tangent_are_those_of_the_readings() -> None:
     interpolant = PadInterpolant(quadratic_table(), RADIUS)
     x = np.array([[0.05, -0.01, 3.0, 14e-3, 0.2, 0.1, -0.2]])
     found = interpolant(x, 1)
-    for k, step in enumerate([1e-6, 1e-7, 1e-5, 1e-8, 1e-6, 1e-6, 1e-6]):
+    for k, step in enumerate([1e-4, 1e-5, 1e-4, 1e-6, 1e-4, 1e-4, 1e-4]):
         high, low = (
             interpolant(x + side * step * np.eye(7)[k], 1).readings[0] for side in (1, -1)
         )
         slope = (high - low) / (2 * step)
-        np.testing.assert_allclose(found.jacobian[0, k], slope, rtol=1e-5, atol=1e-4)
+        # What tangents add is of single precision.
+        np.testing.assert_allclose(found.jacobian[0, k], slope, rtol=1e-4, atol=1e-4)
     # The table's slopes by tangential forces are 1e-6 and -2e-6 everywhere.
     radial = x.copy()
     radial[0, 5:] = 0.0
     more = found.change - interpolant(radial, 1).change
-    np.testing.assert_allclose(more, 3.0 * (0.1 + 0.4) * 1e-6, rtol=1e-7)
+    np.testing.assert_allclose(more, 3.0 * (0.1 + 0.4) * 1e-6, rtol=1e-6)
 
 
 def test_slopes_of_a_contact_askew_are_those_of_the_readings() -> None:
     interpolant = PadInterpolant(quadratic_table(), RADIUS)
     x = np.array([[0.05, -0.01, 3.0, 14e-3, 0.5, 0.1, -0.2, 0.6]])
     found = interpolant(x, 1)
-    for k, step in enumerate([1e-6, 1e-7, 1e-5, 1e-8, 1e-6, 1e-6, 1e-6, 1e-6]):
+    for k, step in enumerate([1e-4, 1e-5, 1e-4, 1e-6, 1e-4, 1e-4, 1e-4, 1e-4]):
         high, low = (
             interpolant(x + side * step * np.eye(8)[k], 1).readings[0] for side in (1, -1)
         )
         slope = (high - low) / (2 * step)
-        np.testing.assert_allclose(found.jacobian[0, k], slope, rtol=1e-5, atol=1e-4)
+        np.testing.assert_allclose(found.jacobian[0, k], slope, rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.parametrize(("turn", "way"), [(0.0, 1.0), (np.pi / 2, -1.0)])
@@ -576,7 +600,7 @@ EDGE = (0.35, 0.035)
 
 def test_bounds_of_contacts_on_a_pad() -> None:
     one = PadLeastSquares(PadInterpolant(linear_table()), EDGE)
-    x = np.array([[0.1, 0.2, 0.0, 0.02, 3.0, 4.0]])
+    x = np.array([[0.1, 0.2, 0.0, 0.02, 3.0, 13.0]])  # the last is large somewhere on the pad
     cap = 10 * np.exp([0.0, 0.02])
     low, high = one.bounds(x, 2, False)
     np.testing.assert_allclose(low[0], [-0.35, -0.35, -0.035, -0.035, 0.0, 0.0], atol=1e-15)
@@ -586,7 +610,7 @@ def test_bounds_of_contacts_on_a_pad() -> None:
     np.testing.assert_allclose(low[0, 4:], -0.3 * cap, rtol=1e-9)
     np.testing.assert_array_equal(high[0, 4:], 0.0)
     # Beyond the edge the largest force is that at the edge.
-    _, high = one.bounds(np.array([[0.0, 9.0, 1.0]]), 1, False)
+    _, high = one.bounds(np.array([[0.0, 9.0, 13.0]]), 1, False)
     assert high[0, 2] == pytest.approx(12 * np.exp(0.035), rel=1e-9)
 
 

@@ -35,7 +35,8 @@ class Explanations:
         pressure: of the oil [Pa].
         min_gap: between membrane and wall [m].
         so: the model's readings [counts].
-        q: unknowns of the equilibrium [frame, dof, station].
+        q: unknowns of the equilibrium [frame, dof, station]; on a pad, of which none is solved,
+            all parameters of the fit, those eliminated among them [frame, 1, parameter].
         weight: inverse variances, zero where a taxel is left out [1/counts^2].
         absorbed: whether errors of the skin's inputs were fitted with the loads: they are then
             part of `so` and `chi2`.

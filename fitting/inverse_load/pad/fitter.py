@@ -12,7 +12,14 @@ import numpy as np
 
 from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations, widened
-from fitting.inverse_load.pad.interpolant import MOST, PLAIN, Correction, PadInterpolant
+from fitting.inverse_load.pad.interpolant import (
+    ASKEW,
+    MOST,
+    PLAIN,
+    WHOLE,
+    Correction,
+    PadInterpolant,
+)
 from fitting.inverse_load.pad.marginal import BESIDE, Told, beside
 from fitting.inverse_load.pad.pad_least_squares import (
     PRIOR,
@@ -80,9 +87,8 @@ class PadFitter(AbstractLoadFitter):
         *,
         pull: bool = False,
     ) -> Explanations:
-        """See the base class; no states are needed."""
-        del state
-        start = start[:, : PLAIN * contacts]
+        """See the base class; a state is what a fit nearby found, see `_found_before`."""
+        start = self._found_before(start[:, : PLAIN * contacts], state, contacts)
         if contacts == 1:
             fit = self.fitted(y, weight, start, 1, None, pull)
             return self._gathered(fit, weight, 1, None)
@@ -94,6 +100,22 @@ class PadFitter(AbstractLoadFitter):
             gaps.append(gap)
         joined = PadFit(*(np.concatenate(x) for x in zip(*fits, strict=True)))
         return self._gathered(joined, weight, contacts, np.array(gaps))
+
+    def _found_before(self, start: Floats, state: State, contacts: int) -> Floats:
+        """Where fits begin: with the extents and tangents of a fit nearby, if there was one.
+
+        Args:
+            start: places and forces [frame, parameter].
+            state: its unknowns are the parameters that a fit found [1, parameter, frame], or
+                none. Those of another number of contacts count for nothing.
+            contacts: their number.
+        """
+        whole = np.asarray(state.q)
+        known = np.isfinite(whole).all(0).sum(0) if whole.size else np.zeros(1)
+        if not (known == WHOLE * contacts).all():
+            return start
+        size = start.shape[1]
+        return np.concatenate([start, whole[0, size : WHOLE * contacts].T], 1)
 
     def fitted(
         self,
@@ -167,7 +189,7 @@ class PadFitter(AbstractLoadFitter):
         """Fit one frame by several contacts, solving them on the way."""
         kept, gap, plain = self._kept.get(contacts), 1.0, PLAIN * contacts
         # A coarse start is near enough to try what is known.
-        close = self._near(kept, start[0], contacts, live=True)
+        close = self._near(kept, start[0, :plain], contacts, live=True)
         fit = self.fitted(y, weight, start, contacts, kept if close else None)
         for _ in range(_ROUNDS):
             now = fit.parameters[0, :plain]
@@ -249,7 +271,7 @@ class PadFitter(AbstractLoadFitter):
             pressure=fit.readings[:, -1].copy(),
             min_gap=gaps,
             so=fit.readings.copy(),
-            q=np.zeros((frames, 0, 0)),
+            q=widened(fit.parameters, ASKEW * max(self._most, contacts))[:, None],
             weight=weight.copy(),
             absorbed=np.zeros(len(fit.chi2), bool),
             beside=more,
