@@ -26,7 +26,6 @@ from scipy.special import ndtr
 
 from fitting.arrays import Floats
 
-
 _SURE = 10.0  # significance beyond which the rate of false alarms is not told exactly
 
 

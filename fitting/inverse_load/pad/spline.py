@@ -7,8 +7,8 @@ The mean over a box is a product of means along its sides, each exact by the ant
 
     mean of B over [x - h, x + h] = (I(x + h) - I(x - h)) / (2 h),   I' = B,   v = h^2 / 3
 
-For a small variance v of its points, of either sign, it follows from B and the mean over a small
-box, so that it has no kinks: B'' / 2, which it is made of to first order, has one at every knot.
+For a small variance v of its points, of either sign, it follows from B and the mean over a
+small box. B + v B'' / 2, to first order the same, has a kink at every knot.
 """
 
 import functools
@@ -170,7 +170,7 @@ class SplineBasis:
         return edges, firsts, np.einsum("ikp,qipf->iqfk", powers, own)
 
     def _all(self, x: Floats) -> tuple[Floats, Floats]:
-        """All functions, and their integrals from the first node, at places within the nodes."""
+        """All functions and their integrals from the first node, at places between nodes."""
         i, c, s = self._piece(x)
         value = np.zeros((len(x), len(self.nodes)))
         integral = self._before[i]
