@@ -636,7 +636,7 @@ def test_fit_of_exact_readings_finds_the_loads_and_chi2_their_misfit() -> None:
     assert found.parameters[0, 2] == pytest.approx(4.0, rel=1e-4)
     assert found.parameters[0, 0] + 20 * found.parameters[0, 1] == pytest.approx(0.3, rel=1e-3)
     off = y + np.array([[3.0, -2.0, 1e6, 10.0]])
-    chi2 = fitter._judged(off, weight, truth, 1, None).chi2
+    chi2 = fitter.judged(off, weight, truth, 1).chi2
     assert chi2[0] == pytest.approx(9.0 + 4.0 + 1.0, rel=1e-6)
 
 
@@ -647,7 +647,7 @@ def test_priors_count_as_readings_do() -> None:
     x = np.array([[0.1, 0.01, 4.0, diameter, 0.5, -0.3, 0.0]])  # one deviation off, thrice
     weight = np.array([[1.0, 1.0, 1.0, 1e-2]])
     y = interpolant(x, 1).readings
-    found = fitter._judged(y, weight, x, 1, None)
+    found = fitter.judged(y, weight, x, 1)
     assert found.chi2[0] == pytest.approx(3.0, rel=1e-9)
     by_diameter = 1 / (0.6 * diameter)
     expected = [0, 0, 0, -by_diameter, -2.0, 1 / 0.3, 0]
@@ -729,6 +729,28 @@ def test_a_strip_is_one_contact_of_its_length_and_force(spec: SkinSpec, turn: fl
     if turn == 45.0:  # straight boxes leave what noise would not
         assert straight.chi2[0] > 20 * askew.chi2[0]
     assert np.isnan(found.beside[0, 0, 2:]).all()  # of tangents this pad says nothing
+
+
+def test_two_fingers_stand_beside_one_wide_contact(spec: SkinSpec) -> None:
+    skin = skin_of(spec, elements=(8, 8), contact=False)
+    interpolant, told = PadInterpolant(dent_table(), RADIUS), Told(False, False)
+    fitter = PadFitter(skin, interpolant, told, live=False, most_contacts=2)
+    fall = 2 * (dent(0.0, -12e-3) + dent(0.0, 12e-3))
+    two = np.append(1 / (1e-3 - fall), 0.0)[None]
+    one = interpolant(np.array([[0.0, 0.0, 4.0, 8e-3, 0.0, 0.0, 0.0]]), 1).readings
+    y = np.concatenate([two, one])
+    weight = np.tile(np.append(np.full(y.shape[1] - 1, 0.25), 0.0), (2, 1))
+    state = State(*[np.zeros(0)] * 3)
+    wide = fitter.fit(y, weight, np.tile([0.0, 1e-3, 4.0], (2, 1)), state, 1)
+    rows, pairs = fitter.pairs_for_wide(y, wide)
+    assert rows.tolist() == [0]
+    assert pairs.chi2[0] < 0.1 < wide.chi2[0]
+    found = pairs.parameters[0, :6]
+    np.testing.assert_allclose(np.sort(found[2:4]), [-12e-3, 12e-3], atol=1e-4)
+    np.testing.assert_allclose(found[4:], 2.0, rtol=1e-2)
+    # A fit nearby begins with what this one found, extents and tangents among it.
+    again = fitter.fit(y, weight, wide.parameters[:, :3] + [0.01, 0.0, 0.1], wide.state, 1)
+    assert again.chi2[1] == pytest.approx(wide.chi2[1], abs=2e-2)
 
 
 def test_what_a_wide_contact_leaves_may_be_its_shape_s(spec: SkinSpec) -> None:

@@ -190,6 +190,16 @@ class AbstractLoadFitter(abc.ABC):
         """
         return np.zeros(len(best), bool)
 
+    def pairs_for_wide(self, y: Floats, best: Explanations) -> tuple[Rows, Explanations]:
+        """Frames of one wide contact, and two contacts beside one another in its place.
+
+        Args:
+            y: readings [frame, taxel].
+            best: explanations of them.
+        """
+        none = np.zeros(0, np.intp)
+        return none, best.rows(none)
+
     def screened(
         self,
         frames: Rows,

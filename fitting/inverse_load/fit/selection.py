@@ -29,17 +29,19 @@ _PLAUSIBLE = 0.05  # p-value of chi2 above which no further contact is sought
 
 
 class Alternative(NamedTuple):
-    """A second explanation of a frame by one contact.
+    """A second explanation of a frame that one contact explains.
 
     Attributes:
         chi2: of the fit.
-        parameters: of the contact.
+        parameters: of the contacts.
         information: J^T W J.
+        contacts: their number: another place of one, or two for a wide one.
     """
 
     chi2: float
     parameters: Floats
     information: Floats
+    contacts: int
 
 
 @dataclass
@@ -104,6 +106,8 @@ class Selection:
         best = self._single(y, weight, first)
         best, others = self._second_modes(y, weight, second, best)
         doubtful = self._doubts.of(y, best)
+        rows, pairs = self.fitter.pairs_for_wide(y, best)
+        doubtful[rows] |= pairs.chi2 < best.chi2[rows] - self.penalty
         # What errors of the inputs explain may be a width as well.
         frames = np.flatnonzero(doubtful | best.absorbed)
         if frames.size:
@@ -119,6 +123,11 @@ class Selection:
             best = best.with_frames(frames, found, np.arange(len(frames)))
         if self.fitter.live:
             self.last = best if np.isfinite(best.chi2[0]) else None
+        rows, pairs = self.fitter.pairs_for_wide(y, best)
+        for k, i in enumerate(rows.tolist()):
+            other = others[i]
+            if other is None or pairs.chi2[k] < other.chi2:
+                others[i] = _mode(pairs, k)
         return best, others
 
     def _reconsidered(
@@ -341,4 +350,5 @@ def _mode(explanations: Explanations, i: int) -> Alternative:
         float(explanations.chi2[i]),
         explanations.parameters[i].copy(),
         explanations.information[i].copy(),
+        int(explanations.contacts[i]),
     )

@@ -37,6 +37,7 @@ _ROUNDS = 4  # of solving several contacts and fitting again
 # logarithm of its relief: of solved discs of 40 to 80 mm a half of it, of two fingers more.
 _SHAPE = 0.06
 _SLENDER = 0.6  # where fits of slender contacts begin
+_PAIR = 4.0  # diameters of discs beyond which a contact may be two of them
 _MOVED = 0.1  # standard deviations below which a round is the last
 
 
@@ -234,6 +235,33 @@ class PadFitter(AbstractLoadFitter):
         noise = used[:, :-1].sum(1) / np.maximum(best.weight[:, :-1].max(1), 1e-300)
         left = np.maximum((residual**2).sum(1) - noise, 0.0) / (change**2).sum(1)
         return np.asarray(known & (np.sqrt(left) < _SHAPE * np.log(relief)))
+
+    def pairs_for_wide(self, y: Floats, best: Explanations) -> tuple[Rows, Explanations]:
+        """See the base class: discs of half the force each, with the contact's second moments.
+
+        They are fitted on the sum of the interpolant's single contacts: where readings cannot
+        tell two from a wide one, forces are light and the sum is right to within the noise.
+        """
+        whole, disc = best.q[:, 0], self.table.diameter
+        turn = np.nan_to_num(whole[:, ASKEW - 1]) + np.where(whole[:, 4] < 0, np.pi / 2, 0.0)
+        long = whole[:, 3] * np.exp(np.abs(whole[:, 4]))
+        wide = (best.contacts == 1) & (long > _PAIR * disc) & (best.parameters[:, 2] > 0)
+        rows = np.flatnonzero(wide & np.isfinite(best.chi2) & (self._most > 1))
+        if not rows.size:
+            return rows, best.rows(rows)
+        apart = np.sqrt((long[rows] ** 2 - disc**2) / 16)
+        way = np.stack([np.cos(turn[rows]) / self._radius, np.sin(turn[rows])], 1)
+        either = (apart[:, None] * way)[..., None] * [-1.0, 1.0]
+        places = whole[rows, :2, None] + either
+        forces = np.repeat(whole[rows, 2:3] / 2, 2, 1)
+        start = np.concatenate([places.reshape(len(rows), -1), forces], 1)
+        weight = best.weight[rows]
+        fit = self.squares.fitted(y[rows], weight, start, 2, None, False)
+        found = self.squares.judged(
+            y[rows], weight, self.squares.completed(fit.parameters, 2), 2
+        )
+        gaps = np.full(len(rows), self._gap)  # of no account: no frame is explained by them
+        return rows, self._gathered(found, weight, 2, gaps)
 
     def prior_volume(self) -> float:
         """Of what is told of one contact: even but for its diameter."""

@@ -174,13 +174,13 @@ class PadInterpolant:
         excess = box + line[:, None] * way**2
         cap, relief = self._cap(x), self.relief(excess)
         size = len(x), self.table.u.shape[-1] + 1
-        value, rows = np.zeros(size), np.zeros((len(x), 7, size[1]))
+        value, rows = np.zeros(size), np.zeros((len(x), 9, size[1]))
         by_half, by_turn = np.zeros(size), np.zeros(size)
         for t, share in zip(*_LINE, strict=True):
             shift = t * half[:, None] * way
             own, slopes = self._boxes(x, cap, relief, shift, box, excess)
             value, rows = value + share / 2 * own, rows + share / 2 * slopes
-            by_metre = slopes[:, :2] / self._metres[:, None]
+            by_metre = slopes[:, 7:] / self._metres[:, None]
             by_half = by_half + share / 2 * t * (way[..., None] * by_metre).sum(1)
             side = np.stack([-way[:, 1], way[:, 0]], 1)[..., None]
             by_turn = by_turn + share / 2 * t * half[:, None] * (side * by_metre).sum(1)
@@ -216,8 +216,8 @@ class PadInterpolant:
             excess: those of the whole contacts beyond the disc's, likewise.
 
         Returns:
-            Change [contact, channel], and slopes by place, force, box and excess
-            [contact, 7, channel].
+            Change [contact, channel], and slopes by place, force, box, excess and the boxes'
+            middle alone [contact, 9, channel].
         """
         relief, by_excess = reliefs
         force = x[:, 2] / relief
@@ -232,7 +232,7 @@ class PadInterpolant:
         plain[:, :2] *= relief[:, None, None]
         by_box = relief[:, None, None] * slopes[:, 3:] / self._metres[:, None] ** 2
         shifted = (cap.by_place / self._metres**2)[..., None] * by_middle
-        rows = (plain, by_box, by_excess[..., None] * by_relief - shifted)
+        rows = (plain, by_box, by_excess[..., None] * by_relief - shifted, by_middle)
         return relief[:, None] * value, np.concatenate(rows, 1)
 
     def _pulled(

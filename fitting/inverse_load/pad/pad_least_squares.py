@@ -147,14 +147,20 @@ class PadLeastSquares:
             correction: of the interpolant.
             free: parameters that are free.
         """
-        found = self._judged(y, weight, parameters, contacts, correction)
+        found = self.judged(y, weight, parameters, contacts, correction)
         gradient = found.gradient[:, free, None]
         step = np.linalg.solve(found.information[:, free[:, None], free], gradient)
         return np.asarray(found.chi2 - (gradient * step).sum((1, 2)))
 
-    def _judged(
-        self, y: Any, weight: Any, parameters: Any, contacts: int, correction: Correction | None
+    def judged(
+        self,
+        y: Any,
+        weight: Any,
+        parameters: Any,
+        contacts: int,
+        correction: Correction | None = None,
     ) -> PadFit:
+        """What parameters leave of readings, and where it leads; see `fitted`."""
         found = self._interpolant(parameters, contacts, correction)
         used = weight > 0
         residual = np.where(used, y - found.readings, 0.0)
@@ -212,7 +218,7 @@ class PadLeastSquares:
         pull: bool,
     ) -> PadFit:
         low, high = self.bounds(start, contacts, pull)
-        best = self._judged(y, weight, np.clip(start, low, high), contacts, correction)
+        best = self.judged(y, weight, np.clip(start, low, high), contacts, correction)
         damping = np.full(len(y), FIRST_DAMPING)
         live = np.arange(len(y))
         settled = _SETTLED if start.shape[1] == PLAIN * contacts else _SETTLED_WHOLE
@@ -230,7 +236,7 @@ class PadLeastSquares:
             there = old.parameters + step
             lowest, highest = self.bounds(there, contacts, pull)
             there = np.clip(there, lowest, highest)
-            new = self._judged(y[live], weight[live], there, contacts, correction)
+            new = self.judged(y[live], weight[live], there, contacts, correction)
             better = new.chi2 <= old.chi2
             bounds = (low, lowest), (high, highest)
             for whole, part in (*zip(best, new, strict=True), *bounds):
