@@ -97,8 +97,9 @@ class AbstractDetector(abc.ABC):
         rate = false_alarm_rate(z, np.pi * places, 4.0 * places)  # more than any extent
         rows = np.flatnonzero(z < _SURE)
         if rows.size:
-            common = None if shared is None else shared[rows]
-            extent = self.extent(weight[rows], safe[rows], common)
+            one = rows[:1] if (weight == weight[0]).all() else rows  # the extent is the weights'
+            common = None if shared is None else shared[one]
+            extent = self.extent(weight[one], safe[one], common)
             rate[rows] = false_alarm_rate(z[rows], *extent)
         return Detection(z, rate)
 
