@@ -118,7 +118,7 @@ class SplineBasis:
         edges, firsts, pieces = self._little
         i = np.minimum(np.maximum(edges.searchsorted(x, side="right") - 1, 0), len(firsts) - 1)
         c, s = pieces[i], (x - edges[i])[:, None, None]
-        value, slope = c[..., 0], 0.0
+        value, slope = c[..., 0], np.zeros_like(c[..., 0])
         for k in range(1, c.shape[-1]):
             slope = slope * s + value
             value = value * s + c[..., k]
@@ -164,9 +164,9 @@ class SplineBasis:
         powers = np.linalg.inv(np.vander(share, 5)) / size[:, None, None] ** np.arange(
             4, -1, -1
         ).reshape(-1, 1)
-        whole = whole.reshape(3, len(size), 5, -1)
+        at_nodes = whole.reshape(3, len(size), 5, -1)
         columns = firsts[:, None] + np.arange(count)
-        own = np.take_along_axis(whole, columns[None, :, None], 3)
+        own = np.take_along_axis(at_nodes, columns[None, :, None], 3)
         return edges, firsts, np.einsum("ikp,qipf->iqfk", powers, own)
 
     def _all(self, x: Floats) -> tuple[Floats, Floats]:
