@@ -420,7 +420,7 @@ def test_an_estimate_has_the_fit_s_covariance_and_chi2_per_degree_of_freedom() -
     assert poor.contacts[0].covariance[1, 1] == pytest.approx(0.05)
 
 
-MODE = Alternative(15.0, np.array([-0.3, 4.0]), np.diag([1e4, 100.0]))
+MODE = Alternative(15.0, np.array([-0.3, 4.0]), np.diag([1e4, 100.0]), 1)
 
 
 @pytest.mark.parametrize(
@@ -475,6 +475,14 @@ def test_an_ambiguous_frame_has_its_other_load_beside() -> None:
     assert (other.angle, other.force) == (-0.3, 4.0)
     assert other.covariance is not None
     np.testing.assert_allclose(np.diag(other.covariance), [1e-4, 0.01], rtol=1e-9)
+
+
+def test_a_wide_contact_is_ambiguous_where_two_explain_it_as_well() -> None:
+    pair = Alternative(15.0, np.array([0.1, 0.3, 2.0, 3.0]), np.diag([1e4, 1e4, 1e2, 1e2]), 2)
+    found = assessed([0.2, 5.0], other=pair)
+    assert found.status == "ambiguous"
+    assert [c.force for c in found.alternatives] == [2.0, 3.0]
+    assert [c.angle for c in found.alternatives] == [0.1, 0.3]
 
 
 def test_a_contact_is_imprecise_beyond_what_anybody_wants() -> None:

@@ -208,7 +208,8 @@ def test_significance_with_errors_of_the_inputs(pad: bool) -> None:
     whole = np.linalg.inv(np.diag(1 / THREE[0]) + ERRORS.T @ ERRORS)
     size = np.sqrt(np.einsum("pi,ij,pj->p", patterns, whole, patterns))
     expected = (patterns @ whole @ change[0] / size).max()
-    np.testing.assert_allclose(found.statistic, expected, rtol=1e-10)
+    # Pads' patterns, of hundreds of taxels, are of single precision.
+    np.testing.assert_allclose(found.statistic, expected, rtol=1e-6 if pad else 1e-10)
     unit = (np.linalg.cholesky(whole).T @ (patterns / size[:, None]).T).T
     if pad:
         sides = [np.linalg.norm(unit[i] - unit[j]) for i, j in ((0, 1), (2, 3), (0, 2), (1, 3))]
@@ -217,7 +218,7 @@ def test_significance_with_errors_of_the_inputs(pad: bool) -> None:
         cosine = np.clip((unit[1:] * unit[:-1]).sum(1), -1, 1)
         length, area = float(np.arccos(cosine).sum()), 0.0
     rate = false_alarm_rate(np.array(expected), np.array(length), np.array(area))
-    np.testing.assert_allclose(found.p_value, rate, rtol=1e-9)
+    np.testing.assert_allclose(found.p_value, rate, rtol=1e-6 if pad else 1e-9)
 
 
 def cell_area(unit: np.ndarray) -> float:

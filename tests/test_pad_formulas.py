@@ -301,11 +301,34 @@ def test_spline_of_cubics_is_exact_inside_and_beyond_its_nodes() -> None:
 
 def test_basis_sums_to_one_everywhere() -> None:
     basis = SplineBasis(np.linspace(0.0, 1.0, 7) ** 2)
-    first, value, slope = basis.at(np.linspace(0.0, 1.0, 23))
+    first, (value, slope) = basis.at(np.linspace(0.0, 1.0, 23))
     np.testing.assert_allclose(value.sum(1), 1.0, rtol=1e-12)
     np.testing.assert_allclose(slope.sum(1), 0.0, atol=1e-10)
     assert first.min() == 0
     assert first.max() == 7 - 4
+
+
+@pytest.mark.parametrize("share", [-1.5, 0.4, 0.999, 1.001, 3.0])
+def test_means_over_intervals_have_no_kinks(share: float) -> None:
+    """Slopes are those of the means, of either sign of the variance and across knots."""
+    basis = SplineBasis(np.linspace(0.0, 1.0, 9))
+    variance = share * basis._least
+    values = np.sin(np.arange(9.0))
+
+    def means(x: np.ndarray, variance: float) -> np.ndarray:
+        first, rows = basis.over(x, np.full(len(x), variance))
+        columns = first[:, None] + np.arange(rows.shape[2])
+        return np.asarray((rows * values[columns]).sum(2))
+
+    x, small = np.linspace(0.2, 0.8, 101), 1e-6
+    _, by_place, by_variance = means(x, variance)
+    across = (means(x + small, variance)[0] - means(x - small, variance)[0]) / (2 * small)
+    np.testing.assert_allclose(by_place, across, atol=1e-6)
+    step = 1e-5 * basis._least
+    along = (means(x, variance + step)[0] - means(x, variance - step)[0]) / (2 * step)
+    np.testing.assert_allclose(by_variance, along, atol=1e-3 * np.abs(along).max())
+    if share < 1:  # the second derivative's steps at knots would show in slopes by the variance
+        assert np.abs(np.diff(by_variance, 2)).max() < 0.1 * np.ptp(by_variance)
 
 
 def test_spline_in_three_variables_has_a_slope_in_each() -> None:
@@ -462,29 +485,30 @@ def test_slopes_by_extent_and_tangent_are_those_of_the_readings() -> None:
     interpolant = PadInterpolant(quadratic_table(), RADIUS)
     x = np.array([[0.05, -0.01, 3.0, 14e-3, 0.2, 0.1, -0.2]])
     found = interpolant(x, 1)
-    for k, step in enumerate([1e-6, 1e-7, 1e-5, 1e-8, 1e-6, 1e-6, 1e-6]):
+    for k, step in enumerate([1e-4, 1e-5, 1e-4, 1e-6, 1e-4, 1e-4, 1e-4]):
         high, low = (
             interpolant(x + side * step * np.eye(7)[k], 1).readings[0] for side in (1, -1)
         )
         slope = (high - low) / (2 * step)
-        np.testing.assert_allclose(found.jacobian[0, k], slope, rtol=1e-5, atol=1e-4)
+        # What tangents add is of single precision.
+        np.testing.assert_allclose(found.jacobian[0, k], slope, rtol=1e-4, atol=1e-4)
     # The table's slopes by tangential forces are 1e-6 and -2e-6 everywhere.
     radial = x.copy()
     radial[0, 5:] = 0.0
     more = found.change - interpolant(radial, 1).change
-    np.testing.assert_allclose(more, 3.0 * (0.1 + 0.4) * 1e-6, rtol=1e-7)
+    np.testing.assert_allclose(more, 3.0 * (0.1 + 0.4) * 1e-6, rtol=1e-6)
 
 
 def test_slopes_of_a_contact_askew_are_those_of_the_readings() -> None:
     interpolant = PadInterpolant(quadratic_table(), RADIUS)
     x = np.array([[0.05, -0.01, 3.0, 14e-3, 0.5, 0.1, -0.2, 0.6]])
     found = interpolant(x, 1)
-    for k, step in enumerate([1e-6, 1e-7, 1e-5, 1e-8, 1e-6, 1e-6, 1e-6, 1e-6]):
+    for k, step in enumerate([1e-4, 1e-5, 1e-4, 1e-6, 1e-4, 1e-4, 1e-4, 1e-4]):
         high, low = (
             interpolant(x + side * step * np.eye(8)[k], 1).readings[0] for side in (1, -1)
         )
         slope = (high - low) / (2 * step)
-        np.testing.assert_allclose(found.jacobian[0, k], slope, rtol=1e-5, atol=1e-4)
+        np.testing.assert_allclose(found.jacobian[0, k], slope, rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.parametrize(("turn", "way"), [(0.0, 1.0), (np.pi / 2, -1.0)])
@@ -602,7 +626,7 @@ EDGE = (0.35, 0.035)
 
 def test_bounds_of_contacts_on_a_pad() -> None:
     one = PadLeastSquares(PadInterpolant(linear_table()), EDGE)
-    x = np.array([[0.1, 0.2, 0.0, 0.02, 3.0, 4.0]])
+    x = np.array([[0.1, 0.2, 0.0, 0.02, 3.0, 13.0]])  # the last is large somewhere on the pad
     cap = 10 * np.exp([0.0, 0.02])
     low, high = one.bounds(x, 2, False)
     np.testing.assert_allclose(low[0], [-0.35, -0.35, -0.035, -0.035, 0.0, 0.0], atol=1e-15)
@@ -612,7 +636,7 @@ def test_bounds_of_contacts_on_a_pad() -> None:
     np.testing.assert_allclose(low[0, 4:], -0.3 * cap, rtol=1e-9)
     np.testing.assert_array_equal(high[0, 4:], 0.0)
     # Beyond the edge the largest force is that at the edge.
-    _, high = one.bounds(np.array([[0.0, 9.0, 1.0]]), 1, False)
+    _, high = one.bounds(np.array([[0.0, 9.0, 13.0]]), 1, False)
     assert high[0, 2] == pytest.approx(12 * np.exp(0.035), rel=1e-9)
 
 
@@ -638,7 +662,7 @@ def test_fit_of_exact_readings_finds_the_loads_and_chi2_their_misfit() -> None:
     assert found.parameters[0, 2] == pytest.approx(4.0, rel=1e-4)
     assert found.parameters[0, 0] + 20 * found.parameters[0, 1] == pytest.approx(0.3, rel=1e-3)
     off = y + np.array([[3.0, -2.0, 1e6, 10.0]])
-    chi2 = fitter._judged(off, weight, truth, 1, None).chi2
+    chi2 = fitter.judged(off, weight, truth, 1).chi2
     assert chi2[0] == pytest.approx(9.0 + 4.0 + 1.0, rel=1e-6)
 
 
@@ -649,7 +673,7 @@ def test_priors_count_as_readings_do() -> None:
     x = np.array([[0.1, 0.01, 4.0, diameter, 0.5, -0.3, 0.0]])  # one deviation off, thrice
     weight = np.array([[1.0, 1.0, 1.0, 1e-2]])
     y = interpolant(x, 1).readings
-    found = fitter._judged(y, weight, x, 1, None)
+    found = fitter.judged(y, weight, x, 1)
     assert found.chi2[0] == pytest.approx(3.0, rel=1e-9)
     by_diameter = 1 / (0.6 * diameter)
     expected = [0, 0, 0, -by_diameter, -2.0, 1 / 0.3, 0]
@@ -731,6 +755,28 @@ def test_a_strip_is_one_contact_of_its_length_and_force(spec: SkinSpec, turn: fl
     if turn == 45.0:  # straight boxes leave what noise would not
         assert straight.chi2[0] > 20 * askew.chi2[0]
     assert np.isnan(found.beside[0, 0, 2:]).all()  # of tangents this pad says nothing
+
+
+def test_two_fingers_stand_beside_one_wide_contact(spec: SkinSpec) -> None:
+    skin = skin_of(spec, elements=(8, 8), contact=False)
+    interpolant, told = PadInterpolant(dent_table(), RADIUS), Told(False, False)
+    fitter = PadFitter(skin, interpolant, told, live=False, most_contacts=2)
+    fall = 2 * (dent(0.0, -12e-3) + dent(0.0, 12e-3))
+    two = np.append(1 / (1e-3 - fall), 0.0)[None]
+    one = interpolant(np.array([[0.0, 0.0, 4.0, 8e-3, 0.0, 0.0, 0.0]]), 1).readings
+    y = np.concatenate([two, one])
+    weight = np.tile(np.append(np.full(y.shape[1] - 1, 0.25), 0.0), (2, 1))
+    state = State(*[np.zeros(0)] * 3)
+    wide = fitter.fit(y, weight, np.tile([0.0, 1e-3, 4.0], (2, 1)), state, 1)
+    rows, pairs = fitter.pairs_for_wide(y, wide)
+    assert rows.tolist() == [0]
+    assert pairs.chi2[0] < 0.1 < wide.chi2[0]
+    found = pairs.parameters[0, :6]
+    np.testing.assert_allclose(np.sort(found[2:4]), [-12e-3, 12e-3], atol=1e-4)
+    np.testing.assert_allclose(found[4:], 2.0, rtol=1e-2)
+    # A fit nearby begins with what this one found, extents and tangents among it.
+    again = fitter.fit(y, weight, wide.parameters[:, :3] + [0.01, 0.0, 0.1], wide.state, 1)
+    assert again.chi2[1] == pytest.approx(wide.chi2[1], abs=2e-2)
 
 
 def test_what_a_wide_contact_leaves_may_be_its_shape_s(spec: SkinSpec) -> None:

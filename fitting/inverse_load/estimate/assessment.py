@@ -148,9 +148,9 @@ class AbstractLoadAssessment(abc.ABC):
         )
         alternatives: tuple[Contact, ...] = ()
         if count == 1 and other is not None and other.chi2 < chi2 + _AMBIGUOUS:
-            width = self._per_contact
+            width = self._per_contact * other.contacts
             apart = inverse(other.information[None, :width, :width])[0]
-            alternatives = self._contacts(other.parameters, 1, apart, None)
+            alternatives = self._contacts(other.parameters, other.contacts, apart, None)
         if wall:
             status = "wall_contact"
         elif best.predicted_decrease[i] > _UNSETTLED:

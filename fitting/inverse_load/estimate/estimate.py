@@ -160,7 +160,8 @@ class LoadEstimate:
         chi2_per_dof: weighted squares of the residuals per degree of freedom.
         status: outcome, a key of `STATUS`.
         left_out: taxels (positions in the layout) left out as faulty or missing.
-        alternatives: other loads that explain the readings almost as well.
+        alternatives: other loads that explain the readings almost as well: another place of
+            one contact, or two contacts in place of a wide one.
         latency: time of the computation [s].
         drift: of the readings at rest that was taken off, mean and largest over the taxels
             [counts]; None where none is followed.

@@ -72,11 +72,9 @@ class Doubts:
         """The same, and the place of the pattern that fits best."""
         if self._most_contacts < 2:
             return np.zeros(len(y), bool), np.zeros(len(y), np.intp)
-        pattern = self._nodes.signatures
         residual = np.where(best.weight > 0, y - best.so, 0.0)
-        along = np.maximum((best.weight * residual) @ pattern.T, 0.0)
-        size = best.weight @ (pattern**2).T
-        gain = along**2 / np.maximum(size, 1e-300)
+        along, size = self._nodes.score(residual, best.weight)
+        gain = np.maximum(along, 0.0) ** 2 / size
         return np.asarray(gain.max(1) > self._penalty / 2), gain.argmax(1)
 
     def of(self, y: Any, best: Explanations) -> Flags:

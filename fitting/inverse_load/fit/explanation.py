@@ -35,7 +35,8 @@ class Explanations:
         pressure: of the oil [Pa].
         min_gap: between membrane and wall [m].
         so: the model's readings [counts].
-        q: unknowns of the equilibrium [frame, dof, station].
+        q: unknowns of the equilibrium [frame, dof, station]; on a pad, of which none is solved,
+            all parameters of the fit, those eliminated among them [frame, 1, parameter].
         weight: inverse variances, zero where a taxel is left out [1/counts^2].
         absorbed: whether errors of the skin's inputs were fitted with the loads: they are then
             part of `so` and `chi2`.
@@ -188,6 +189,16 @@ class AbstractLoadFitter(abc.ABC):
             best: explanations of them.
         """
         return np.zeros(len(best), bool)
+
+    def pairs_for_wide(self, y: Floats, best: Explanations) -> tuple[Rows, Explanations]:
+        """Frames of one wide contact, and two contacts beside one another in its place.
+
+        Args:
+            y: readings [frame, taxel].
+            best: explanations of them.
+        """
+        none = np.zeros(0, np.intp)
+        return none, best.rows(none)
 
     def screened(
         self,

@@ -29,17 +29,19 @@ _PLAUSIBLE = 0.05  # p-value of chi2 above which no further contact is sought
 
 
 class Alternative(NamedTuple):
-    """A second explanation of a frame by one contact.
+    """A second explanation of a frame that one contact explains.
 
     Attributes:
         chi2: of the fit.
-        parameters: of the contact.
+        parameters: of the contacts.
         information: J^T W J.
+        contacts: their number: another place of one, or two for a wide one.
     """
 
     chi2: float
     parameters: Floats
     information: Floats
+    contacts: int
 
 
 @dataclass
@@ -95,13 +97,19 @@ class Selection:
             y: readings [frame, taxel] [counts].
             weight: inverse variances, zero where a taxel is not used [frame, taxel].
         """
+        self.seconds = np.zeros(len(y))
+        followed = self._followed(y, weight)
+        if followed is not None:
+            self.last = followed
+            return followed, [None]
         first, second = self.nodes.nearest(y, weight)
         best = self._single(y, weight, first)
         best, others = self._second_modes(y, weight, second, best)
         doubtful = self._doubts.of(y, best)
+        rows, pairs = self.fitter.pairs_for_wide(y, best)
+        doubtful[rows] |= pairs.chi2 < best.chi2[rows] - self.penalty
         # What errors of the inputs explain may be a width as well.
         frames = np.flatnonzero(doubtful | best.absorbed)
-        self.seconds = np.zeros(len(y))
         if frames.size:
             groups = np.split(frames, len(frames) if self.fitter.alone else 1)
             parts = []
@@ -115,6 +123,11 @@ class Selection:
             best = best.with_frames(frames, found, np.arange(len(frames)))
         if self.fitter.live:
             self.last = best if np.isfinite(best.chi2[0]) else None
+        rows, pairs = self.fitter.pairs_for_wide(y, best)
+        for k, i in enumerate(rows.tolist()):
+            other = others[i]
+            if other is None or pairs.chi2[k] < other.chi2:
+                others[i] = _mode(pairs, k)
         return best, others
 
     def _reconsidered(
@@ -136,7 +149,14 @@ class Selection:
             before = (weight * (y - last.so) ** 2).sum()
             table = (weight * (y - self.nodes.readings[node]) ** 2).sum()
             if before < table:
-                return self._loads.fit(y, weight, self._predicted(y, weight), last.state, 1)
+                found = self._loads.fit(y, weight, self._predicted(y, weight), last.state, 1)
+                if self._p_value(found)[0] >= SUSPECT:
+                    return found
+                return found.cheapest(np.zeros(1, np.intp), self._from_node(y, weight, node))[0]
+        return self._from_node(y, weight, node)
+
+    def _from_node(self, y: Any, weight: Any, node: Any) -> Explanations:
+        """One contact, from nodes of the table."""
         start = self.nodes.near(y, weight, node)
         return self._loads.fit(y, weight, start, self.nodes.states(node), 1)
 
@@ -247,6 +267,26 @@ class Selection:
             return []
         return self.pairs.of_one_more(y, weight, best.parameters[i], best.so[i], count - 1)
 
+    def _followed(self, y: Any, weight: Any) -> Explanations | None:
+        """Live: as many contacts as before, two or more, where they leave nothing but noise."""
+        last = self.last
+        if last is None or last.contacts[0] < 2:
+            return None
+        count = int(last.contacts[0])
+        found = self._fit_several(y, weight, self._predicted(y, weight), last.state, count)
+        if self._p_value(found)[0] < _PLAUSIBLE or found.absorbed[0]:
+            return None
+        return found if self._gains(found).min() >= self.penalty else None
+
+    def _gains(self, best: Explanations) -> Floats:
+        """What each contact of frames of one number of them takes off chi2 [frame, contact].
+
+        It is what one would take off were it alone.
+        """
+        rows = self.fitter.parameters.rows("force", int(best.contacts[0]))
+        curvature = np.diagonal(best.information, axis1=1, axis2=2)
+        return np.asarray(best.parameters[:, rows] ** 2 * curvature[:, rows])
+
     def _as_before(
         self, y: Any, weight: Any, frames: Any, best: Explanations
     ) -> tuple[Explanations, Rows]:
@@ -264,14 +304,11 @@ class Selection:
         """Take contacts out again that the fit leaves without a force to speak of."""
         for count in range(self.most_contacts, 1, -1):
             frames = np.flatnonzero(best.contacts == count)
-            rows_of_forces = self.fitter.parameters.rows("force", count)
-            force = best.parameters[frames, rows_of_forces]
-            curvature = np.diagonal(best.information[frames], axis1=1, axis2=2)
-            curvature = curvature[:, rows_of_forces]
-            weakest = (force**2 * curvature).argmin(1)
-            # Were it alone, it would lower chi2 by about this much.
-            gain = (force**2 * curvature).min(1)
-            rows = np.flatnonzero(gain < self.penalty)
+            if not frames.size:
+                continue
+            gains = self._gains(best.rows(frames))
+            weakest = gains.argmin(1)
+            rows = np.flatnonzero(gains.min(1) < self.penalty)
             if not rows.size:
                 continue
             frames, kept = frames[rows], np.ones((len(rows), count), bool)
@@ -290,8 +327,7 @@ class Selection:
     def pulled(self, y: Floats, weight: Floats) -> Explanations:
         """The best explanation of every frame by one force that pulls outwards."""
         change = np.where(weight > 0, y - self.nodes.rest, 0.0)
-        along = -(weight * change) @ self.nodes.signatures.T
-        size = np.maximum(weight @ (self.nodes.signatures**2).T, 1e-300)
+        along, size = self.nodes.score(-change, weight)
         place = np.where(along > 0, along**2 / size, -np.inf).argmax(1)
         frame = np.arange(len(y))
         force = -np.maximum(along[frame, place] / size[frame, place], 0.0)
@@ -314,4 +350,5 @@ def _mode(explanations: Explanations, i: int) -> Alternative:
         float(explanations.chi2[i]),
         explanations.parameters[i].copy(),
         explanations.information[i].copy(),
+        int(explanations.contacts[i]),
     )

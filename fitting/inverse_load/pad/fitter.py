@@ -12,7 +12,14 @@ import numpy as np
 
 from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations, widened
-from fitting.inverse_load.pad.interpolant import MOST, PLAIN, Correction, PadInterpolant
+from fitting.inverse_load.pad.interpolant import (
+    ASKEW,
+    MOST,
+    PLAIN,
+    WHOLE,
+    Correction,
+    PadInterpolant,
+)
 from fitting.inverse_load.pad.marginal import BESIDE, Told, beside
 from fitting.inverse_load.pad.pad_least_squares import (
     PRIOR,
@@ -30,6 +37,7 @@ _ROUNDS = 4  # of solving several contacts and fitting again
 # logarithm of its relief: of solved discs of 40 to 80 mm a half of it, of two fingers more.
 _SHAPE = 0.06
 _SLENDER = 0.6  # where fits of slender contacts begin
+_PAIR = 4.0  # diameters of discs beyond which a contact may be two of them
 _MOVED = 0.1  # standard deviations below which a round is the last
 
 
@@ -80,9 +88,8 @@ class PadFitter(AbstractLoadFitter):
         *,
         pull: bool = False,
     ) -> Explanations:
-        """See the base class; no states are needed."""
-        del state
-        start = start[:, : PLAIN * contacts]
+        """See the base class; a state is what a fit nearby found, see `_found_before`."""
+        start = self._found_before(start[:, : PLAIN * contacts], state, contacts)
         if contacts == 1:
             fit = self.fitted(y, weight, start, 1, None, pull)
             return self._gathered(fit, weight, 1, None)
@@ -94,6 +101,22 @@ class PadFitter(AbstractLoadFitter):
             gaps.append(gap)
         joined = PadFit(*(np.concatenate(x) for x in zip(*fits, strict=True)))
         return self._gathered(joined, weight, contacts, np.array(gaps))
+
+    def _found_before(self, start: Floats, state: State, contacts: int) -> Floats:
+        """Where fits begin: with the extents and tangents of a fit nearby, if there was one.
+
+        Args:
+            start: places and forces [frame, parameter].
+            state: its unknowns are the parameters that a fit found [1, parameter, frame], or
+                none. Those of another number of contacts count for nothing.
+            contacts: their number.
+        """
+        whole = np.asarray(state.q)
+        known = np.isfinite(whole).all(0).sum(0) if whole.size else np.zeros(1)
+        if not (known == WHOLE * contacts).all():
+            return start
+        size = start.shape[1]
+        return np.concatenate([start, whole[0, size : WHOLE * contacts].T], 1)
 
     def fitted(
         self,
@@ -167,7 +190,7 @@ class PadFitter(AbstractLoadFitter):
         """Fit one frame by several contacts, solving them on the way."""
         kept, gap, plain = self._kept.get(contacts), 1.0, PLAIN * contacts
         # A coarse start is near enough to try what is known.
-        close = self._near(kept, start[0], contacts, live=True)
+        close = self._near(kept, start[0, :plain], contacts, live=True)
         fit = self.fitted(y, weight, start, contacts, kept if close else None)
         for _ in range(_ROUNDS):
             now = fit.parameters[0, :plain]
@@ -213,6 +236,33 @@ class PadFitter(AbstractLoadFitter):
         left = np.maximum((residual**2).sum(1) - noise, 0.0) / (change**2).sum(1)
         return np.asarray(known & (np.sqrt(left) < _SHAPE * np.log(relief)))
 
+    def pairs_for_wide(self, y: Floats, best: Explanations) -> tuple[Rows, Explanations]:
+        """See the base class: discs of half the force each, with the contact's second moments.
+
+        They are fitted on the sum of the interpolant's single contacts: where readings cannot
+        tell two from a wide one, forces are light and the sum is right to within the noise.
+        """
+        whole, disc = best.q[:, 0], self.table.diameter
+        turn = np.nan_to_num(whole[:, ASKEW - 1]) + np.where(whole[:, 4] < 0, np.pi / 2, 0.0)
+        long = whole[:, 3] * np.exp(np.abs(whole[:, 4]))
+        wide = (best.contacts == 1) & (long > _PAIR * disc) & (best.parameters[:, 2] > 0)
+        rows = np.flatnonzero(wide & np.isfinite(best.chi2) & (self._most > 1))
+        if not rows.size:
+            return rows, best.rows(rows)
+        apart = np.sqrt((long[rows] ** 2 - disc**2) / 16)
+        way = np.stack([np.cos(turn[rows]) / self._radius, np.sin(turn[rows])], 1)
+        either = (apart[:, None] * way)[..., None] * [-1.0, 1.0]
+        places = whole[rows, :2, None] + either
+        forces = np.repeat(whole[rows, 2:3] / 2, 2, 1)
+        start = np.concatenate([places.reshape(len(rows), -1), forces], 1)
+        weight = best.weight[rows]
+        fit = self.squares.fitted(y[rows], weight, start, 2, None, False)
+        found = self.squares.judged(
+            y[rows], weight, self.squares.completed(fit.parameters, 2), 2
+        )
+        gaps = np.full(len(rows), self._gap)  # of no account: no frame is explained by them
+        return rows, self._gathered(found, weight, 2, gaps)
+
     def prior_volume(self) -> float:
         """Of what is told of one contact: even but for its diameter."""
         size = 4 * self.edge[0] * self.edge[1] * MOST * float(self.table.cap.mean())
@@ -249,7 +299,7 @@ class PadFitter(AbstractLoadFitter):
             pressure=fit.readings[:, -1].copy(),
             min_gap=gaps,
             so=fit.readings.copy(),
-            q=np.zeros((frames, 0, 0)),
+            q=widened(fit.parameters, ASKEW * max(self._most, contacts))[:, None],
             weight=weight.copy(),
             absorbed=np.zeros(len(fit.chi2), bool),
             beside=more,

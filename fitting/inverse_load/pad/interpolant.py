@@ -174,13 +174,13 @@ class PadInterpolant:
         excess = box + line[:, None] * way**2
         cap, relief = self._cap(x), self.relief(excess)
         size = len(x), self.table.u.shape[-1] + 1
-        value, rows = np.zeros(size), np.zeros((len(x), 7, size[1]))
+        value, rows = np.zeros(size), np.zeros((len(x), 9, size[1]))
         by_half, by_turn = np.zeros(size), np.zeros(size)
         for t, share in zip(*_LINE, strict=True):
             shift = t * half[:, None] * way
             own, slopes = self._boxes(x, cap, relief, shift, box, excess)
             value, rows = value + share / 2 * own, rows + share / 2 * slopes
-            by_metre = slopes[:, :2] / self._metres[:, None]
+            by_metre = slopes[:, 7:] / self._metres[:, None]
             by_half = by_half + share / 2 * t * (way[..., None] * by_metre).sum(1)
             side = np.stack([-way[:, 1], way[:, 0]], 1)[..., None]
             by_turn = by_turn + share / 2 * t * half[:, None] * (side * by_metre).sum(1)
@@ -216,8 +216,8 @@ class PadInterpolant:
             excess: those of the whole contacts beyond the disc's, likewise.
 
         Returns:
-            Change [contact, channel], and slopes by place, force, box and excess
-            [contact, 7, channel].
+            Change [contact, channel], and slopes by place, force, box, excess and the boxes'
+            middle alone [contact, 9, channel].
         """
         relief, by_excess = reliefs
         force = x[:, 2] / relief
@@ -226,22 +226,32 @@ class PadInterpolant:
         # The discs' forces are the same shares of the largest ones: their centre is moved.
         middle = x[:, :2] + shift / self._metres - excess / self._metres**2 * cap.by_place
         value, slopes = self.table.spline.over(middle, box / self._metres**2, inside)
+        by_middle = relief[:, None, None] * slopes[:, :2]
         value, plain = _beyond(value, slopes[:, :3], inside, share, cap)
         by_relief = (value - force[:, None] * plain[:, 2])[:, None]
         plain[:, :2] *= relief[:, None, None]
         by_box = relief[:, None, None] * slopes[:, 3:] / self._metres[:, None] ** 2
-        rows = (plain, by_box, by_excess[..., None] * by_relief)
+        shifted = (cap.by_place / self._metres**2)[..., None] * by_middle
+        rows = (plain, by_box, by_excess[..., None] * by_relief - shifted, by_middle)
         return relief[:, None] * value, np.concatenate(rows, 1)
 
     def _pulled(
         self, x: Floats, cap: _Cap, value: Floats, plain: Floats, shape: Floats
     ) -> tuple[Floats, Floats]:
         """Change of u and slopes with what tangential forces add."""
-        inside = _inside(x[:, 2] / cap.force)
-        across = self.table.tangential.values(*x[:, :2].T, inside).reshape(len(x), 2, -1)
+        share = x[:, 2] / cap.force
+        inside = _inside(share)
+        across, slopes = (
+            y.reshape(*y.shape[:-1], 2, -1) for y in self.table.tangential(*x[:, :2].T, inside)
+        )
         force, tangents = x[:, 2, None], x[:, 5:7]
         along = (tangents[:, None] @ across)[:, 0]
-        plain = np.concatenate([plain[:, :2], plain[:, 2:] + along[:, None]], 1)
+        moved = (tangents[:, None, None] @ slopes)[:, :, 0]  # by place and share
+        moved[:, 2] *= (inside == share)[:, None]
+        moved[:, :2] -= moved[:, 2:] * (share[:, None] * cap.by_place)[..., None]
+        moved[:, 2] /= cap.force[:, None]
+        plain = plain + force[..., None] * moved
+        plain[:, 2] += along
         rows = (plain, shape, force[..., None] * across)
         return value + force * along, np.concatenate(rows, 1)
 
@@ -254,31 +264,32 @@ class PadInterpolant:
         return self.relief(excess)[0].reshape(-1, contacts)
 
     def relief(self, excess: Floats) -> tuple[Floats, Floats]:
-        """Depth of the disc's dent over that of a wider contact of the same force.
+        """Depth of the disc's dent over that of another contact of the same force.
 
         Args:
             excess: second moments beyond the disc's, along arc and axis [contact, 2] [m^2].
 
         Returns:
-            The ratio, one where it is no wider [contact], and its derivatives [contact, 2].
+            The ratio, above one where it is wider [contact], and its derivatives [contact, 2].
         """
-        sigma = np.sqrt(np.clip(excess, 0.0, _WIDEST**2))
-        logarithm = self._log_relief.ev(*sigma.T)
-        ratio = np.exp(logarithm)
-        slopes = [self._log_relief.ev(*sigma.T, dx=1 - k, dy=k) for k in range(2)]
-        inside = (excess > 0) & (sigma < _WIDEST)
-        by_excess = np.stack(slopes, 1) / np.where(inside, 2 * sigma, np.inf)
+        low, high = -(self.table.diameter**2) / 16, _WIDEST**2
+        known = np.minimum(np.maximum(excess, low), high)
+        ratio = np.exp(self._log_relief.ev(*known.T))
+        slopes = [self._log_relief.ev(*known.T, dx=1 - k, dy=k) for k in range(2)]
+        by_excess = np.where(known == excess, np.stack(slopes, 1), 0.0)
         return ratio, ratio[:, None] * by_excess
 
     @functools.cached_property
     def _log_relief(self) -> RectBivariateSpline:
-        """Its logarithm by standard deviations along arc and axis, in the pad's middle."""
-        sigma = np.linspace(0.0, _WIDEST, 12)
-        both = np.stack([x.reshape(-1) for x in np.meshgrid(sigma, sigma, indexing="ij")], 1)
+        """Its logarithm by second moments beyond the disc's, in the pad's middle."""
+        least = self.table.diameter**2 / 16  # of a point
+        excess = np.concatenate([[-least, -least / 2], np.linspace(0.0, _WIDEST, 12) ** 2])
+        both = np.stack([x.reshape(-1) for x in np.meshgrid(excess, excess, indexing="ij")], 1)
         middle, level = np.zeros((len(both), 2)), np.full(len(both), LEVELS[LEVELS > 0][0])
-        change = self.table.spline.over(middle, both**2 / self._metres**2, level)[0]
-        depth = np.abs(change[:, :-1]).max(1).reshape(len(sigma), -1)
-        return RectBivariateSpline(sigma, sigma, np.log(np.maximum(depth[0, 0] / depth, 1.0)))
+        change = self.table.spline.over(middle, both / self._metres**2, level)[0]
+        depth = np.abs(change[:, :-1]).max(1).reshape(len(excess), -1)
+        disc = int(np.flatnonzero(excess == 0)[0])
+        return RectBivariateSpline(excess, excess, np.log(depth[disc, disc] / depth))
 
     def _cap(self, x: Floats) -> _Cap:
         """Largest forces at the places of contacts [contact, parameter]."""
@@ -288,7 +299,7 @@ class PadInterpolant:
 
 def _inside(share: Floats) -> Floats:
     """Shares of the largest force as far as the table goes."""
-    return np.clip(share, LEVELS[0] * 2, MOST)
+    return np.minimum(np.maximum(share, LEVELS[0] * 2), MOST)
 
 
 def _beyond(

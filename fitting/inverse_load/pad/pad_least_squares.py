@@ -36,8 +36,9 @@ _DIAMETERS = (0.3, 15.0)  # smallest and largest, in terms of the table's
 _SLENDER, _LEAST_SLENDER = 1.5, 0.1  # the least of one that lies askew
 _MOST_TANGENT = np.tan(np.pi / 3)
 _STEPS = 100
-# Decrease of chi2 below which a fit has ended; extents are hardly told to more.
-_SETTLED, _SETTLED_WHOLE = 1e-4, 1e-2
+# Decrease of chi2 below which a fit has ended, its last step taken on the readings' slopes;
+# extents are hardly told to more.
+_SETTLED, _SETTLED_WHOLE = 1e-3, 1e-1
 _CHUNK = 64  # frames whose coefficients are gathered together
 _RIDGE = 1e-10
 
@@ -80,26 +81,23 @@ class PadLeastSquares:
     ) -> None:
         self._interpolant, self._edge = interpolant, edge
         self._diameter = interpolant.table.diameter
+        self._least_cap = float(interpolant.table.cap.min())
         self.prior = np.append(PRIOR[:2], [_FREE, _FREE]) if direction else PRIOR
 
     def bounds(self, parameters: Floats, contacts: int, pull: bool) -> tuple[Floats, Floats]:
         """Lower and upper bounds [frame, parameter]; those of forces depend on places.
+
+        Forces that are small enough anywhere on the pad are only told so.
 
         Args:
             parameters: where they are wanted [frame, parameter].
             contacts: their number.
             pull: whether forces pull outwards.
         """
-        frames = len(parameters)
-        angle, axial = (
-            np.clip(parameters[:, k * contacts : (k + 1) * contacts], -edge, edge)
-            for k, edge in enumerate(self._edge)
-        )
-        cap = self._interpolant.largest(angle.reshape(-1), axial.reshape(-1))
-        cap = cap.reshape(frames, contacts)
-        if parameters.shape[1] > PLAIN * contacts:
-            cap = cap * self._interpolant.reliefs(parameters, contacts)
-        ones = np.ones((frames, contacts))
+        ones = np.ones((len(parameters), contacts))
+        cap = self._least_cap * ones
+        if pull or (parameters[:, 2 * contacts : 3 * contacts] > MOST * cap).any():
+            cap = self._cap(parameters, contacts)
         force = (LEAST * cap, 0 * cap) if pull else (0 * cap, MOST * cap)
         low = [-self._edge[0] * ones, -self._edge[1] * ones, force[0]]
         high = [self._edge[0] * ones, self._edge[1] * ones, force[1]]
@@ -112,6 +110,18 @@ class PadLeastSquares:
             low.append(-np.pi * ones)
             high.append(np.pi * ones)
         return np.concatenate(low, 1), np.concatenate(high, 1)
+
+    def _cap(self, parameters: Floats, contacts: int) -> Floats:
+        """Largest forces of contacts by their places and extents [frame, contact] [N]."""
+        angle, axial = (
+            np.clip(parameters[:, k * contacts : (k + 1) * contacts], -edge, edge)
+            for k, edge in enumerate(self._edge)
+        )
+        cap = self._interpolant.largest(angle.reshape(-1), axial.reshape(-1))
+        cap = cap.reshape(len(parameters), contacts)
+        if parameters.shape[1] > PLAIN * contacts:
+            cap = cap * self._interpolant.reliefs(parameters, contacts)
+        return np.asarray(cap)
 
     def completed(self, plain: Floats, contacts: int) -> Floats:
         """Parameters of discs under radial forces, with what a prior expects of the others."""
@@ -137,14 +147,20 @@ class PadLeastSquares:
             correction: of the interpolant.
             free: parameters that are free.
         """
-        found = self._judged(y, weight, parameters, contacts, correction)
+        found = self.judged(y, weight, parameters, contacts, correction)
         gradient = found.gradient[:, free, None]
         step = np.linalg.solve(found.information[:, free[:, None], free], gradient)
         return np.asarray(found.chi2 - (gradient * step).sum((1, 2)))
 
-    def _judged(
-        self, y: Any, weight: Any, parameters: Any, contacts: int, correction: Correction | None
+    def judged(
+        self,
+        y: Any,
+        weight: Any,
+        parameters: Any,
+        contacts: int,
+        correction: Correction | None = None,
     ) -> PadFit:
+        """What parameters leave of readings, and where it leads; see `fitted`."""
         found = self._interpolant(parameters, contacts, correction)
         used = weight > 0
         residual = np.where(used, y - found.readings, 0.0)
@@ -202,7 +218,7 @@ class PadLeastSquares:
         pull: bool,
     ) -> PadFit:
         low, high = self.bounds(start, contacts, pull)
-        best = self._judged(y, weight, np.clip(start, low, high), contacts, correction)
+        best = self.judged(y, weight, np.clip(start, low, high), contacts, correction)
         damping = np.full(len(y), FIRST_DAMPING)
         live = np.arange(len(y))
         settled = _SETTLED if start.shape[1] == PLAIN * contacts else _SETTLED_WHOLE
@@ -212,6 +228,7 @@ class PadLeastSquares:
             # A damped step promises little wherever it begins.
             going = (decrease > settled) | (damping[live] > FIRST_DAMPING)
             if not going.all():
+                _moved(best, live[~going], step[~going], low, high)
                 live, step, decrease = live[going], step[going], decrease[going]
                 old = best.rows(live)
             if not live.size:
@@ -219,15 +236,27 @@ class PadLeastSquares:
             there = old.parameters + step
             lowest, highest = self.bounds(there, contacts, pull)
             there = np.clip(there, lowest, highest)
-            new = self._judged(y[live], weight[live], there, contacts, correction)
+            new = self.judged(y[live], weight[live], there, contacts, correction)
             better = new.chi2 <= old.chi2
             bounds = (low, lowest), (high, highest)
             for whole, part in (*zip(best, new, strict=True), *bounds):
                 whole[live[better]] = part[better]
             damping[live] = next_damping(damping[live], better)
-            ended = better & (old.chi2 - new.chi2 < settled) & (decrease < 100 * _SETTLED)
+            ended = better & (old.chi2 - new.chi2 < settled / 10) & (decrease < settled)
             live = live[~ended & (damping[live] < GIVEN_UP)]
         return best
+
+
+def _moved(best: PadFit, rows: Rows, step: Floats, low: Floats, high: Floats) -> None:
+    """Take steps of some frames on the readings' slopes, which hold over so little a way."""
+    inside = np.clip(best.parameters[rows] + step, low[rows], high[rows])
+    step = (inside - best.parameters[rows])[..., None]
+    changed = best.information[rows] @ step
+    gain = (step * (2 * best.gradient[rows][..., None] - changed)).sum((1, 2))
+    best.parameters[rows] = inside
+    best.readings[rows] += (step * best.jacobian[rows]).sum(1)
+    best.gradient[rows] -= changed[..., 0]
+    best.chi2[rows] -= gain
 
 
 def step_of(fit: PadFit, low: Any, high: Any, damping: Floats) -> tuple[Floats, Floats]:

@@ -1,15 +1,17 @@
 """Tensor-product cubic splines of many channels, with their derivatives, frame by frame.
 
 An interpolating spline along each axis (not-a-knot, as SciPy makes it); a value needs the
-4 x 4 x 4 coefficients around it, so evaluation is one small matrix product a frame.
+4 x 4 x 4 coefficients around it, so evaluation is one small matrix product a place.
 
 The mean over a box is a product of means along its sides, each exact by the antiderivative::
 
     mean of B over [x - h, x + h] = (I(x + h) - I(x - h)) / (2 h),   I' = B,   v = h^2 / 3
 
-For a small variance v of its points, of either sign, it is B + v B'' / 2.
+For a small variance v of its points, of either sign, it follows from B and the mean over a
+small box. B + v B'' / 2, to first order the same, has a kink at every knot.
 """
 
+import functools
 from dataclasses import dataclass
 from math import factorial
 from typing import Any
@@ -18,6 +20,9 @@ import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
 from fitting.arrays import Floats, Rows
+
+# Of means over boxes: the mean, and its slopes by middle, level and variances.
+_OVER = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [2, 0, 0], [0, 2, 0]])
 
 
 class SplineBasis:
@@ -34,25 +39,32 @@ class SplineBasis:
         unit = BSpline(knots, np.eye(count), 3)
         self._breaks = unit.t[3:-3]
         intervals = len(self._breaks) - 1
-        self._integral, self._unit = unit.antiderivative(), unit
         self._least = (0.4 * np.diff(self._breaks).min()) ** 2 / 3  # variance of a box
         powers = [  # [power, interval, function], from the third down
             unit.derivative(m)(self._breaks[:-1]) / factorial(m) for m in (3, 2, 1, 0)
         ]
         pieces = np.stack(powers, -1)
         self._pieces = np.stack([pieces[i, i : i + 4] for i in range(intervals)])
+        self._before = unit.antiderivative()(self._breaks[:-1])  # integrals of all functions
 
-    def at(self, x: Floats) -> tuple[Rows, Floats, Floats]:
+    def at(self, x: Floats) -> tuple[Rows, Floats]:
         """First of the four functions that count at places, their values and slopes.
 
         Beyond the nodes the last polynomial goes on.
+
+        Returns:
+            First of the functions [place]; values and slopes [2, place, function].
         """
-        i = np.searchsorted(self._breaks, x, side="right") - 1
-        i = np.clip(i, 0, len(self._pieces) - 1)
-        c, s = self._pieces[i], (x - self._breaks[i])[..., None]
+        i, c, s = self._piece(x)
         value = ((c[..., 0] * s + c[..., 1]) * s + c[..., 2]) * s + c[..., 3]
         slope = (3 * c[..., 0] * s + 2 * c[..., 1]) * s + c[..., 2]
-        return i, value, slope
+        return i, np.stack([value, slope])
+
+    def _piece(self, x: Floats) -> tuple[Rows, Floats, Floats]:
+        """Intervals of places, their polynomials, and how far the places are along them."""
+        i = np.searchsorted(self._breaks, x, side="right") - 1
+        i = np.minimum(np.maximum(i, 0), len(self._pieces) - 1)
+        return i, self._pieces[i], (x - self._breaks[i])[..., None]
 
     def over(self, x: Floats, variance: Floats) -> tuple[Rows, Floats]:
         """Means of all functions that count over intervals around places.
@@ -67,25 +79,106 @@ class SplineBasis:
             First of the functions [place]; their means, and the slopes of these by place and by
             variance [3, place, function].
         """
-        half = np.sqrt(3 * np.maximum(variance, self._least))
-        ends = [np.clip(x + side * half, self.nodes[0], self.nodes[-1]) for side in (-1, 1)]
-        low, high = (self._unit(e) * (np.abs(e - x) >= 0.999 * half)[:, None] for e in ends)
+        small = variance < self._least
+        if small.all():
+            return self._over_little(x, variance)
+        if not small.any():
+            return self._over_much(x, variance)
+        parts = (small, self._over_little), (~small, self._over_much)
+        found = [(at, *part(x[at], variance[at])) for at, part in parts]
+        count = max(rows.shape[2] for *_, rows in found)
+        begin, box = np.zeros(len(x), np.intp), np.zeros((3, len(x), count))
+        for at, first, rows in found:
+            begin[at] = np.minimum(first, len(self.nodes) - count)
+            shift = (first - begin[at])[:, None] + np.arange(rows.shape[2])
+            box[:, np.flatnonzero(at)[:, None], shift] = rows
+        return begin, box
+
+    def _over_much(self, x: Floats, variance: Floats) -> tuple[Rows, Floats]:
+        """`over` for intervals that are long enough."""
+        half = np.sqrt(3 * variance)
+        ends = np.concatenate([x - half, x + half])
+        inside = np.minimum(np.maximum(ends, self.nodes[0]), self.nodes[-1])
+        value, integral = self._all(inside)
+        value *= (inside == ends)[:, None]
+        (low, high), (start, end) = (v.reshape(2, -1, v.shape[-1]) for v in (value, integral))
         width = 2 * half[:, None]
-        mean = (self._integral(ends[1]) - self._integral(ends[0])) / width
+        mean = (end - start) / width
         by_half = (low + high) / width - mean / half[:, None]
         box = np.stack([mean, (high - low) / width, by_half * 1.5 / half[:, None]])
-        small = variance < self._least
-        if small.any():
-            at = x[small]
-            value, slope, second, third = (self._unit(at, nu=k) for k in range(4))
-            v = variance[small, None]
-            box[:, small] = value + v / 2 * second, slope + v / 2 * third, second / 2
-        first = np.searchsorted(self._breaks, ends[0], side="right") - 1
-        last = np.searchsorted(self._breaks, ends[1], side="left") - 1
+        first = np.searchsorted(self._breaks, inside[: len(x)], side="right") - 1
+        last = np.searchsorted(self._breaks, inside[len(x) :], side="left") - 1
         count = min(int((last - first).max()) + 4, len(self.nodes))
-        first = np.clip(first, 0, len(self.nodes) - count)
-        columns = first[:, None] + np.arange(count)
-        return first, np.take_along_axis(box, columns[None], 2)
+        first = np.minimum(first, len(self.nodes) - count)
+        rows = np.arange(len(x))[:, None]
+        return first, box[:, rows, first[:, None] + np.arange(count)]
+
+    def _over_little(self, x: Floats, variance: Floats) -> tuple[Rows, Floats]:
+        """`over` for small variances, of either sign."""
+        edges, firsts, pieces = self._little
+        i = np.minimum(np.maximum(edges.searchsorted(x, side="right") - 1, 0), len(firsts) - 1)
+        c, s = pieces[i], (x - edges[i])[:, None, None]
+        value, slope = c[..., 0], np.zeros_like(c[..., 0])
+        for k in range(1, c.shape[-1]):
+            slope = slope * s + value
+            value = value * s + c[..., k]
+        v = (variance / self._least)[:, None]
+        # Of the value, the chord and the bend: see `_little`.
+        chord = np.where(v > 0, v**2 * (v - 1), 0.0)
+        both = [y[:, 0] + v * y[:, 1] + chord * y[:, 2] for y in (value, slope)]
+        by_variance = value[:, 1] + np.where(v > 0, v * (3 * v - 2), 0.0) * value[:, 2]
+        return firsts[i], np.stack([*both, by_variance / self._least])
+
+    @functools.cached_property
+    def _little(self) -> tuple[Floats, Rows, Floats]:
+        """Piecewise polynomials of what `_over_little` is made of.
+
+        With B the functions, and M and W their means over an interval of the least variance v
+        and the slopes of these by it: B, M - B and v W - (M - B), from which means over less
+        follow with continuous slopes by place and variance, those at knots among them.
+
+        Returns:
+            Edges of the pieces [piece + 1]; the first function of each [piece]; polynomials
+            [piece, quantity, function, power], from the fourth power down.
+        """
+        half = np.sqrt(3 * self._least)
+        moved = [self._breaks, self._breaks - half, self._breaks + half]
+        ends = self.nodes[0] + half, self.nodes[-1] - half  # the last polynomials go on there
+        edges = np.unique(np.clip(np.concatenate(moved), *ends))
+        edges = edges[np.append(np.diff(edges) > 1e-9 * half, True)]
+        size = np.diff(edges)
+        share = (1 + np.cos(np.linspace(0, np.pi, 5))) / 2 * 0.998 + 0.001
+        x = (edges[:-1, None] + share * size[:, None]).reshape(-1)
+        first, (mean, _, by_variance) = self._over_much(x, np.full(len(x), self._least))
+        whole = np.zeros((3, len(x), len(self.nodes)))
+        at = np.arange(len(x))[:, None], first[:, None] + np.arange(mean.shape[1])
+        whole[0], _ = self._all(x)
+        whole[1][at], whole[2][at] = mean, self._least * by_variance
+        whole[1] -= whole[0]
+        whole[2] -= whole[1]
+        middle = (edges[:-1] + edges[1:]) / 2
+        low = np.maximum(middle - half, self.nodes[0])
+        firsts = self._breaks[:-1].searchsorted(low, side="right") - 1
+        count = min(5, len(self.nodes))
+        firsts = np.clip(firsts, 0, len(self.nodes) - count)
+        powers = np.linalg.inv(np.vander(share, 5)) / size[:, None, None] ** np.arange(
+            4, -1, -1
+        ).reshape(-1, 1)
+        at_nodes = whole.reshape(3, len(size), 5, -1)
+        columns = firsts[:, None] + np.arange(count)
+        own = np.take_along_axis(at_nodes, columns[None, :, None], 3)
+        return edges, firsts, np.einsum("ikp,qipf->iqfk", powers, own)
+
+    def _all(self, x: Floats) -> tuple[Floats, Floats]:
+        """All functions and their integrals from the first node, at places between nodes."""
+        i, c, s = self._piece(x)
+        value = np.zeros((len(x), len(self.nodes)))
+        integral = self._before[i]
+        at = np.arange(len(x))[:, None], i[:, None] + np.arange(4)
+        value[at] = ((c[..., 0] * s + c[..., 1]) * s + c[..., 2]) * s + c[..., 3]
+        quartic = ((c[..., 0] / 4 * s + c[..., 1] / 3) * s + c[..., 2] / 2) * s + c[..., 3]
+        integral[at] += quartic * s
+        return value, integral
 
 
 @dataclass(frozen=True)
@@ -120,16 +213,15 @@ class TensorSpline:
         Returns:
             Values [place, channel] and derivatives [place, variable, channel].
         """
-        both = self._products(self._at(x), np.eye(len(x) + 1, len(x), -1, dtype=int))
+        both = self._products(self._at(x), np.eye(len(x) + 1, len(x), -1, dtype=np.intp))
         return both[:, 0], both[:, 1:]
 
     def values(self, *x: Floats) -> Floats:
         """Values alone [place, channel]."""
-        return self._products(self._at(x), np.zeros((1, len(x)), int))[:, 0]
+        return self._products(self._at(x), np.zeros((1, len(x)), np.intp))[:, 0]
 
     def _at(self, x: tuple[Floats, ...]) -> list[Any]:
-        found = (axis.at(np.asarray(v, float)) for axis, v in zip(self.axes, x, strict=True))
-        return [(first, rows) for first, *rows in found]
+        return [axis.at(np.asarray(v, float)) for axis, v in zip(self.axes, x, strict=True)]
 
     def over(self, x: Floats, variance: Floats, level: Floats) -> tuple[Floats, Floats]:
         """Means over boxes of the first two variables, at values of the third.
@@ -144,28 +236,27 @@ class TensorSpline:
             the variances [place, 5, channel].
         """
         sides = [self.axes[k].over(x[:, k], variance[:, k]) for k in range(2)]
-        first, value, slope = self.axes[2].at(level)
-        orders = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [2, 0, 0], [0, 2, 0]])
-        both = self._products([*sides, (first, (value, slope))], orders)
+        both = self._products([*sides, self.axes[2].at(level)], _OVER)
         return both[:, 0], both[:, 1:]
 
-    def _products(self, found: list[Any], orders: Rows) -> Floats:
+    def _products(self, found: list[tuple[Rows, Floats]], orders: Rows) -> Floats:
         """Products of one-dimensional rows with the coefficients [place, row, channel].
 
         Args:
             found: of each variable the first function and rows of values, slopes, ...
             orders: which row of each variable a product takes [product, variable].
         """
-        count, shape = len(found[0][0]), self.coefficients.shape
-        index = np.zeros((count, 1), np.intp)
-        for k, (first, rows) in enumerate(found):
-            own = first[:, None] + np.arange(rows[0].shape[1])
-            index = (index[:, :, None] * shape[k] + own[:, None]).reshape(count, -1)
-        block = self.coefficients.reshape(-1, shape[-1])[index]  # [place, function, channel]
-        products = []
-        for order in orders:
-            row = np.ones((count, 1))
-            for (_, rows), k in zip(found, order, strict=True):
-                row = (row[:, :, None] * rows[k][:, None]).reshape(count, -1)
-            products.append(row)
-        return np.asarray(np.stack(products, 1) @ block)
+        count, channels = len(found[0][0]), self.coefficients.shape[-1]
+        products = np.ones((len(orders), count, 1))
+        for (_, rows), order in zip(found, orders.T, strict=True):
+            products = products[..., None] * rows[order][:, :, None]
+            products = products.reshape(len(orders), count, -1)
+        sizes = [rows.shape[2] for _, rows in found]
+        corners = np.stack([first for first, _ in found], 1).tolist()
+        products = products.astype(self.coefficients.dtype)
+        both = np.empty((count, len(orders), channels), products.dtype)
+        for place, corner in enumerate(corners):  # one by one: in the cache
+            window = tuple(slice(i, i + n) for i, n in zip(corner, sizes, strict=True))
+            block = self.coefficients[window].reshape(-1, channels)
+            np.matmul(products[:, place], block, out=both[place])
+        return both

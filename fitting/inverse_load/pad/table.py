@@ -76,7 +76,8 @@ class PadTable:
     def tangential(self) -> TensorSpline:
         """Of the derivatives by tangential forces, those along the arc first."""
         nodes = self.across_angle, self.across_axial, LEVELS
-        return TensorSpline.through(nodes, self.across.reshape(*self.across.shape[:3], -1))
+        spline = TensorSpline.through(nodes, self.across.reshape(*self.across.shape[:3], -1))
+        return replace(spline, coefficients=spline.coefficients.astype(np.float32))
 
     @functools.cached_property
     def largest(self) -> TensorSpline:

@@ -17,7 +17,8 @@ FRAME_KEYS = {
     "force_at_least_N": "at the wall: the force that acts at least (95 %)",
     "drift_counts": "with `--baseline`: drift that was taken off the readings at rest, `mean` "
     "and `largest` over the taxels",
-    "alternatives": "other loads that explain the frame almost as well, where there are any",
+    "alternatives": "other loads that explain the frame almost as well, where there are any: "
+    "another place of one contact, or two contacts in place of a wide one",
     "filtered": "with `--filter`: the loads followed over time",
     "dropped": "live: frames that were left out so far",
     "posterior": "with `--posterior`: modes of the frame, each with its loads and probability",

@@ -70,6 +70,8 @@ class AbstractNodeSearch(abc.ABC):
         self.places, self.signatures = places, signatures
         self.levels, self.separate = levels, separate
         self._first = loads[::levels]  # of every place
+        self._light = signatures.astype(np.float32)
+        self._light_squares = self._light**2
         self.known = np.all(np.isfinite(readings), 1)
         """Nodes that have a state [node]."""
         # Changes from rest, so that single precision leaves no error that matters.
@@ -85,6 +87,21 @@ class AbstractNodeSearch(abc.ABC):
         cost -= 2 * (moved @ self._change)
         cost += self._forbidden
         return np.asarray(cost)
+
+    def score(self, change: Floats, weight: Floats) -> tuple[Floats, Floats]:
+        """How well light contacts at all places explain a change of readings.
+
+        Args:
+            change: of the readings, zero where not used [frame, taxel].
+            weight: inverse variances, likewise [frame, taxel].
+
+        Returns:
+            s^T W change and s^T W s of the signatures s [frame, place]: of the force that
+            explains most, and of what chi2 falls by.
+        """
+        along = (weight * change).astype(np.float32) @ self._light.T
+        size = weight.astype(np.float32) @ self._light_squares.T
+        return along.astype(float), np.maximum(size.astype(float), 1e-300)
 
     @abc.abstractmethod
     def distance(self, a: Floats, b: Floats) -> Floats:
