@@ -33,11 +33,13 @@ from fitting.inverse_load.live.run import LiveOptions, run_live
 from fitting.inverse_load.readings import readings_of
 from fitting.view.bodies import surfaces_of
 from fitting.view.grid import Grid
+from fitting.view.history_source import HistorySource
 from fitting.view.hub import Hub, understood
 from fitting.view.live_source import LiveSource
 from fitting.view.log_source import LogSource
 from fitting.view.membrane import InterpolatedMembrane
 from fitting.view.picture import arrow
+from fitting.view.player import Player
 from fitting.view.readings_picture import ReadingsPictures
 from fitting.view.scene_model import SceneModel
 from fitting.view.scene_source import SceneSource
@@ -49,6 +51,7 @@ from suas_jax.acquisition.log.log_file import LogWriter, log_header, read_log
 from suas_jax.acquisition.stream import Stream
 from suas_jax.config import LineLoadSpec, SceneSpec, load_scene, load_skin, with_solve
 from suas_jax.config.geometry import AlongSpec
+from suas_jax.dynamics.history import history_of, history_sweep
 from suas_jax.scene.solve import solve
 from suas_jax.scene.taxel_film import TaxelFilm
 
@@ -186,6 +189,42 @@ def test_a_body_is_where_its_sliders_say() -> None:
     (surface,) = surfaces_of(scene)
     points = np.array(surface)[:, [0, 2]] @ frame + tip
     np.testing.assert_allclose(np.linalg.norm(points - middle, axis=1), 10e-3, rtol=1e-6)
+
+
+@pytest.mark.long  # a program of histories: 30 s of processor time; physics: test_history.py
+def test_a_history_is_shown_as_it_was_solved() -> None:
+    scene = load_scene(CONFIGS / "scenes" / "hold.toml")
+    rows = history_of([0.0, 0.1, 30.0, 30.1], force_N=[0.0, 20.0, 20.0, 0.0])
+    sweep = history_sweep(scene, rows)
+    source = HistorySource(sweep, "hold")
+    assert source.hub.description["timeline"]["last"] == 30.1
+    for k, point in enumerate(sweep.points):
+        largest = np.linalg.norm(source._displacement(k), axis=1).max()
+        assert largest == pytest.approx(point["max_displacement_m"], rel=2e-3, abs=1e-9)
+    assert sweep.points[2]["max_displacement_m"] > 1.1 * sweep.points[1]["max_displacement_m"]
+    source._show(2)
+    message = source.hub.newest(0)
+    assert message is not None
+    assert b'"force_N":20.0' in message.content.replace(b" ", b"")
+
+
+def test_a_timeline_is_played_stopped_and_sought(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, shown = [0.0], []
+    monkeypatch.setattr("fitting.view.player.time.monotonic", lambda: now[0])
+    wishes = [{}, {}, {"play": False}, {"seek": 0.5}, {}, {"speed": 0.1, "play": True}, {}, {}]
+    player = Player(np.array([0.0, 1.0, 2.0, 4.0]), seconds=2.0)
+
+    class Clock(Hub):
+        def wishes(self, timeout: float) -> dict[str, Any]:
+            now[0] += 0.6
+            return wishes.pop(0)
+
+    player.run(Clock({}), lambda: not wishes, shown.append)
+    # 1.2, 2.4 s at twice the speed; stopped at 2.4, moved to 0.5, on at a tenth.
+    assert player.timeline["speeds"][-1] > 2
+    assert shown == [0, 1, 2, 2, 0, 0]
+    assert player.header == {"playing": True, "speed": 0.1}
+    assert player.index == 0
 
 
 def test_bodies_with_friction_are_refused() -> None:
@@ -710,6 +749,7 @@ def test_memory_does_not_grow_with_the_frames(monkeypatch: pytest.MonkeyPatch) -
     [
         (("LOG", "more.csv"), "--live PORT only"),
         (("LOG", "--loads", "x", "--taxels-only"), "give one of them"),
+        (("LOG", "--history", "x.csv"), "goes with a scene"),
         (("LOG", "--address", "8700"), "HOST:PORT"),
         (("LOG", "--skin", "nowhere.toml"), "nowhere.toml"),
         (("nowhere.toml",), "nowhere.toml"),
