@@ -108,9 +108,10 @@ class SceneSource:
 
     def _arrow(self, i: int, contact: Contact) -> dict[str, Any]:
         """A load as it is drawn, with the sliders that dragging it moves."""
-        told = "angle" if self._scene.loads[i].arc is None else "arc"
+        arc = f"load.{i}.arc"
+        along = arc if arc in self._values else f"load.{i}.angle"
         across = None if contact.axial is None else f"load.{i}.axial"
-        return arrow(contact, self._grid) | {"along": f"load.{i}.{told}", "across": across}
+        return arrow(contact, self._grid) | {"along": along, "across": across}
 
     def _rows(self, solved: Solved, spent: float) -> list[tuple[str, str]]:
         moved = 1e3 * float(np.linalg.norm(solved.displacement, axis=1).max())
