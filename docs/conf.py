@@ -14,6 +14,7 @@ ROOT = HERE.parent
 sys.path[:0] = [str(HERE / "extensions"), str(ROOT)]
 
 import commands_page  # noqa: E402
+import demo_table  # noqa: E402
 import folder_picture  # noqa: E402
 import gallery_page  # noqa: E402
 import names_page  # noqa: E402
@@ -60,6 +61,7 @@ html_theme = "pydata_sphinx_theme"
 html_title = "suas_jax"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_extra_path = ["generated/extra"]  # the demo, a page of its own
 html_show_sourcelink = False
 html_copy_source = False
 html_context = {"default_mode": "auto"}  # without it the theme complains in the console
@@ -77,6 +79,8 @@ html_theme_options = {
 }
 
 _GENERATED = HERE / "generated"
+_EXTRA = _GENERATED / "extra"
+_EXTRA.mkdir(parents=True, exist_ok=True)
 _PAGES = {
     "configuration": specification_page.page,
     "reports": report_page.page,
@@ -95,7 +99,7 @@ def _write_if_new(path: Path, text: str) -> None:
 
 def _generate(app: Sphinx) -> None:
     """Write the pages that come from the code, and bring the notebooks under this folder."""
-    _GENERATED.mkdir(exist_ok=True)
+    _write_if_new(_EXTRA / "demo.html", demo_table.page())
     for name, page in _PAGES.items():
         _write_if_new(_GENERATED / f"{name}.md", page())
     folder_picture.draw(_GENERATED / "folders.svg")

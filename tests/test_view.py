@@ -31,21 +31,28 @@ from fitting.cli.app import app
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.live.run import LiveOptions, run_live
 from fitting.inverse_load.readings import readings_of
+from fitting.view.bodies import surfaces_of
 from fitting.view.grid import Grid
+from fitting.view.history_source import HistorySource
 from fitting.view.hub import Hub, understood
 from fitting.view.live_source import LiveSource
 from fitting.view.log_source import LogSource
 from fitting.view.membrane import InterpolatedMembrane
 from fitting.view.picture import arrow
+from fitting.view.player import Player
 from fitting.view.readings_picture import ReadingsPictures
-from fitting.view.scene_source import SceneSource, sliders_of
+from fitting.view.scene_model import SceneModel
+from fitting.view.scene_source import SceneSource
 from fitting.view.server import ViewServer
+from fitting.view.sliders import all_stated, sliders_of
 from suas_jax.acquisition.device.device import Device
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.log.log_file import LogWriter, log_header, read_log
 from suas_jax.acquisition.stream import Stream
-from suas_jax.config import LineLoadSpec, SceneSpec, load_scene, load_skin
+from suas_jax.config import LineLoadSpec, SceneSpec, load_scene, load_skin, with_solve
 from suas_jax.config.geometry import AlongSpec
+from suas_jax.dynamics.history import history_of, history_sweep
+from suas_jax.scene.solve import solve
 from suas_jax.scene.taxel_film import TaxelFilm
 
 CONFIGS = Path(__file__).parent.parent / "configs"
@@ -146,6 +153,85 @@ def test_loads_of_any_section_have_sliders() -> None:
     half = 20e-3 + 30e-3 * np.pi / 2 + 27.5e-3
     assert arc["value"] == 10e-3
     assert arc["most"] == pytest.approx(0.94 * half, rel=1e-9)
+
+
+def test_answers_do_not_depend_on_the_way_to_them() -> None:
+    scene = all_stated(load_scene(CONFIGS / "scenes" / "case_b.toml"))
+    grid = Grid.of(scene.geometry)
+    dragged, fresh = SceneModel(scene, grid), SceneModel(scene, grid)
+    for angle, force in ((0.7, 20.0), (0.4, 22.0), (-0.1, 25.0), (-0.5, 12.0)):
+        values = {"load.0.angle": angle, "load.0.force": force}
+        found = dragged(values)
+    expected = fresh(values)
+    assert found.status == expected.status == "converged"
+    assert found.oil_pressure == pytest.approx(expected.oil_pressure, rel=1e-7)
+    np.testing.assert_allclose(found.displacement, expected.displacement, atol=1e-10)
+    mirrored = fresh({"load.0.angle": 0.5, "load.0.force": 12.0})
+    assert mirrored.oil_pressure == pytest.approx(found.oil_pressure, rel=1e-5)
+
+
+@pytest.mark.long  # a program of bodies: 20 s of processor time; test_bodies.py has the physics
+def test_a_body_is_where_its_sliders_say() -> None:
+    scene = all_stated(load_scene(CONFIGS / "scenes" / "body.toml"))
+    sliders = {slider["name"]: slider for slider in sliders_of(scene)}
+    assert sliders["load.0.depth"]["value"] == 2e-3
+    grid = Grid.of(scene.geometry)
+    model = SceneModel(scene, grid)
+    model({"load.0.depth": 1e-3})
+    found = model({"load.0.depth": 2e-3})
+    report = solve(with_solve(scene, elements=32)).report
+    assert found.loads[0]["force_N"] == pytest.approx(report["loads"][0]["force_N"], rel=0.02)
+    assert found.oil_pressure == pytest.approx(report["oil_pressure_Pa"], rel=0.01)
+    ((tip, frame),) = found.bodies
+    middle = tip + 10e-3 * frame[-1]  # of the cylinder
+    outer = scene.geometry.inner_radius + scene.geometry.mean_thickness
+    assert np.hypot(*middle) == pytest.approx(outer - 2e-3 + 10e-3, rel=1e-6)
+    (surface,) = surfaces_of(scene)
+    points = np.array(surface)[:, [0, 2]] @ frame + tip
+    np.testing.assert_allclose(np.linalg.norm(points - middle, axis=1), 10e-3, rtol=1e-6)
+
+
+@pytest.mark.long  # a program of histories: 30 s of processor time; physics: test_history.py
+def test_a_history_is_shown_as_it_was_solved() -> None:
+    scene = load_scene(CONFIGS / "scenes" / "hold.toml")
+    rows = history_of([0.0, 0.1, 30.0, 30.1], force_N=[0.0, 20.0, 20.0, 0.0])
+    sweep = history_sweep(scene, rows)
+    source = HistorySource(sweep, "hold")
+    assert source.hub.description["timeline"]["last"] == 30.1
+    for k, point in enumerate(sweep.points):
+        largest = np.linalg.norm(source._displacement(k), axis=1).max()
+        assert largest == pytest.approx(point["max_displacement_m"], rel=2e-3, abs=1e-9)
+    assert sweep.points[2]["max_displacement_m"] > 1.1 * sweep.points[1]["max_displacement_m"]
+    source._show(2)
+    message = source.hub.newest(0)
+    assert message is not None
+    assert b'"force_N":20.0' in message.content.replace(b" ", b"")
+
+
+def test_a_timeline_is_played_stopped_and_sought(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, shown = [0.0], []
+    monkeypatch.setattr("fitting.view.player.time.monotonic", lambda: now[0])
+    wishes = [{}, {}, {"play": False}, {"seek": 0.5}, {}, {"speed": 0.1, "play": True}, {}, {}]
+    player = Player(np.array([0.0, 1.0, 2.0, 4.0]), seconds=2.0)
+
+    class Clock(Hub):
+        def wishes(self, timeout: float) -> dict[str, Any]:
+            now[0] += 0.6
+            return wishes.pop(0)
+
+    player.run(Clock({}), lambda: not wishes, shown.append)
+    # 1.2, 2.4 s at twice the speed; stopped at 2.4, moved to 0.5, on at a tenth.
+    assert player.timeline["speeds"][-1] > 2
+    assert shown == [0, 1, 2, 2, 0, 0]
+    assert player.header == {"playing": True, "speed": 0.1}
+    assert player.index == 0
+
+
+def test_bodies_with_friction_are_refused() -> None:
+    scene = load_scene(CONFIGS / "scenes" / "body.toml")
+    rough = scene.loads[0].model_copy(update={"friction": 0.3})
+    with pytest.raises(ValueError, match="friction"):
+        all_stated(scene.model_copy(update={"loads": (rough,)}))
 
 
 def test_wishes_are_kept_within_what_is_offered() -> None:
@@ -368,6 +454,21 @@ class Page:
         """Click on an element."""
         self._page.click(selector)
 
+    def arrow(self) -> np.ndarray:
+        """Middle of the red pixels, where nothing but arrows is red [px]."""
+        rows, columns = np.nonzero(self.pixels()[..., 0] > self.pixels()[..., 2] + 0.3)
+        return np.array([columns.mean(), rows.mean()])
+
+    def drag(self, start: np.ndarray, end: np.ndarray) -> None:
+        """Move what is at one place to another, with the mouse."""
+        self._page.mouse.move(*start)
+        self._page.mouse.down()
+        for share in np.linspace(0, 1, 8)[1:]:
+            self._page.mouse.move(*(start + share * (end - start)))
+            self._page.wait_for_timeout(30)
+        self._page.mouse.up()
+        self._page.wait_for_timeout(300)
+
     def close(self) -> None:
         """Close the page."""
         self._page.close()
@@ -476,6 +577,15 @@ def test_a_scene_answers_its_sliders(browser: Any) -> None:
         page.slide("[data-name='load.0.force']", 20.0)
         page.until("#values", f"{2 * lighter:.2f}"[:4])
         assert reddish(page.pixels()) > 2000
+        # The arrow follows the mouse that takes it, over the skin.
+        for hidden in ("#show-membrane", "#show-taxels"):
+            page.press(hidden)
+        before, told = page.arrow(), page.text("#sliders")
+        page.drag(before, before - np.array([120.0, 30.0]))
+        while page.text("#sliders") == told or page.text("#status") != "converged":
+            time.sleep(0.05)
+        shift = page.arrow() - before
+        assert shift[0] == pytest.approx(-120.0, abs=30.0)  # it turns, too
         assert page.errors == []
         page.close()
     assert source.hub.latencies
@@ -639,6 +749,7 @@ def test_memory_does_not_grow_with_the_frames(monkeypatch: pytest.MonkeyPatch) -
     [
         (("LOG", "more.csv"), "--live PORT only"),
         (("LOG", "--loads", "x", "--taxels-only"), "give one of them"),
+        (("LOG", "--history", "x.csv"), "goes with a scene"),
         (("LOG", "--address", "8700"), "HOST:PORT"),
         (("LOG", "--skin", "nowhere.toml"), "nowhere.toml"),
         (("nowhere.toml",), "nowhere.toml"),

@@ -20,6 +20,7 @@ from suas_jax.files.writing import check_outputs
 if TYPE_CHECKING:
     from fitting.inverse_load.estimator import LoadEstimator
     from fitting.inverse_load.live.stream import LiveWatcher
+    from fitting.view.history_source import HistorySource
     from fitting.view.hub import Hub
     from fitting.view.log_source import LogSource
 
@@ -56,6 +57,12 @@ def view(
             help="Of a log: what `suas invert LOG --json` found; default: estimate.",
         ),
     ] = None,
+    history: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Of a scene: loads over time to play, as for `suas sweep`."
+        ),
+    ] = None,
     taxels_only: Annotated[
         bool, typer.Option("--taxels-only", help="Of a log: show it without loads.")
     ] = False,
@@ -83,6 +90,8 @@ def view(
             raise ValueError(f"{record}: readings are recorded with --live PORT only")
         if loads is not None and taxels_only:
             raise ValueError("--loads and --taxels-only: give one of them")
+        if history is not None and (live is not None or source.suffix.lower() != ".toml"):
+            raise ValueError("--history goes with a scene (TOML), which it loads over time")
         check_outputs([record], overwrite=overwrite)
         from fitting.inverse_load.live.serve import host_and_port
 
@@ -114,6 +123,8 @@ def view(
             shown = _log_source(
                 source, skin, baseline, loads, contacts, taxels_only=taxels_only
             )
+        elif history is not None:
+            shown = _history_source(source, history)
         else:
             from fitting.view.scene_source import SceneSource
             from suas_jax.config import load_scene
@@ -188,6 +199,16 @@ def _log_source(
         with spinner("preparing the estimate") as show:
             estimator = estimator_of(spec, baseline, progress=show, most_contacts=contacts)
     return LogSource(readings, pictures, log.name, estimator=estimator, estimates=estimates)
+
+
+def _history_source(scene: Path, history: Path) -> "HistorySource":
+    from fitting.view.history_source import HistorySource
+    from suas_jax.config import load_scene
+    from suas_jax.dynamics.history import history_sweep, read_history
+
+    spec, rows = load_scene(scene), read_history(history)
+    with spinner("following the history"):
+        return HistorySource(history_sweep(spec, rows), f"{scene.name}, {history.name}")
 
 
 @contextlib.contextmanager

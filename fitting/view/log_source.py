@@ -11,11 +11,9 @@ from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.readings import LogReadings
 from fitting.view.hub import Hub
 from fitting.view.picture import total_force
+from fitting.view.player import Player
 from fitting.view.readings_picture import ReadingsPictures
 
-_SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
-_TICK = 1 / 30  # between two pictures while the log is played [s]
-_LOOK = 0.25  # between two looks whether to end, while it stands still [s]
 _BLOCK = 64  # frames estimated together
 _CHARTED = 1.0  # between two additions to the charts [s]
 
@@ -47,11 +45,9 @@ class LogSource:
             self._estimates = list(estimates)
         # Device clocks may begin again: the timeline never runs backwards.
         self._time = np.maximum.accumulate(readings.time - readings.time[0])
-        last = float(self._time[-1])
-        timeline = {"first": 0.0, "last": last, "speeds": list(_SPEEDS), "frames": count}
-        description = pictures.description(title, source="log", timeline=timeline)
-        self.hub = Hub(description)
-        self._place, self._speed, self._playing = 0.0, 1.0, True
+        self._player = Player(self._time)
+        timeline = self._player.timeline
+        self.hub = Hub(pictures.description(title, source="log", timeline=timeline))
 
     def run(self, over: Callable[[], bool]) -> None:
         """Play until it is over."""
@@ -60,26 +56,9 @@ class LogSource:
         self._chart()
         worker = threading.Thread(target=self._estimate, args=(over,), daemon=True)
         worker.start()
-        last, shown = time.monotonic(), None
-        while not (over() or self.hub.closed):
-            now = time.monotonic()
-            if self._playing:
-                self._place += self._speed * (now - last)
-                if self._place >= self._time[-1]:
-                    self._place, self._playing = float(self._time[-1]), False
-            last = now
-            index = int(np.searchsorted(self._time, self._place, side="right")) - 1
-            known = self._estimates[index] is not None
-            state = (index, known, self._playing, self._speed)
-            if state != shown:
-                shown = state
-                self._show(index)
-            wishes = self.hub.wishes(_TICK if self._playing else _LOOK)
-            self._place = wishes.get("seek", self._place)
-            self._speed = wishes.get("speed", self._speed)
-            self._playing = wishes.get("play", self._playing)
-            if wishes.get("play") and self._place >= self._time[-1]:
-                self._place = 0.0
+        self._player.run(
+            self.hub, over, self._show, lambda index: self._estimates[index] is not None
+        )
         worker.join(timeout=5)
 
     def _show(self, index: int) -> None:
@@ -91,8 +70,7 @@ class LogSource:
             readings.stuck[index],
             self._estimates[index],
             rows,
-            playing=self._playing,
-            speed=self._speed,
+            **self._player.header,
         )
         self.hub.show(picture)
 
@@ -103,7 +81,7 @@ class LogSource:
         readings, charted = self._readings, time.monotonic()
         open_ = np.array([estimate is None for estimate in self._estimates])
         while open_.any() and not (over() or self.hub.closed):
-            begin = int(np.searchsorted(self._time, self._place, side="right")) - 1
+            begin = self._player.index
             ahead = np.flatnonzero(open_[begin:])
             index = begin + ahead if ahead.size else np.flatnonzero(open_)
             index = index[:_BLOCK]

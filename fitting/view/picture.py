@@ -214,6 +214,10 @@ def describe(
         "normal": grid.normal.tolist(),
         "curvature": grid.curvature.tolist(),
         "gap": grid.gap.tolist(),
+        "told": {
+            "angle": grid.places.angle(grid.angle).tolist(),
+            "arc": grid.places.inner_arc(grid.angle).tolist(),
+        },
         "taxels": taxels,
         **more,
     }

@@ -1,47 +1,44 @@
 """A scene solved again for other numbers: one compiled program, whatever the numbers are.
 
-A section has an even mesh in which loads slide (`suas_jax.scene.forward`); a pad has a mesh
-graded around its loads, of one size for all of their places.
+Section and pad go the same way: a mesh graded around the loads, of one size for all of their
+places, and Newton's method from the last state, whose dent the mesh carries along.
 """
 
-import abc
 import dataclasses
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 from fitting.arrays import Floats
 from fitting.view.grid import Grid
-from suas_jax.config import (
-    ElectrodesSpec,
-    GeometrySpec,
-    SceneSpec,
-    TaxelSpec,
-    continuous_inputs,
-    with_inputs,
-    with_solve,
-)
+from suas_jax.config import SceneSpec, with_inputs, with_solve
+from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.correction import corrected
-from suas_jax.equilibrium.equilibrium import equilibrium
+from suas_jax.equilibrium.friction import equilibrium_with_friction
 from suas_jax.equilibrium.outcomes import NAMES
-from suas_jax.mechanics.pad.model import PAD, PadMesh
+from suas_jax.mechanics.base import AbstractMechanics
+from suas_jax.mechanics.model import AbstractPlan
+from suas_jax.mechanics.pad.model import PadMesh
 from suas_jax.mechanics.pad.pad import Pad
+from suas_jax.mechanics.registry import MODELS
 from suas_jax.mechanics.section import section_of
+from suas_jax.numerics.lanes import number
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.runtime.content_key import Keyed
-from suas_jax.scene.build import plan_for, problem_of
-from suas_jax.scene.forward import forward
-from suas_jax.scene.loads import loads_of
+from suas_jax.scene.assessment import under_bodies
+from suas_jax.scene.build import decay_angle, problem_of
+from suas_jax.scene.observables import load_observables
 from suas_jax.scene.parts import scene_parts
-from suas_jax.scene.skin import skin_of
+from suas_jax.scene.program import at_rest, inputs_of, structure_of
 from suas_jax.scene.structure import Inputs, Structure
+from suas_jax.scene.travel import driven_by_force, travels_of, under_forces
 
-PAD_ELEMENTS = (16, 12)
-"""Elements of a pad's mesh along the arc and along the axis, unless the scene says so."""
+_ELEMENTS = {2: (32,), 3: (16, 12)}
+"""Elements of the mesh along the arc, and of a pad along the axis, unless the scene says so."""
 _SAMPLES = 8  # intervals of a section's element
 
 
@@ -54,6 +51,8 @@ class Solved(NamedTuple):
         oil_pressure: above ambient [Pa].
         min_gap: smallest between membrane and wall [m].
         status: name of the outcome.
+        loads: what is observed of each load, as `suas solve --json` prints it.
+        bodies: tip of each body [3] [m], and its axes [3, 3].
     """
 
     displacement: Floats
@@ -61,9 +60,51 @@ class Solved(NamedTuple):
     oil_pressure: float
     min_gap: float
     status: str
+    loads: list[dict[str, Any]]
+    bodies: list[tuple[Floats, Floats]]
+
+    @property
+    def converged(self) -> bool:
+        """Whether an equilibrium was found."""
+        return self.status == "converged"
 
 
-class AbstractSceneModel(abc.ABC):
+def moved(mechanics: AbstractMechanics, q: Array, angle: Array, axial: Array) -> Array:
+    """Displacement of points of the inner face [point, 3] [m]."""
+    if isinstance(mechanics, Pad):
+        return mechanics.faces(q, angle[:, None], axial[:, None]).inner_displacement[..., 0].T
+    shape = section_of(mechanics).profile(q, _SAMPLES)
+    places = shape.angle[..., 0].T.ravel()
+    sides = [jnp.interp(angle, places, x[..., 0].T.ravel()) for x in shape.inner_displacement]
+    return jnp.stack([*sides, jnp.zeros_like(angle)], 1)
+
+
+@eqx.filter_jit
+def _solve(
+    scene: Structure, plan: AbstractPlan, inputs: Inputs, start: State, points: Array
+) -> tuple[dict[str, Any], State, State, State, dict[str, Any]]:
+    """What is shown of a scene, in the form that `under_forces` takes."""
+    parts = scene_parts(scene.scene, inputs)
+    problem = problem_of(parts, plan, wall=scene.wall)
+    found = equilibrium_with_friction(problem, start)
+    root, shown, seen = corrected(problem, found.state)
+    reading = dataclasses.replace(problem, mechanics=seen)
+    electrodes = parts.skin.electrodes
+    report = {
+        "loads": load_observables(parts, reading, shown, problem.mechanics, root),
+        "moved": moved(problem.mechanics, shown.q, *points),
+        "so": jnp.zeros(0) if electrodes is None else electrodes.read(seen, shown.q).so[:, 0],
+        "oil_pressure": shown.pressure[0],
+        "min_gap": seen.shape(shown.q).smallest_gap(parts.skin.geometry).value[0],
+        "bodies": [
+            ((body.origin + body.way)[..., 0], body.frame[..., 0]) for body in parts.bodies
+        ],
+    }
+    result = under_bodies(problem, found.state, found.result)
+    return report, found.state, shown, found.state, {"result": result}
+
+
+class SceneModel:
     """A scene as a function of its continuous inputs.
 
     Args:
@@ -72,124 +113,71 @@ class AbstractSceneModel(abc.ABC):
     """
 
     def __init__(self, scene: SceneSpec, grid: Grid) -> None:
-        self.scene, self.grid = scene, grid
-        self._inputs = continuous_inputs(scene)
+        self.scene, self._points = scene, jnp.stack([jnp.asarray(x) for x in grid.points])
+        # No mesh depends on the electrodes, which take long to check.
+        bare = scene.model_copy(update={"electrodes": None})
+        self._bare = with_solve(bare, symmetry=False)
+        self._model = MODELS[scene.geometry.dimension]["shell"]
+        self._counts = self._model.given(scene) or _ELEMENTS[scene.geometry.dimension]
+        self._decay = decay_angle(self._bare)
+        self._spread: tuple[tuple[int, int], ...] | None = None
+        self._near: dict[bool, State] = {}  # last states, without and with the wall
+        self._touching = False
+        self._travels: dict[str, Any] = {}
 
     def __call__(self, values: Mapping[str, float]) -> Solved:
         """Solve for other inputs.
 
+        The wall is left out until the membrane reaches it, as `solve` does.
+
         Raises:
             ValueError: a value is not allowed.
         """
-        changed = with_inputs(self.scene, values)
-        inputs = {k: jnp.asarray(v, np.float64) for k, v in {**self._inputs, **values}.items()}
-        return self._solved(changed, inputs)
+        bare = with_inputs(self._bare, values)
+        inputs = {
+            **inputs_of(self.scene),
+            **{k: np.asarray(v, float) for k, v in values.items()},
+        }
+        held = self.scene.wall.contact
+        solved = self._solved(bare, inputs, wall=self._touching)
+        if held and not self._touching and not (solved.converged and solved.min_gap > 0):
+            solved = self._solved(bare, inputs, wall=True)
+        self._touching = held and solved.converged and solved.min_gap <= 0
+        return solved
 
-    @abc.abstractmethod
-    def _solved(self, scene: SceneSpec, inputs: Inputs) -> Solved:
-        """Solve a scene whose numbers are also given as arrays."""
+    def _solved(self, scene: SceneSpec, inputs: Inputs, *, wall: bool) -> Solved:
+        plan = self._plan(scene)
+        static = structure_of(self.scene, wall=wall)
 
+        def run(inputs: Inputs, start: State) -> Any:
+            return COMPILED.run(_solve, static, plan, inputs, start, self._points)
 
-def scene_model(scene: SceneSpec, grid: Grid) -> AbstractSceneModel:
-    """The model of a scene, by its dimension."""
-    return (PadSceneModel if scene.geometry.dimension == 3 else SectionSceneModel)(scene, grid)
+        start = self._near.pop(wall, None) or at_rest(plan)
+        if driven_by_force(scene):
+            found = under_forces(scene, {**inputs, **self._travels}, start, run)
+        else:
+            found = run(inputs, start)
+        report, state, *_, outcome = jax.tree.map(np.asarray, found)
+        loads = [{k: number(x) for k, x in load.items()} for load in report["loads"]]
+        solved = Solved(
+            report["moved"],
+            report["so"],
+            float(report["oil_pressure"]),
+            float(report["min_gap"]),
+            NAMES[int(outcome["result"][0])],
+            loads,
+            report["bodies"],
+        )
+        if solved.converged:
+            self._near[wall] = state
+            self._travels = travels_of(scene, {"loads": loads})
+        return solved
 
-
-class _Section(Keyed):
-    """A section's scene compared by what decides the compiled program."""
-
-    def __init__(self, scene: SceneSpec) -> None:
-        self.scene, self.key = scene, Structure(scene).key
-
-
-@eqx.filter_jit
-def _section(section: _Section, inputs: Inputs) -> tuple[Array, ...]:
-    names = section.scene.skin
-    own = {k: v for k, v in inputs.items() if not k.startswith("load.")}
-    skin, loads = skin_of(names, own), loads_of(section.scene, inputs)
-    output = forward(skin, loads)
-    shown = corrected(skin.problem(loads), output.state)
-    shape = section_of(shown.mechanics).profile(shown.state.q, _SAMPLES)
-    moved = jnp.moveaxis(shape.inner_displacement[..., 0], 0, -1)  # [sample, element, 2]
-    return (
-        shape.angle[..., 0].T.ravel(),
-        jnp.swapaxes(moved, 0, 1).reshape(-1, 2),
-        output.so[:, 0],
-        output.oil_pressure[0],
-        output.min_gap[0],
-        output.result[0],
-    )
-
-
-class SectionSceneModel(AbstractSceneModel):
-    """A section in plane strain, by the corrected shell."""
-
-    def __init__(self, scene: SceneSpec, grid: Grid) -> None:
-        super().__init__(_with_a_taxel(scene), grid)
-
-    def _solved(self, scene: SceneSpec, inputs: Inputs) -> Solved:
-        found = COMPILED.run(_section, _Section(self.scene), inputs)
-        angle, moved, so, pressure, gap, result = (np.asarray(x) for x in found)
-        sides = [np.interp(self.grid.angle, angle, moved[:, k]) for k in (0, 1)]
-        displacement = np.stack([*sides, np.zeros_like(sides[0])], 1)
-        return Solved(displacement, so, float(pressure), float(gap), NAMES[int(result)])
-
-
-def _with_a_taxel(scene: SceneSpec) -> SceneSpec:
-    """The scene, with a taxel where it has none: the forward model has some."""
-    if scene.electrodes is not None:
-        return scene
-    return scene.model_copy(
-        update={"electrodes": ElectrodesSpec(taxels=(TaxelSpec(**crown(scene.geometry)),))}
-    )
-
-
-def crown(geometry: GeometrySpec) -> dict[str, Any]:
-    """The middle of a section, as its scenes state places."""
-    return {"angle": 0.0} if geometry.has_angle else {"arc": 0.0}
-
-
-@eqx.filter_jit
-def _pad(
-    scene: Structure, plan: PadMesh, inputs: Inputs, angle: Array, axial: Array
-) -> tuple[Array, ...]:
-    parts = scene_parts(scene.scene, inputs)
-    problem = problem_of(parts, plan, wall=scene.wall)
-    found = equilibrium(problem)
-    shown = corrected(problem, found.state).state
-    pad = problem.mechanics
-    assert isinstance(pad, Pad)
-    moved = pad.faces(shown.q, angle[:, None], axial[:, None]).inner_displacement[..., 0]
-    gap = pad.shape(shown.q).smallest_gap(parts.skin.geometry).value
-    so = jnp.zeros(0)
-    if parts.skin.electrodes is not None:
-        so = parts.skin.electrodes.read(pad, shown.q).so[:, 0]
-    return moved.T, so, shown.pressure[0], gap[0], found.result[0]
-
-
-class PadSceneModel(AbstractSceneModel):
-    """A pad in three dimensions, by the thin shell corrected for shear."""
-
-    def __init__(self, scene: SceneSpec, grid: Grid) -> None:
-        super().__init__(scene, grid)
-        pattern = with_solve(scene, model="auto", rtol=None, elements=None, mesh=None)
-        self._structure = Structure(pattern, wall=scene.wall.contact)
-        # No mesh depends on the electrodes, which take long to check.
-        self._bare = with_solve(scene.model_copy(update={"electrodes": None}), symmetry=False)
-        self._counts = PAD.given(scene) or PAD_ELEMENTS
-        self._spread: tuple[tuple[int, int], ...] | None = None
-
-    def _solved(self, scene: SceneSpec, inputs: Inputs) -> Solved:
-        angle, axial = (jnp.asarray(x) for x in self.grid.points)
-        found = COMPILED.run(_pad, self._structure, self._plan(scene), inputs, angle, axial)
-        moved, so, pressure, gap, result = (np.asarray(x) for x in found)
-        return Solved(moved, so, float(pressure), float(gap), NAMES[int(result)])
-
-    def _plan(self, scene: SceneSpec) -> PadMesh:
+    def _plan(self, scene: SceneSpec) -> AbstractPlan:
         """A mesh graded around the loads, with no fewer load points than any before it."""
-        bare = self._bare.model_copy(update={"loads": scene.loads, "geometry": scene.geometry})
-        plan: Any = plan_for(bare, PAD.name, self._counts)
-        assert isinstance(plan, PadMesh)
+        plan = self._model.plan(scene, self._counts, self._decay)
+        if not isinstance(plan, PadMesh):
+            return plan
         spread = self._spread or plan.plan.spread
         self._spread = tuple(
             (max(a, c), max(b, d))

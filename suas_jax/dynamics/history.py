@@ -145,6 +145,7 @@ def history_sweep(scene: SceneSpec, history: History, gradient: str | None = Non
     follower = _Follower(course, errors, film, len(history.time) <= _FEW)
     asked = None if gradient is None else follower.asked(gradient)
     points = follower.points()
+    shown = [point.pop("shown") for point in points]
     hits = [p for p in points if p["status"] == "converged" and p["wall_contact"]]
     contact = None
     if hits:
@@ -155,7 +156,7 @@ def history_sweep(scene: SceneSpec, history: History, gradient: str | None = Non
             "angle_deg": hits[0]["min_gap_angle_deg"],
         }
     slopes = None if asked is None else follower.gradient(*asked, points)
-    return Sweep(points, contact, course.scaled, film.report(), slopes)
+    return Sweep(points, contact, course.scaled, film.report(), slopes, shown, errors.plan)
 
 
 class Course(NamedTuple):
@@ -415,7 +416,7 @@ class _Follower:
         reports, outcomes, last = COMPILED.run(
             through_film if moves else through, *known, rows, moment, tolerance, **effort
         )
-        points = []
+        points, shown = [], np.asarray(outcomes.pop("shown"))
         for i in range(count):
             outcome = plain(outcomes, i)
             errors = {
@@ -426,7 +427,7 @@ class _Follower:
             report = report_of(course.scene, plain(reports, i) | errors, outcome | told)
             report["strain_energy_J"] = None  # what dissipates is no stored energy
             report |= {"time_error": outcome["time_error"], "time_steps": outcome["steps"]}
-            points.append({"t_s": outcome["t_s"], **report})
+            points.append({"t_s": outcome["t_s"], **report, "shown": shown[i]})
         return points, jax.tree.map(jnp.asarray, last)
 
 

@@ -256,6 +256,7 @@ def observed_at(skin: DrivenSkin, now: Any) -> tuple[dict[str, Any], dict[str, A
         "steps": now.steps[None],
         "t_s": now.time[None],
         "unknowns": jnp.full_like(now.result, unknowns),
+        "shown": shown.q,
     }
     return report, outcome
 

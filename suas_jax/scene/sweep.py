@@ -11,7 +11,7 @@ import numpy as np
 
 from suas_jax.config import SceneSpec, with_inputs, with_solve
 from suas_jax.files.writing import write_text
-from suas_jax.mechanics.model import Counts
+from suas_jax.mechanics.model import AbstractPlan, Counts
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.curve import Curve, SwayedCurve, total_force
@@ -47,6 +47,8 @@ class Sweep:
         scene: what was swept.
         film: of a history, whether the oil's film moves in it, and why; None of a curve.
         gradient: of a history, derivatives of the quantity that was asked for, by TOML path.
+        shown: of a history, unknowns of the state that each report describes.
+        plan: of a history, the mesh that they belong to.
     """
 
     points: list[dict[str, Any]]
@@ -54,6 +56,8 @@ class Sweep:
     scene: SceneSpec
     film: dict[str, Any] | None = None
     gradient: dict[str, float] | None = None
+    shown: list[np.ndarray] | None = None
+    plan: AbstractPlan | None = None
 
     def rows(self) -> list[dict[str, Any]]:
         """The curve as a table: total force, each load's entries, the main observables."""

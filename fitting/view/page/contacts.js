@@ -36,6 +36,7 @@ export class Contacts {
     const found = header.contacts.slice(0, MOST);
     this.shafts.count = this.heads.count = found.length;
     this.rings.forEach((ring) => { ring.visible = false; });
+    this.drawn = [];
     const [up, matrix, turn] = [new Vector3(0, 1, 0), new Matrix4(), new Quaternion()];
     found.forEach((contact, k) => {
       const { x, y, nx, ny } = footAt(this.skin, contact.angle);
@@ -51,6 +52,7 @@ export class Contacts {
       this.shafts.setMatrixAt(k, matrix);
       matrix.compose(at(pulls ? shaft + HEAD / 2 : HEAD / 2), turn, new Vector3(3, HEAD, 3));
       this.heads.setMatrixAt(k, matrix);
+      this.drawn.push({ contact, foot, end: at(length) });
       if (contact.ellipse) this.#ring(this.rings[k], contact, now.thickness, options.ellipses);
     });
     this.shafts.instanceMatrix.needsUpdate = this.heads.instanceMatrix.needsUpdate = true;

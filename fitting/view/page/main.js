@@ -1,6 +1,7 @@
 // The page: takes pictures from the socket, draws the newest, says when it has drawn it.
 
 import { Charts } from "./charts.js";
+import { Drag } from "./drag.js";
 import { Panel } from "./panel.js";
 import { decoded } from "./picture.js";
 import { Space } from "./space.js";
@@ -15,8 +16,10 @@ const send = (message) => { if (socket?.readyState === WebSocket.OPEN) socket.se
 const panel = new Panel(send);
 const charts = new Charts($("force"), $("pressure"));
 let space = null;
+let drag = null;
 try {
   space = new Space($("canvas"), $("legend"));
+  drag = new Drag(space, (name, value) => panel.move(name, value));
 } catch (error) {
   panel.link(`this browser draws no WebGL: ${error.message}`, "lost");
 }
@@ -31,6 +34,7 @@ function connect() {
       skin = message;
       panel.describe(skin);
       space?.describe(skin);
+      drag?.describe(skin);
     } else if (message.type === "history") {
       charts.restart(message.samples, message.whole ? skin.timeline : null);
       panel.history(message);

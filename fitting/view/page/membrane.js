@@ -13,7 +13,7 @@ const FLOOR = 0.05; // of the oil gap: the least end of a scale
 const FADE = 0.98; // per picture: how slowly a scale shrinks again
 
 // Of a grid whose points lie along the arc and, for each of these, across.
-function triangles(arc, across) {
+export function triangles(arc, across) {
   const found = [];
   for (let i = 0; i + 1 < arc; i++) {
     for (let j = 0; j + 1 < across; j++) {

@@ -13,6 +13,7 @@ export class Panel {
   constructor(send) {
     this.send = send;
     this.dragging = false;
+    this.sliders = {};
     $("play").onclick = () => send({ type: "play", value: $("play").textContent === "Play" });
     $("speed").onchange = () => send({ type: "speed", value: Number($("speed").value) });
     $("seek").oninput = () => { this.dragging = true; send({ type: "seek", value: Number($("seek").value) }); };
@@ -35,13 +36,26 @@ export class Panel {
     }
   }
 
+  #set(name, value) {
+    this.send({ type: "set", name, value });
+  }
+
+  // Move a slider, as far as it goes.
+  move(name, value) {
+    const { input, write } = this.sliders[name];
+    input.value = value;
+    write();
+    this.#set(name, Number(input.value));
+  }
+
   // A row of a slider: name, control, value with its unit.
   #slider(slider) {
     const [label, input, output] = ["label", "input", "output"].map((name) => document.createElement(name));
     const write = () => { output.textContent = `${(slider.scale * input.value).toPrecision(3)} ${slider.unit}`; };
     Object.assign(input, { type: "range", min: slider.least, max: slider.most, step: "any", value: slider.value });
     input.dataset.name = slider.name;
-    input.oninput = () => { write(); this.send({ type: "set", name: slider.name, value: Number(input.value) }); };
+    input.oninput = () => { write(); this.#set(slider.name, Number(input.value)); };
+    this.sliders[slider.name] = { input, write };
     write();
     const name = document.createElement("span");
     name.textContent = slider.label;

@@ -3,6 +3,7 @@
 import {
   AmbientLight, DirectionalLight, OrbitControls, PerspectiveCamera, Scene, WebGLRenderer,
 } from "./three.min.js";
+import { Bodies } from "./bodies.js";
 import { Contacts } from "./contacts.js";
 import { Membrane } from "./membrane.js";
 import { reachOf } from "./section.js";
@@ -36,6 +37,7 @@ export class Space {
       membrane: new Membrane(skin, this.legend),
       taxels: new Taxels(skin),
       contacts: new Contacts(skin),
+      bodies: new Bodies(skin),
     };
     for (const part of Object.values(this.parts)) this.scene.add(part.group);
     const [half, height] = reachOf(skin);
@@ -44,6 +46,11 @@ export class Space {
     this.controls.target.set(0, 0.4 * MM * height, 0);
     this.controls.update();
     this.due = true;
+  }
+
+  // Arrows that can be dragged.
+  handles() {
+    return (this.parts?.contacts.drawn ?? []).filter(({ contact }) => contact.along);
   }
 
   option(name, value) {
@@ -59,6 +66,7 @@ export class Space {
     this.parts.membrane.show(picture, now, this.options);
     this.parts.taxels.show(picture, now);
     this.parts.contacts.show(picture, now, this.options);
+    this.parts.bodies.show(picture);
     this.due = true;
   }
 

@@ -4,7 +4,7 @@ import { BoxGeometry, Color, Group, InstancedMesh, Matrix4, MeshLambertMaterial,
 import { footAt } from "./section.js";
 
 const MM = 1000;
-const LONGEST = 22; // [mm]
+const [LONGEST, UNDER_BODIES] = [22, 7]; // [mm]
 const LEAST_SCALE = 20; // counts of the longest bar, at least
 const FADE = 0.98;
 const LOOKS = [0x2b8a3e, 0xadb5bd, 0xd6336c, 0xf08c00].map((c) => new Color(c)); // by state
@@ -15,6 +15,7 @@ export class Taxels {
     this.skin = skin;
     this.group = new Group();
     this.most = LEAST_SCALE;
+    this.longest = skin.bodies?.length ? UNDER_BODIES : LONGEST; // bars shall not hide what presses
     const count = skin.taxels.length;
     this.bars = new InstancedMesh(new BoxGeometry(1, 1, 1), new MeshLambertMaterial(), Math.max(count, 1));
     this.bars.count = count;
@@ -29,7 +30,7 @@ export class Taxels {
     const [up, out, turn, place, size] = [new Vector3(0, 1, 0), new Vector3(), new Quaternion(), new Vector3(), new Vector3()];
     const matrix = new Matrix4();
     this.skin.taxels.forEach((taxel, k) => {
-      const height = Math.max(0.6, (LONGEST * Math.min(Math.abs(change[k]), this.most)) / this.most);
+      const height = Math.max(0.6, (this.longest * Math.min(Math.abs(change[k]), this.most)) / this.most);
       const { x, y, nx, ny } = footAt(this.skin, taxel.angle);
       const over = height / 2 - (MM * taxel.gap * now.oil_gap) / this.skin.oil_gap;
       out.set(nx, ny, 0);
