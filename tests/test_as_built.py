@@ -54,7 +54,7 @@ def test_readings_by_all_constants_and_errors_of_presses_against_differences() -
 def test_ten_presses_find_a_unit(tmp_path: Path) -> None:
     configure()
     spec = load_skin(SKIN)
-    unit = Unit(spec, 0, PRESSES, 20)
+    unit = Unit(SKIN, 0, PRESSES, 20)
     own = unit.calibrated(unit.presses("planned", 10), tmp_path)
     # One joint uncertainty, and nothing assumed beside it.
     errors = input_errors(as_assembled(own))

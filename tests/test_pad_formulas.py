@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fitting.inverse_load.pad import input_errors
 from fitting.inverse_load.pad import input_errors as pad_errors
 from fitting.inverse_load.pad.columns import LEVELS, Column, _reach, largest_forces
 from fitting.inverse_load.pad.finer_mesh import force_surplus
@@ -28,6 +29,7 @@ from fitting.inverse_load.pad.spline import SplineBasis, TensorSpline
 from fitting.inverse_load.pad.table import PadTable, reciprocal
 from fitting.inverse_load.pad.table_build import _between, edge_of
 from suas_jax.config import InputErrors, SkinSpec, load_skin
+from suas_jax.config.geometry import SheetSpec
 from suas_jax.config.input_errors import value_of
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.scene.skin import skin_of
@@ -118,6 +120,38 @@ def test_line_of_the_gap_is_that_of_parallel_plates(spec: SkinSpec) -> None:
     )
     np.testing.assert_allclose(slope, BY_GAP / 2, rtol=1e-9)
     np.testing.assert_allclose(rest, AT_REST - BY_GAP * (GAP - 4e-3 / 2), rtol=1e-9)
+
+
+def test_line_of_a_gap_that_is_a_table_is_the_same(spec: SkinSpec) -> None:
+    gap = SheetSpec(arc=(0.0, 1.0), axial=(0.0, 1.0), value=((GAP, GAP), (GAP, GAP)))
+    geometry = spec.geometry.model_copy(update={"oil_gap": gap})
+    found = gap_line(spec.model_copy(update={"geometry": geometry}), {})
+    for own, expected in zip(found, gap_line(spec, {}), strict=True):
+        np.testing.assert_allclose(own, expected, rtol=1e-9)
+
+
+def test_stiffness_is_solved_once_an_input_and_follows_in_proportion(
+    spec: SkinSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solved = []
+
+    def stiffer(self: PadErrors, path: str, size: float) -> float:
+        solved.append(size)
+        return 3 * size
+
+    kept: dict[str, Any] = {}
+    monkeypatch.setattr(PadErrors, "_stiffer", stiffer)
+    monkeypatch.setattr(
+        input_errors, "kept_arrays", lambda name, make: kept.setdefault(name, make())
+    )
+    sizes = np.array([[5e-4], [-1e-4]])
+    errors = InputErrors(("geometry.thickness",), sizes, ("a", "b"), (), spec)
+    table: Any = SimpleNamespace(
+        rest=STRAY + 1 / AT_REST, stray=np.full(3, STRAY), diameter=6e-3
+    )
+    found = PadErrors(errors, skin_of(spec, contact=False), table, from_rest=True, slots=1)
+    np.testing.assert_allclose(found._stiffness, 3 * sizes[:, 0])
+    assert solved == [5e-4]
 
 
 ERRORS = {  # path: (deviation, d stray, da, db / b, relative change of stiffness)

@@ -13,6 +13,7 @@ material; for a dimension it is what a few solved states show, and the part of i
 is no change of stiffness is left out.
 """
 
+import functools
 from collections.abc import Mapping
 
 import numpy as np
@@ -37,7 +38,8 @@ _WIDE_PLACE, _WIDE_FORCE = (
 )  # those by extent beyond the table's disc, the latter [1/m]
 _STEP = 0.02  # of the force in solved states, relative
 _SMALL = 1e-3  # of a standard deviation, for derivatives at rest
-_ELECTRICAL = ("electrodes.", "oil.relative_permittivity", "geometry.oil_gap")
+_GAP = "geometry.oil_gap"
+_ELECTRICAL = ("electrodes.", "oil.relative_permittivity", _GAP)
 _PROBES = ((0.0, 0.0), (0.4, 0.4))  # places of the solved states, shares of the pad's edges
 _LOADED = 0.4  # force of the solved states, as a share of the table's largest
 
@@ -77,6 +79,8 @@ class PadErrors(AbstractSystematicErrors):
         self._constant = np.zeros((count, taxels))  # da
         self._relative = np.zeros((count, taxels))  # db / b
         self._stiffness = np.zeros(count)
+        sizes = np.abs(errors.directions).max(0, initial=0.0)
+        self._sizes = dict(zip(errors.paths, sizes.tolist(), strict=True))
         for e, direction in enumerate(errors.directions):
             change = dict(zip(errors.paths, direction.tolist(), strict=True))
             change = {path: size for path, size in change.items() if size}
@@ -160,8 +164,12 @@ class PadErrors(AbstractSystematicErrors):
                 total += self._solved_stiffening(path, size)
         return total
 
-    def _solved_stiffening(self, path: str, size: float) -> float:
-        """Relative change of stiffness by a change of another input, from solved states."""
+    def _solved_stiffening(self, path: str, change: float) -> float:
+        """Relative change of stiffness by a change of another input, from solved states.
+
+        In proportion to the largest change of it that any error makes, which is solved.
+        """
+        size = self._sizes[path]
         name = content_key(
             {
                 "path": path,
@@ -174,7 +182,7 @@ class PadErrors(AbstractSystematicErrors):
             }
         )
         kept = kept_arrays(name, lambda: {"change": self._stiffer(path, size)})
-        return float(kept["change"])
+        return float(kept["change"]) * change / size
 
     def _stiffer(self, path: str, size: float) -> float:
         changed = skin_of(
@@ -183,13 +191,8 @@ class PadErrors(AbstractSystematicErrors):
             elements=self._skin.elements,
             contact=False,
         )
-        middle = [len(x) // 2 for x in (self._table.angle, self._table.axial)]
-        force = _LOADED * float(self._table.cap[middle[0], middle[1]])
         top = norm = 0.0
-        for a, z in _PROBES:
-            place = a * self._table.angle[-1], z * self._table.axial[-1]
-            loads = np.array([[*place, force], [*place, (1 - _STEP) * force]])
-            own = solved_channels(self._skin, loads, self._table.diameter, self._slots)
+        for loads, own in self._probed:
             moved = solved_channels(changed, loads[:1], self._table.diameter, self._slots)
             lighter = (own[1] - own[0])[:-1]  # what so much more stiffness does
             by = (moved[0] - own[0])[:-1]
@@ -197,6 +200,19 @@ class PadErrors(AbstractSystematicErrors):
             top += float(by[used] @ lighter[used])
             norm += float(lighter[used] @ lighter[used])
         return _STEP * top / norm if norm > 0 else 0.0
+
+    @functools.cached_property
+    def _probed(self) -> list[tuple[Floats, Floats]]:
+        """Loads of the solved states, and what they read on the skin as its file has it."""
+        middle = [len(x) // 2 for x in (self._table.angle, self._table.axial)]
+        force = _LOADED * float(self._table.cap[middle[0], middle[1]])
+        found = []
+        for a, z in _PROBES:
+            place = a * self._table.angle[-1], z * self._table.axial[-1]
+            loads = np.array([[*place, force], [*place, (1 - _STEP) * force]])
+            own = solved_channels(self._skin, loads, self._table.diameter, self._slots)
+            found.append((loads, own))
+        return found
 
 
 def gap_line(spec: SkinSpec, inputs: Mapping[str, float]) -> tuple[Floats, Floats, Floats]:
@@ -206,11 +222,13 @@ def gap_line(spec: SkinSpec, inputs: Mapping[str, float]) -> tuple[Floats, Float
         spec: the pad.
         inputs: electrical ones that replace its own, by TOML path.
     """
-    gap = inputs.get("geometry.oil_gap", continuous_inputs(spec)["geometry.oil_gap"])
-    step = 1e-4 * gap
+    own = {**continuous_inputs(spec), **inputs}
+    gaps = {p: x for p, x in own.items() if p == _GAP or p.startswith(f"{_GAP}.value.")}
+    step = 1e-4 * spec.geometry.mean_gap
     values = []
-    for at in (gap - step, gap, gap + step):
-        skin = skin_of(spec, {**inputs, "geometry.oil_gap": at}, contact=False)
+    for shift in (-step, 0.0, step):
+        moved = {path: gap + shift for path, gap in gaps.items()}
+        skin = skin_of(spec, {**inputs, **moved}, contact=False)
         stray = stray_counts(skin)
         values.append(1 / (rest_readings(skin) - stray))
     return stray, values[1], (values[2] - values[0]) / (2 * step)
