@@ -21,7 +21,7 @@ import numpy as np
 from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
-from fitting.inverse_load.pad.rest import rest_readings, stray_counts
+from fitting.inverse_load.pad.rest import film_readings, stray_counts
 from fitting.inverse_load.pad.table import PadTable
 from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
 from suas_jax.config.input_errors import value_of
@@ -216,7 +216,7 @@ class PadErrors(AbstractSystematicErrors):
 
 
 def gap_line(spec: SkinSpec, inputs: Mapping[str, float]) -> tuple[Floats, Floats, Floats]:
-    """Stray counts, a and b of 1 / (SO - stray) = a + b w [taxel].
+    """Stray counts, a and b of 1 / (SO - stray) = a + b w [taxel], w from the undeformed pad.
 
     Args:
         spec: the pad.
@@ -230,7 +230,7 @@ def gap_line(spec: SkinSpec, inputs: Mapping[str, float]) -> tuple[Floats, Float
         moved = {path: gap + shift for path, gap in gaps.items()}
         skin = skin_of(spec, {**inputs, **moved}, contact=False)
         stray = stray_counts(skin)
-        values.append(1 / (rest_readings(skin) - stray))
+        values.append(1 / (film_readings(skin) - stray))
     return stray, values[1], (values[2] - values[0]) / (2 * step)
 
 
