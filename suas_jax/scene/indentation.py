@@ -4,7 +4,7 @@ They need no program of their own: that of the scene takes travels as numbers, a
 the state of the point before.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -68,11 +68,23 @@ class IndentationCurve(NamedTuple):
             rows.append(report_of(self.scene, plain(point.report), outcome))
         return rows
 
-    def follow(self, depths: np.ndarray, counts: tuple[int, ...]) -> list[Point]:
-        """Solutions at given travels [m] on one mesh, each from the one before."""
+    def follow(
+        self,
+        depths: np.ndarray,
+        counts: tuple[int, ...],
+        starts: Sequence[State] | None = None,
+    ) -> list[Point]:
+        """Solutions at given travels [m] on one mesh, each from the one before.
+
+        Args:
+            depths: the travels.
+            counts: size of the mesh.
+            starts: states near the solutions, instead of those before them.
+        """
         points: list[Point] = []
         start = None
-        for depth in depths:
+        for k, depth in enumerate(depths):
+            start = start if starts is None else starts[k]
             points.append(self._solved(depth, counts, start, wall=self.wall))
             found = number(points[-1].outcome["result"]) == 0
             start = points[-1].part if found else None
