@@ -123,7 +123,7 @@ class Unit:
     ) -> None:
         spec, random = load_skin(file), np.random.default_rng(seed)
         skin, offsets = unit_of(spec, random)
-        self.radius = float(skin.geometry.outer_size[0])
+        self.skin, self.radius = skin, float(skin.geometry.outer_size[0])
         self.pad = spec.geometry.dimension == 3
         half = float(skin.geometry.half_angle[0]), spec.geometry.width / 2 * self.pad
 

@@ -34,12 +34,12 @@ from fitting.inverse_load.report.text import posterior_json
 from fitting.sensor.fit.calibrate import fit_sensor
 from fitting.sensor.logs.data import load_sensor_data
 from fitting.sensor.logs.known_loads import KnownLoads
+from fitting.sensor.shapes import scene_states
 from fitting.sensor.shapes.scene_states import SceneStates, Solved
 from fitting.statistics.posterior import Settings
 from fitting.workers import LocalWorkers
 from suas_jax.config import SkinSpec, continuous_inputs, load_skin
 from suas_jax.config.input_errors import STIFFNESS
-from suas_jax.mechanics.pad.model import PadModel
 from suas_jax.runtime import compiled
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.forward import forward
@@ -719,7 +719,7 @@ def test_a_path_on_a_pad_is_what_single_solves_say(folder: Path, solved: Solve) 
 def test_known_pokes_calibrate_the_electrodes_of_a_pad(
     folder: Path, spec: SkinSpec, contacts: np.ndarray, solved: Solve, patch: pytest.MonkeyPatch
 ) -> None:
-    patch.setattr(PadModel, "first", lambda *_: ELEMENTS)
+    patch.setattr(scene_states, "PAD_ELEMENTS", ELEMENTS)
     pokes = contacts[:4]
     so, _ = solved(pokes)
     stray, scale = 40.0, 1.07
@@ -740,7 +740,7 @@ def test_known_pokes_calibrate_the_electrodes_of_a_pad(
 
 @pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_a_known_displacement_is_met(spec: SkinSpec, patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(PadModel, "first", lambda *_: ELEMENTS)
+    patch.setattr(scene_states, "PAD_ELEMENTS", ELEMENTS)
     one = np.ones((1, 1))
     unknown = np.nan * one
     place = (0.3 * one, 0 * one)

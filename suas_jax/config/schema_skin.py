@@ -171,6 +171,15 @@ class ElectrodesSpec(Spec):
         default=(), validate_default=True, examples=['[ { angle = "0 deg" } ]']
     )
 
+    def with_equal_channels(self) -> Self:
+        """The same electrodes, all channels of gain one."""
+        taxels = tuple(
+            TaxelSpec(**{key: getattr(t, key) for key in t.model_fields_set - {"gain"}})
+            for t in self.taxels
+        )
+        modules = tuple(m.model_copy(update={"gains": ()}) for m in self.modules)
+        return self.model_copy(update={"taxels": taxels, "modules": modules})
+
     @property
     def taxels_by_module(self) -> dict[int, int]:
         """Number of taxels of each module, by its number."""

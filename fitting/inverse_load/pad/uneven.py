@@ -43,12 +43,10 @@ def even_spec(spec: SkinSpec) -> SkinSpec:
     means = {"thickness": geometry.mean_thickness, "oil_gap": geometry.mean_gap}
     electrodes = spec.electrodes
     assert electrodes is not None
-    taxels = tuple(t.model_copy(update={"gain": 1.0}) for t in electrodes.taxels)
-    modules = tuple(m.model_copy(update={"gains": ()}) for m in electrodes.modules)
     return spec.model_copy(
         update={
             "geometry": geometry.model_copy(update=means),
-            "electrodes": electrodes.model_copy(update={"taxels": taxels, "modules": modules}),
+            "electrodes": electrodes.with_equal_channels(),
             "calibration": None,
         }
     )
