@@ -1,12 +1,12 @@
 """Ten presses against learning from scratch: errors of force and place by number of presses.
 
-Simulated units of the paper's section differ from their drawing by what `suas fit sensor --fit
-as-built` looks for, and in ways that it cannot follow exactly: fields of thickness and gap of
-random waves on nine nodes, a finer mesh, places 0.5 mm off, forces 0.2 % off, offsets and gains
-of channels, noise of two counts, whole counts. Each is pressed at planned and at random places;
-the calibrated skin file then finds unseen loads with `LoadEstimator`, as `suas invert` does. A
-Gaussian process and a network learn from random presses of the same unit. Prints the table of
-docs/as_built.md and draws its figure::
+Simulated units of the paper's section, or of a pad (`--skin`), differ from their drawing by
+what `suas fit sensor --fit as-built` looks for, and in ways that it cannot follow exactly:
+fields of thickness and gap of random waves on more nodes, a finer mesh, places 0.5 mm off,
+forces 0.2 % off, offsets and gains of channels, noise of two counts, whole counts. Each is
+pressed at planned and at random places; the calibrated skin file then finds unseen loads with
+`LoadEstimator`, as `suas invert` does. A Gaussian process and a network learn from random
+presses of the same unit. Prints the table of docs/as_built.md and draws its figure::
 
     python benchmarks/as_built.py --units 10 --plot docs/as_built.png
 """
@@ -30,7 +30,7 @@ from fitting.sensor.model.as_built import as_built
 from fitting.sensor.report.skin_file import calibrated_skin
 from suas_jax import configure
 from suas_jax.config import SkinSpec, continuous_inputs, load_skin
-from suas_jax.config.geometry import AlongSpec
+from suas_jax.config.geometry import AlongSpec, SheetSpec
 from suas_jax.figures.style import written
 from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import Loads
@@ -38,45 +38,57 @@ from suas_jax.scene.skin import Skin, skin_of
 
 SKIN = Path(__file__).parent.parent / "configs/skins/suas.toml"
 PLACE_ERROR, FORCE_ERROR, NOISE = 0.5e-3, 2e-3, 2.0
-FRAMES, NODES, ELEMENTS = 50, 9, 64
-LARGEST, RADIUS = 10.0, 59e-3  # force of calibration [N], radius of the outer face [m]
+FRAMES = 50
+# Nodes of the true fields along the arc and along the axis, and elements, by dimension.
+NODES = {2: (9,), 3: (5, 5)}
+ELEMENTS = {2: 64, 3: (28, 24)}
+DIAMETER = 6e-3  # of the discs that press on a pad [m]
 LEARNED = (10, 30, 100, 300)
 
 
 def unit_of(spec: SkinSpec, random: np.random.Generator) -> tuple[Skin, np.ndarray]:
     """A unit that differs from its drawing, and its channels' offsets [taxel]."""
-    arc = tuple(np.linspace(0, 1, NODES).tolist())
+    dimension = spec.geometry.dimension
+    at = [np.linspace(0, 1, n) for n in NODES[dimension]]
     own = as_built(spec)
-    tables = {
-        key: AlongSpec(arc=arc, value=(getattr(spec.geometry, key),) * NODES)
-        for key in ("thickness", "oil_gap")
-    }
+    even = np.ones(NODES[dimension])
+    tables: dict[str, AlongSpec | SheetSpec] = {}
+    for key in ("thickness", "oil_gap"):
+        value = getattr(spec.geometry, key) * even
+        if dimension == 2:
+            tables[key] = AlongSpec(arc=tuple(at[0].tolist()), value=tuple(value.tolist()))
+        else:
+            arc, axial = (tuple(x.tolist()) for x in at)
+            rows = tuple(map(tuple, value.tolist()))
+            tables[key] = SheetSpec(arc=arc, axial=axial, value=rows)
     own = own.model_copy(update={"geometry": own.geometry.model_copy(update=tables)})
     inputs = continuous_inputs(own)
     for key in tables:
-        x, field = np.array(arc), 0.02 * random.normal() * np.ones(NODES)
+        field = 0.02 * random.normal() * even
         for k in (1, 2, 3):
-            wave = np.sin(np.pi * k * x + random.uniform(0, 2 * np.pi))
-            field = field + 0.03 / k * random.normal() * wave
-        for i, share in enumerate(field):
-            inputs[f"geometry.{key}.value.{i}"] *= 1 + share
+            for x in np.meshgrid(*at, indexing="ij"):
+                wave = np.sin(np.pi * k * x + random.uniform(0, 2 * np.pi))
+                field = field + 0.03 / k / len(at) ** 0.5 * random.normal() * wave
+        nodes = [path for path in inputs if path.startswith(f"geometry.{key}.value.")]
+        for path, share in zip(nodes, field.ravel(), strict=True):
+            inputs[path] *= 1 + share
     stiffness = 1 + 0.08 * random.normal()
     for path in inputs:
-        if path.startswith("material.C"):
+        if path.startswith("material.C") or path == "material.mu":
             inputs[path] *= stiffness
         if "gain" in path:
             inputs[path] = 1 + 0.01 * random.normal()
     inputs["oil.relative_permittivity"] *= 1 + 0.02 * random.normal()
     inputs["oil.fill"] = 1 + 2e-3 * random.normal()
     inputs["geometry.mounting"] = 3e-4 * random.normal()
-    skin = skin_of(own, inputs, elements=ELEMENTS, contact=False)
-    return skin, 100 * random.normal(size=len(spec.electrodes.taxels))
+    skin = skin_of(own, inputs, elements=ELEMENTS[dimension], contact=False)
+    return skin, 100 * random.normal(size=len(skin.electrodes.taxels.angle))
 
 
-def data_of(spec: SkinSpec, place: np.ndarray, force: np.ndarray, so: np.ndarray) -> SensorData:
+def data_of(spec: SkinSpec, presses: np.ndarray, so: np.ndarray) -> SensorData:
     """Mean readings [press + 1, taxel] of presses, rest last, as logs would give them."""
-    at, load = np.append(place, 0.0)[None], np.append(force, 0.0)[None]
-    loads, frames = KnownLoads.pushes(at, load), np.arange(at.shape[1])
+    angle, axial, force = np.concatenate([presses, np.zeros((1, 3))]).T[:, None]
+    loads, frames = KnownLoads.pushes(angle, force, axial), np.arange(angle.size)
     file = LogFile("simulated", "0", len(frames), ("oil",), None)
     # Repeated, as the noise of a mean follows from the number of its frames.
     state = np.repeat(frames, FRAMES)
@@ -89,39 +101,52 @@ def data_of(spec: SkinSpec, place: np.ndarray, force: np.ndarray, so: np.ndarray
 
 
 class Unit:
-    """A unit, and all that it reads.
+    """A unit, and all that it reads. Presses are angles, axial places and forces.
 
     Args:
-        spec: the drawing.
+        file: the drawing.
         seed: of what differs.
         plan: the presses that are planned.
         tests: how many unseen loads.
+        most: how many random presses.
+        largest: force of a press [N].
     """
 
-    def __init__(self, spec: SkinSpec, seed: int, plan: tuple[Press, ...], tests: int) -> None:
-        random = np.random.default_rng(seed)
+    def __init__(
+        self,
+        file: Path,
+        seed: int,
+        plan: tuple[Press, ...],
+        tests: int,
+        most: int = LEARNED[-1],
+        largest: float = 10.0,
+    ) -> None:
+        spec, random = load_skin(file), np.random.default_rng(seed)
         skin, offsets = unit_of(spec, random)
-        many = LEARNED[-1]
+        self.skin, self.radius = skin, float(skin.geometry.outer_size[0])
+        self.pad = spec.geometry.dimension == 3
+        half = float(skin.geometry.half_angle[0]), spec.geometry.width / 2 * self.pad
+
+        def drawn(count: int, share: float, low: float, high: float) -> np.ndarray:
+            where = [
+                share * random.uniform(-h, h, count) if h else np.zeros(count) for h in half
+            ]
+            return np.stack([*where, random.uniform(low, high, count)], 1)
+
         told = np.concatenate(
             [
-                [(press.place, press.force) for press in plan],
-                np.stack(
-                    [
-                        np.deg2rad(random.uniform(-72, 72, many)),
-                        random.uniform(LARGEST / 4, LARGEST, many),
-                    ],
-                    1,
-                ),
+                np.reshape([(p.place, p.axial or 0.0, p.force) for p in plan], (-1, 3)),
+                drawn(most, 0.6 if self.pad else 0.8, largest / 4, largest),
             ]
         )
-        seen = np.stack(
-            [np.deg2rad(random.uniform(-70, 70, tests)), random.uniform(2, 12, tests)], 1
-        )
-        size = told.shape
-        errors = np.array([PLACE_ERROR / RADIUS, FORCE_ERROR]) * random.normal(size=size)
-        true = told + errors * np.stack([np.ones(len(told)), told[:, 1]], 1)
-        lanes = np.concatenate([true, seen, [(0.0, 0.0)]])
-        found = forward(skin, Loads.line(*lanes.T))
+        seen = drawn(tests, 0.55 if self.pad else 7 / 9, largest / 5, 1.2 * largest)
+        sizes = PLACE_ERROR / self.radius, PLACE_ERROR, FORCE_ERROR
+        errors = np.zeros(told.shape)
+        kinds = [0, 1, 2] if self.pad else [0, 2]
+        errors[:, kinds] = random.normal(size=(len(told), len(kinds)))
+        errors *= sizes * np.stack([told[:, 2] ** 0, told[:, 2] ** 0, told[:, 2]], 1)
+        lanes = np.concatenate([told + errors, seen, np.zeros((1, 3))])
+        found = forward(skin, self._loads(lanes))
         good = np.asarray(found.solved) & np.isfinite(np.asarray(found.so)).all(0)
         so = np.asarray(found.so).T + offsets
         rest = so[-1] + NOISE / FRAMES**0.5 * random.normal(size=len(offsets))
@@ -129,10 +154,17 @@ class Unit:
         means = means + NOISE / FRAMES**0.5 * random.normal(size=means.shape)
         single = so[len(told) : -1]
         single = np.rint(single + NOISE * random.normal(size=single.shape))
-        self.spec, self.rest, self.good = spec, rest, good[: len(told)]
+        self.file, self.spec, self.rest = file, spec, rest
+        self.good = good[: len(told)]
         self.told, self.so, self.planned = told, means, len(plan)
         kept = good[len(told) : -1]
         self.seen, self.single = seen[kept], single[kept]
+
+    def _loads(self, presses: np.ndarray) -> Loads:
+        angle, axial, force = presses.T
+        if self.pad:
+            return Loads.patch(angle, axial, force, DIAMETER)
+        return Loads.line(angle, force)
 
     def presses(self, kind: str, count: int) -> np.ndarray:
         """Which rows: planned ones in their order, or random ones."""
@@ -143,10 +175,10 @@ class Unit:
     def calibrated(self, rows: np.ndarray, folder: Path) -> SkinSpec:
         """The skin file that some presses give."""
         so = np.concatenate([self.so[rows], self.rest[None]])
-        data = data_of(self.spec, *self.told[rows].T, so)
+        data = data_of(self.spec, self.told[rows], so)
         fit = fit_sensor(data, ["as-built"], place_error=PLACE_ERROR)
         file = folder / "unit.toml"
-        file.write_text(calibrated_skin(SKIN, fit))
+        file.write_text(calibrated_skin(self.file, fit))
         return load_skin(file)
 
     def found(self, spec: SkinSpec) -> np.ndarray:
@@ -155,24 +187,31 @@ class Unit:
         estimator = LoadEstimator(spec, rest=self.rest, rest_variance=variance, most_contacts=1)
         rows = []
         pairs = zip(estimator.estimate(self.single), self.seen, strict=True)
-        for estimate, (place, force) in pairs:
+        for estimate, (angle, axial, force) in pairs:
             if not estimate.contacts:
                 rows.append((np.nan, np.nan, 0.0, 0.0))
                 continue
             (own,) = estimate.contacts
-            off = np.array([own.force / force - 1, RADIUS * (own.angle - place)])
-            sd = own.deviation("force") / force, RADIUS * own.deviation("angle")
-            rows.append((*off, *(np.abs(off) < 1.96 * np.array(sd))))
+            off = [own.force / force - 1, self.radius * (own.angle - angle)]
+            sd = [own.deviation("force") / force, self.radius * own.deviation("angle")]
+            if self.pad:
+                off.append(own.axial - axial)
+                sd.append(own.deviation("axial"))
+            inside = np.abs(off) < 1.96 * np.array(sd)
+            rows.append((off[0], float(np.linalg.norm(off[1:])), inside[0], inside[1:].mean()))
         return np.array(rows)
 
     def learned(self, model: object, count: int) -> np.ndarray:
         """The same of a learned model, which tells no interval."""
         rows = self.presses("random", count)
-        predict = model(self.so[rows] - self.rest, *self.told[rows].T)  # type: ignore[operator]
-        place, force = predict(self.single - self.rest).T
-        none = np.full(len(place), np.nan)
-        off = force / self.seen[:, 1] - 1, RADIUS * (place - self.seen[:, 0])
-        return np.stack([*off, none, none], 1)
+        places, force = self.told[rows, : 1 + self.pad], self.told[rows, 2]
+        predict = model(self.so[rows] - self.rest, places, force)  # type: ignore[operator]
+        *found, strength = predict(self.single - self.rest).T
+        off = np.array(found).T - self.seen[:, : 1 + self.pad]
+        off[:, 0] *= self.radius
+        none = np.full(len(off), np.nan)
+        away = np.linalg.norm(off, axis=1)
+        return np.stack([strength / self.seen[:, 2] - 1, away, none, none], 1)
 
 
 def summary(rows: list[np.ndarray]) -> tuple[float, ...]:
@@ -208,27 +247,34 @@ def plot(table: dict[tuple[str, int], tuple[float, ...]], file: Path) -> None:
 def main() -> None:
     """Print the table, draw the figure."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--skin", type=Path, default=SKIN)
+    parser.add_argument("--force", type=float, default=10.0, help="largest of a press [N]")
     parser.add_argument("--units", type=int, default=10)
     parser.add_argument("--first", type=int, default=0, help="first unit's seed")
     parser.add_argument("--tests", type=int, default=60)
     parser.add_argument("--presses", type=int, nargs="+", default=[10])
+    parser.add_argument("--learned", type=int, nargs="+", default=[*LEARNED])
+    parser.add_argument("--kinds", nargs="+", default=["planned", "random"])
     parser.add_argument("--plot", type=Path)
     options = parser.parse_args()
     configure()
-    spec = load_skin(SKIN)
-    most = max(options.presses)
-    plan = planned(candidates_of(spec, LARGEST, PLACE_ERROR), most).presses
-    print("planned:", "; ".join(press.text for press in plan), flush=True)
+    spec = load_skin(options.skin)
+    plan: tuple[Press, ...] = ()
+    if "planned" in options.kinds:
+        most = max(options.presses)
+        plan = planned(candidates_of(spec, options.force, PLACE_ERROR), most).presses
+        print("planned:", "; ".join(press.text for press in plan), flush=True)
     rows: dict[tuple[str, int], list[np.ndarray]] = {}
     with tempfile.TemporaryDirectory() as name:
         for seed in range(options.first, options.first + options.units):
             begin = time.perf_counter()
-            unit = Unit(spec, seed, plan, options.tests)
+            most = max(options.learned)
+            unit = Unit(options.skin, seed, plan, options.tests, most, options.force)
             for label, model in (("Gaussian process", gaussian_process), ("network", network)):
-                for count in LEARNED:
+                for count in options.learned:
                     rows.setdefault((label, count), []).append(unit.learned(model, count))
             rows.setdefault(("as drawn", 0), []).append(unit.found(spec))
-            for kind in ("planned", "random"):
+            for kind in options.kinds:
                 for count in options.presses:
                     own = unit.calibrated(unit.presses(kind, count), Path(name))
                     key = (f"as built, {kind}", count)

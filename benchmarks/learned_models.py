@@ -30,12 +30,12 @@ def _inputs(change: np.ndarray) -> np.ndarray:
 
 
 def _scaled(change: np.ndarray, place: np.ndarray, force: np.ndarray) -> Scaled:
-    x, y = _inputs(change), np.stack([place, np.log(force)], 1)
+    x, y = _inputs(change), np.column_stack([place, np.log(force)])
     (a, b), (c, d) = ((v.mean(0), v.std(0) + 1e-12) for v in (x, y))
 
     def outputs(z: np.ndarray) -> np.ndarray:
         found = c + d * z
-        return np.stack([found[:, 0], np.exp(found[:, 1])], 1)
+        return np.column_stack([found[:, :-1], np.exp(found[:, -1])])
 
     return Scaled((x - a) / b, (y - c) / d, lambda new: (_inputs(new) - a) / b, outputs)
 
@@ -45,11 +45,11 @@ def gaussian_process(change: np.ndarray, place: np.ndarray, force: np.ndarray) -
 
     Args:
         change: of the readings from rest [press, taxel].
-        place: of the presses [press].
+        place: of the presses [press], on a pad [press, 2].
         force: of the presses [press].
 
     Returns:
-        Place and force [press, 2] from changes of readings.
+        Place and, last, force [press, ...] from changes of readings.
     """
     data = _scaled(change, place, force)
     taxels = change.shape[1]
@@ -93,13 +93,13 @@ def network(
 
     Args:
         change: of the readings from rest [press, taxel].
-        place: of the presses [press].
+        place: of the presses [press], on a pad [press, 2].
         force: of the presses [press].
         hidden: units of a layer.
         nets: how many networks.
     """
     data = _scaled(change, place, force)
-    shapes = [(data.x.shape[1], hidden), (hidden, hidden), (hidden, 2)]
+    shapes = [(data.x.shape[1], hidden), (hidden, hidden), (hidden, data.y.shape[1])]
     ends = np.cumsum([a * b + b for a, b in shapes])
 
     def layers(w: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:

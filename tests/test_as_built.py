@@ -12,14 +12,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmarks.as_built import SKIN, Unit, summary
-from fitting.calibration.next_press import _solver
+from benchmarks.as_built import ELEMENTS, PLACE_ERROR, SKIN, Unit, summary
+from fitting.calibration.next_press import _solver, candidates_of, planned
 from fitting.calibration.plan import Press
-from fitting.sensor.model.as_built import as_built, as_built_names, press_errors
+from fitting.sensor.model.as_built import as_built, as_built_names, is_gain, press_errors
 from fitting.sensor.model.constants import SensorFamily, named, starting_values
+from fitting.sensor.shapes import scene_states
 from suas_jax import configure
-from suas_jax.config import input_errors, load_skin
+from suas_jax.config import continuous_inputs, input_errors, load_skin
 from suas_jax.config.input_errors import as_assembled
+from tests.test_pad_estimation import SKIN as PAD
 
 pytestmark = pytest.mark.long
 
@@ -54,7 +56,7 @@ def test_readings_by_all_constants_and_errors_of_presses_against_differences() -
 def test_ten_presses_find_a_unit(tmp_path: Path) -> None:
     configure()
     spec = load_skin(SKIN)
-    unit = Unit(spec, 0, PRESSES, 20)
+    unit = Unit(SKIN, 0, PRESSES, 20)
     own = unit.calibrated(unit.presses("planned", 10), tmp_path)
     # One joint uncertainty, and nothing assumed beside it.
     errors = input_errors(as_assembled(own))
@@ -65,3 +67,50 @@ def test_ten_presses_find_a_unit(tmp_path: Path) -> None:
     force, *_ = summary([unit.found(own)])
     drawn, *_ = summary([unit.found(spec)])
     assert force < min(3.0, drawn / 2)
+
+
+def test_ten_planned_presses_find_a_unit_of_a_pad(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Derivatives against differences, a plan, and the calibrated file of a small pad."""
+    configure()
+    monkeypatch.setattr(scene_states, "PAD_ELEMENTS", (10, 10))
+    monkeypatch.setitem(ELEMENTS, 3, (12, 12))
+    taxels = [
+        f'{{ angle = "{a} deg", axial = "{z} mm" }},' for a in range(-45, 46, 15) for z in
+        range(-36, 37, 18)
+    ]  # fmt: skip
+    file = tmp_path / "pad.toml"
+    file.write_text(PAD.replace("TAXELS", "\n".join(taxels)))
+    drawing = load_skin(file)
+    spec = as_built(drawing)
+    presses = (Press(0.3, 6.0, 0.01), Press(-0.4, 4.0, -0.02))
+    names = [name for name in as_built_names(spec) if not is_gain(name)]
+    parts = *(named(spec, name) for name in names), *press_errors(spec, 2, PLACE_ERROR)
+    family = SensorFamily(parts)
+    solver = _solver(spec, presses, family, lambda text: None)
+    at = starting_values(parts, [solver.stated(name) for name in family.names])
+    model = solver.at(at).model
+    exact = np.asarray(jax.jit(jax.jacfwd(model.so))(jnp.asarray(at)))
+    steps = {"stiffness": 1e-3, "mounting": 1e-6, "geometry.thickness.value.1.2": 1e-6}
+    for name, step in {**steps, "place.0": 1e-4, "axial.1": 5e-6, "push.1": 1e-4}.items():
+        i = family.names.index(name)
+        moved = at[:, None] + step * np.array([1, -1]) * (np.arange(len(at)) == i)[:, None]
+        high, low = (np.asarray(solver.at(x).model.so(jnp.asarray(x))) for x in moved.T)
+        found = (high - low) / (2 * step)
+        # The effect of transverse shear is kept, see `state_slopes`.
+        off = np.abs(found - exact[..., i]).max() / np.abs(found).max()
+        assert off < 0.03, (name, off)
+    plan = planned(candidates_of(drawing, 6.0, PLACE_ERROR), 10)
+    assert plan.accuracy[-1] < plan.accuracy[0] / 2
+    unit = Unit(file, 0, plan.presses, 1, 1, 6.0)
+    own = unit.calibrated(unit.presses("planned", 10), tmp_path)
+    record = own.calibration
+    assert record is not None
+    assert not any(map(is_gain, record.parameters))
+    mu = continuous_inputs(own)["material.mu"]
+    true = float(unit.skin.law.shear_modulus[0])
+    k = record.parameters.index("stiffness")
+    error = float(np.sqrt(record.covariance[k][k]))
+    assert error < 0.05
+    assert abs(mu / true - 1) < 4 * error

@@ -27,16 +27,18 @@ from fitting.sensor.model.as_built import (
     as_built,
     as_built_deviations,
     as_built_names,
+    is_gain,
     press_errors,
     shared_deviation,
 )
 from fitting.sensor.model.constants import SensorConstant, SensorFamily, named, with_constants
-from fitting.sensor.model.counts import SensorModel
+from fitting.sensor.model.counts import SensorModel, parts_of
 from fitting.sensor.report.skin_file import _set_as_built
+from fitting.sensor.shapes.taxel_face import TaxelFace
 from suas_jax.config import UncertainQuantity, continuous_inputs, load_skin
 from suas_jax.config.input_errors import input_errors
 from suas_jax.config.schema_calibration import CalibrationSpec
-from suas_jax.sensing.taxels import gains_of
+from suas_jax.sensing.taxels import DISC, gains_of
 
 RNG = np.random.default_rng(0)
 ROOT = Path(__file__).parent.parent
@@ -186,6 +188,25 @@ def test_shapes_are_linear_in_common_constants_and_in_each_state_s_own() -> None
     np.testing.assert_allclose(moved, expected, rtol=1e-12)
     jacobian = jax.jacfwd(lambda c: model._face(c).heights)(jnp.zeros(3))  # type: ignore[attr-defined]
     assert not np.asarray(jacobian)[:, :2, 2].any()
+
+
+def test_gains_of_all_channels_are_factors_on_their_counts() -> None:
+    """One array for all of them says what the inputs one by one say."""
+    spec = as_built(PAD)
+    names = [name for name in as_built_names(spec) if is_gain(name)]
+    family = SensorFamily(tuple(named(spec, name) for name in names))
+    inputs = {k: jnp.asarray(x) for k, x in continuous_inputs(spec).items()}
+    rays = len(parts_of(spec, inputs)[3].taxels.rays(DISC, parts_of(spec, inputs)[0]))
+    face = TaxelFace(jnp.full((rays, len(names), 1), -1e-3))
+    at, gain = jnp.ones(len(names)), jnp.asarray(1 + 0.02 * RNG.normal(size=len(names)))
+    model = SensorModel(inputs, face, None, at, jnp.full(1, jnp.nan), None, spec, family)
+    even, own = model.so(at), model.so(gain)
+    np.testing.assert_allclose(own, even * gain[:, None], rtol=1e-12)
+    *_, electrodes = parts_of(spec, inputs | dict(zip(names, gain, strict=True)))
+    np.testing.assert_allclose(electrodes.read_face(face).so, own, rtol=1e-12)
+    assert continuous_inputs(spec.model_copy(
+        update={"electrodes": spec.electrodes.with_equal_channels()}
+    )).keys() == inputs.keys() - set(names)  # fmt: skip
 
 
 @pytest.mark.parametrize("name", ["suas.toml", "suas-pad.toml"])

@@ -18,6 +18,7 @@ from fitting.material.experiments.data_checks import (
     warnings_of,
 )
 from fitting.material.experiments.history import HistoryTest
+from fitting.material.experiments.indentation_curve import _is_smooth, nodes_of
 from fitting.material.experiments.measurements import Origin, joined, mode_named
 from fitting.material.experiments.preview import _column, _test
 from fitting.material.experiments.selection import (
@@ -329,3 +330,20 @@ def test_a_scene_is_compared_with_the_stretches_of_the_data(
         assert words in text
     solved.report["status"] = "unstable"
     assert calibration.compare_with_scene(fit, place)[1][0] == "scene.toml: m"
+
+
+def test_an_indentation_between_few_solved_travels_is_a_polynomial_of_their_roots() -> None:
+    """F = a d^1.5 + b d^3, of degree 6 in the root, is exact; a wall's kink is none."""
+    travel = np.append(np.linspace(0, 4e-3, 41), 1e-3)
+
+    def force(d: np.ndarray) -> np.ndarray:
+        return 2e4 * d**1.5 + 1e8 * d**3
+
+    levels, weight = nodes_of(travel, 13)
+    assert len(levels) == 13
+    np.testing.assert_allclose(weight @ force(levels), force(travel), rtol=1e-10, atol=1e-12)
+    assert _is_smooth(levels, force(levels)[None])
+    assert not _is_smooth(levels, np.maximum(force(levels), force(np.array(3e-3)))[None])
+    few, alone = nodes_of(travel[::10], 13)
+    np.testing.assert_array_equal(few, np.unique(travel[::10]))
+    np.testing.assert_allclose(alone @ few, travel[::10])

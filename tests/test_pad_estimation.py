@@ -34,7 +34,8 @@ from fitting.inverse_load.report.text import posterior_json
 from fitting.sensor.fit.calibrate import fit_sensor
 from fitting.sensor.logs.data import load_sensor_data
 from fitting.sensor.logs.known_loads import KnownLoads
-from fitting.sensor.shapes import pad_deformations
+from fitting.sensor.shapes import scene_states
+from fitting.sensor.shapes.scene_states import SceneStates, Solved
 from fitting.statistics.posterior import Settings
 from fitting.workers import LocalWorkers
 from suas_jax.config import SkinSpec, continuous_inputs, load_skin
@@ -718,7 +719,7 @@ def test_a_path_on_a_pad_is_what_single_solves_say(folder: Path, solved: Solve) 
 def test_known_pokes_calibrate_the_electrodes_of_a_pad(
     folder: Path, spec: SkinSpec, contacts: np.ndarray, solved: Solve, patch: pytest.MonkeyPatch
 ) -> None:
-    patch.setattr(pad_deformations, "PAD_ELEMENTS", ELEMENTS)
+    patch.setattr(scene_states, "PAD_ELEMENTS", ELEMENTS)
     pokes = contacts[:4]
     so, _ = solved(pokes)
     stray, scale = 40.0, 1.07
@@ -738,20 +739,20 @@ def test_known_pokes_calibrate_the_electrodes_of_a_pad(
 
 
 @pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
-def test_a_known_displacement_is_met(
-    skin: Skin, solved: Solve, patch: pytest.MonkeyPatch
-) -> None:
-    patch.setattr(pad_deformations, "PAD_ELEMENTS", ELEMENTS)
+def test_a_known_displacement_is_met(spec: SkinSpec, patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(scene_states, "PAD_ELEMENTS", ELEMENTS)
     one = np.ones((1, 1))
     unknown = np.nan * one
     place = (0.3 * one, 0 * one)
 
-    def deformed(force: np.ndarray, displacement: np.ndarray) -> pad_deformations.PadDeformed:
+    inputs = continuous_inputs(spec)
+
+    def deformed(force: np.ndarray, displacement: np.ndarray) -> Solved:
         inner, axial = np.array([True]), -0.01 * one
         none = (0 * one, 0 * one)
         loads = KnownLoads(*place, force, displacement, inner, axial, DIAMETER * one, *none)
-        parts = (skin.geometry, skin.law, skin.oil, skin.electrodes)
-        return pad_deformations.deform_pad(loads, *parts)
+        states = SceneStates(spec, loads)
+        return states.solve(np.arange(1), loads, inputs, {}, (), None)
 
     given = deformed(5.0 * one, unknown)
     again = deformed(unknown, given.displacement)

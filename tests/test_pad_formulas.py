@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fitting.inverse_load.pad import stiffening
-from fitting.inverse_load.pad.columns import LEVELS, Column, _reach, largest_forces
+from fitting.inverse_load.pad.columns import LEVELS, Column, _reach, grid, largest_forces
 from fitting.inverse_load.pad.finer_mesh import force_surplus
 from fitting.inverse_load.pad.fitter import AskewFitter, PadFitter
 from fitting.inverse_load.pad.input_errors import PadErrors, gap_line
@@ -28,7 +28,15 @@ from fitting.inverse_load.pad.spline import SplineBasis, TensorSpline
 from fitting.inverse_load.pad.stiffening import Stiffening
 from fitting.inverse_load.pad.table import PadTable, reciprocal
 from fitting.inverse_load.pad.table_build import _between, edge_of
+from fitting.inverse_load.pad.uneven import (
+    PROBES,
+    Line,
+    _changed,
+    force_shares,
+    misfit,
+)
 from suas_jax.config import InputErrors, SkinSpec, load_skin
+from suas_jax.config.geometry import SheetSpec
 from suas_jax.config.input_errors import value_of
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.scene.skin import skin_of
@@ -106,6 +114,40 @@ def linear_table(
     )
 
 
+# --- the table of a pad that is not its own mirror image ---
+
+
+def test_a_softer_unit_is_the_even_pad_under_more_force_with_taxels_of_its_own() -> None:
+    """U = 2e-3 - 2e-5 k F (1 + angle + 20 axial) (1 + taxel), k = 0.9 of the even pad's."""
+    table, softness = linear_table(), 0.9
+    rest = np.full(3, 1e-3)
+    of_even = Line(np.zeros(3), rest, np.ones(3))
+    of_unit = Line(np.full(3, 5.0), 2 * rest, np.full(3, 2.0))
+
+    def read(loads: Any) -> Any:
+        angle, axial, force = loads.T
+        place = softness * force * (1 + angle + 20 * axial)
+        return 5 + 1 / (2e-3 - 2e-5 * place[:, None] * np.array([1, 2, 3]))
+
+    places = grid(np.array([-0.3, 0.1]), np.array([-0.02, 0.03]))
+    force = 8.0 * LEVELS[LEVELS != 0] * np.ones((4, 1))
+    loads = np.column_stack([np.repeat(places, force.shape[1], 0), force.reshape(-1)])
+    so = of_unit.seen_by(of_even, read(loads).reshape(*force.shape, 3))
+    found = Column(so, 0 * force, 0 * force, np.ones(force.shape, bool))
+    np.testing.assert_allclose(
+        force_shares(table, places, force, found), softness - 1, atol=1e-6
+    )
+    assert misfit(table, places, force, found) < 1e-6
+    share = np.full((*PROBES, len(LEVELS) - 1), softness - 1)
+    nodes = np.linspace(-0.4, 0.4, PROBES[0]), np.linspace(-0.04, 0.04, PROBES[1])
+    unit = PadInterpolant(
+        _changed(table, (of_even, of_unit), TensorSpline.through(nodes, share))
+    )
+    seen = unit(loads, 1).readings
+    np.testing.assert_allclose(seen[:, :-1], read(loads), rtol=1e-6)
+    np.testing.assert_allclose(seen[:, -1], 100 * loads[:, 2], rtol=1e-6)
+
+
 # --- errors of the inputs -----------------------------------------------------------------
 
 
@@ -119,6 +161,14 @@ def test_line_of_the_gap_is_that_of_parallel_plates(spec: SkinSpec) -> None:
     )
     np.testing.assert_allclose(slope, BY_GAP / 2, rtol=1e-9)
     np.testing.assert_allclose(rest, AT_REST - BY_GAP * (GAP - 4e-3 / 2), rtol=1e-9)
+
+
+def test_line_of_a_gap_that_is_a_table_is_the_same(spec: SkinSpec) -> None:
+    gap = SheetSpec(arc=(0.0, 1.0), axial=(0.0, 1.0), value=((GAP, GAP), (GAP, GAP)))
+    geometry = spec.geometry.model_copy(update={"oil_gap": gap})
+    found = gap_line(spec.model_copy(update={"geometry": geometry}), {})
+    for own, expected in zip(found, gap_line(spec, {}), strict=True):
+        np.testing.assert_allclose(own, expected, rtol=1e-9)
 
 
 ERRORS = {  # path: (deviation, d stray, da, db / b, relative change of stiffness)

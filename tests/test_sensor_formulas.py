@@ -11,7 +11,7 @@ from fitting.sensor.fit import checks, priors
 from fitting.sensor.fit.residuals import Prior, SensorProblem, bounds_of
 from fitting.sensor.fit.result import _ratio, _taken_out
 from fitting.sensor.fit.search import _kept, _spread
-from fitting.sensor.logs.data import NoCalibration
+from fitting.sensor.logs.data import NoCalibration, _forget_idle_places
 from fitting.sensor.logs.known_inputs import check_known, fluid_name, permittivities
 from fitting.sensor.logs.readings import ROUNDING, LoggedCounts, _first_noise, measured_noise
 from fitting.sensor.model.constants import SensorConstant, SensorFamily, is_gap, moves_membrane
@@ -561,3 +561,24 @@ def test_known_inputs_beyond_the_skin_are_refused(
     hole: Any = SimpleNamespace(values={(1, "angle"): np.zeros(1)}, names={})
     with pytest.raises(ValueError, match="numbered from 0"):
         check_known(spec, hole, "log")
+
+
+def test_states_at_rest_have_no_place() -> None:
+    """Rows: angle, direction, force, displacement, axial, diameter, depth, radius."""
+    nan = np.nan
+    table = np.array(
+        [
+            [0.1, 0.2, 0.3, 0.4],
+            [0.0, 0.1, 0.0, 0.0],
+            [0.0, 5.0, nan, nan],
+            [nan, nan, 1e-3, nan],
+            [0.01, 0.02, 0.03, 0.04],
+            [6e-3, 6e-3, 6e-3, 6e-3],
+            [0.0, 0.0, 0.0, -1e-4],
+            [0.0, 0.0, 0.0, 0.01],
+        ]
+    )[:, None]
+    expected = table.copy()
+    expected[[0, 1, 4, 5], :, 0] = expected[[0, 1, 4, 5], :, 3] = 0.0
+    _forget_idle_places(table)
+    np.testing.assert_array_equal(table, expected)

@@ -24,6 +24,7 @@ from fitting.statistics.diagnostics import (
 from fitting.statistics.least_squares import (
     Minima,
     _is_minimum,
+    compressed,
     judged,
     minimise_one_by_one,
 )
@@ -726,3 +727,15 @@ def test_settings_that_make_no_chain_are_refused() -> None:
         with pytest.raises(ValueError, match="at least one"):
             Settings(**wrong)  # type: ignore[arg-type]
     assert dataclasses.replace(Settings(), steps=1, check=1).steps == 1
+
+
+@pytest.mark.parametrize("n", [5, 40])
+def test_residuals_are_compressed_without_a_change_of_cost_or_step(n: int) -> None:
+    r, J = RNG.normal(size=n), RNG.normal(size=(n, 4))
+    short, slope = compressed(r, J)
+    assert len(short) == min(n, 5)
+    assert short @ short == pytest.approx(r @ r, rel=1e-12)
+    np.testing.assert_allclose(slope.T @ short, J.T @ r, rtol=1e-10)
+    np.testing.assert_allclose(slope.T @ slope, J.T @ J, rtol=1e-10)
+    nothing = np.full(n, np.nan)
+    assert compressed(nothing, J)[0] is nothing

@@ -143,6 +143,28 @@ def solved_by_scipy(
     )
 
 
+def compressed(r: np.ndarray, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Few residuals with the cost, the gradient and the steps of many.
+
+    With J = Q R they are Q^T r and, last, the length of what of r no step changes.
+
+    Args:
+        r: residuals [n].
+        J: their derivatives [n, p].
+
+    Returns:
+        As many residuals as parameters and one more, and their derivatives; those given where
+        they are hardly more or no numbers.
+    """
+    n, p = J.shape
+    if n <= 2 * p or not (np.all(np.isfinite(r)) and np.all(np.isfinite(J))):
+        return r, J
+    Q, R = np.linalg.qr(J)
+    along = Q.T @ r
+    rest = np.sqrt(max(float(r @ r - along @ along), 0.0))
+    return np.append(along, rest), np.vstack([R, np.zeros(p)])
+
+
 def _finished(residuals: AbstractResiduals, found: Minima) -> Minima:
     """Starts of which the best few are brought to the bottom of a long valley."""
     theta, cost, _, decrease = (part.copy() for part in found)
@@ -176,7 +198,7 @@ def minimise_one_by_one(
 
     def at(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         try:
-            return by_theta(residuals, theta)
+            return compressed(*by_theta(residuals, theta))
         except jax.errors.JaxRuntimeError:  # an equilibrium inside that has no numbers
             none = np.full(len(residuals.value), np.nan)
             return none, np.zeros((len(none), theta.size))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, Self, TypeAlias
 
 from pydantic import ValidationInfo, field_validator
 
@@ -139,6 +139,15 @@ class ElectrodesSpec(Spec):
     modules: Annotated[tuple[ModuleSpec, ...], at_most(MOST_TAXELS // MODULE_TAXELS)] = (
         file_key('[ { angle = "0 deg" } ]', (), validate_default=True)
     )
+
+    def with_equal_channels(self) -> Self:
+        """The same electrodes, all channels of gain one."""
+        taxels = tuple(
+            TaxelSpec(**{key: getattr(t, key) for key in t.model_fields_set - {"gain"}})
+            for t in self.taxels
+        )
+        modules = tuple(m.model_copy(update={"gains": ()}) for m in self.modules)
+        return self.model_copy(update={"taxels": taxels, "modules": modules})
 
     @property
     def taxels_by_module(self) -> dict[int, int]:

@@ -1,6 +1,6 @@
 """Indentation curves: a scene solved at one travel of its bodies after the other."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -57,12 +57,25 @@ class IndentationCurve(NamedTuple):
             rows.append(report_of(self.scene, plain(point.report), outcome))
         return rows
 
-    def follow(self, depths: np.ndarray, counts: tuple[int, ...]) -> list[Point]:
-        """Solutions at given travels [m] on one mesh, each from the one before."""
+    def follow(
+        self,
+        depths: np.ndarray,
+        counts: tuple[int, ...],
+        starts: Sequence[State] | None = None,
+    ) -> list[Point]:
+        """Solutions at given travels [m] on one mesh, each from the one before.
+
+        Args:
+            depths: the travels.
+            counts: size of the mesh.
+            starts: states near the solutions, instead of those before them.
+        """
         points: list[Point] = []
         start = None
         for k, depth in enumerate(depths):
-            if start is not None:
+            if starts is not None:
+                start = starts[k]
+            elif start is not None:
                 start = self._near(start, depths[k - 1], depth)
             points.append(self._solved(depth, counts, start, wall=self.wall))
             found = number(points[-1].outcome["result"]) == 0

@@ -19,7 +19,7 @@ import numpy as np
 from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
-from fitting.inverse_load.pad.rest import rest_readings, stray_counts
+from fitting.inverse_load.pad.rest import film_readings, stray_counts
 from fitting.inverse_load.pad.stiffening import stiffening_of
 from fitting.inverse_load.pad.table import PadTable
 from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
@@ -32,7 +32,8 @@ _WIDE_PLACE, _WIDE_FORCE = (
     2.0,
 )  # those by extent beyond the table's disc, the latter [1/m]
 _SMALL = 1e-3  # of a standard deviation, for derivatives at rest
-_ELECTRICAL = ("electrodes.", "oil.relative_permittivity", "geometry.oil_gap")
+_GAP = "geometry.oil_gap"
+_ELECTRICAL = ("electrodes.", "oil.relative_permittivity", _GAP)
 
 
 class PadErrors(AbstractSystematicErrors):
@@ -140,17 +141,19 @@ class PadErrors(AbstractSystematicErrors):
 
 
 def gap_line(spec: SkinSpec, inputs: Mapping[str, float]) -> tuple[Floats, Floats, Floats]:
-    """Stray counts, a and b of 1 / (SO - stray) = a + b w [taxel].
+    """Stray counts, a and b of 1 / (SO - stray) = a + b w [taxel], w from the undeformed pad.
 
     Args:
         spec: the pad.
         inputs: electrical ones that replace its own, by TOML path.
     """
-    gap = inputs.get("geometry.oil_gap", continuous_inputs(spec)["geometry.oil_gap"])
-    step = 1e-4 * gap
+    own = {**continuous_inputs(spec), **inputs}
+    gaps = {p: x for p, x in own.items() if p == _GAP or p.startswith(f"{_GAP}.value.")}
+    step = 1e-4 * spec.geometry.mean_gap
     values = []
-    for at in (gap - step, gap, gap + step):
-        skin = skin_of(spec, {**inputs, "geometry.oil_gap": at}, contact=False)
+    for shift in (-step, 0.0, step):
+        moved = {path: gap + shift for path, gap in gaps.items()}
+        skin = skin_of(spec, {**inputs, **moved}, contact=False)
         stray = stray_counts(skin)
-        values.append(1 / (rest_readings(skin) - stray))
+        values.append(1 / (film_readings(skin) - stray))
     return stray, values[1], (values[2] - values[0]) / (2 * step)

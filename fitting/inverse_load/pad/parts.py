@@ -19,6 +19,7 @@ from fitting.inverse_load.pad.interpolant import PLAIN, PadInterpolant
 from fitting.inverse_load.pad.marginal import BESIDE, Told
 from fitting.inverse_load.pad.table import PadTable
 from fitting.inverse_load.pad.table_build import FINE, PadResolution, pad_table_of
+from fitting.inverse_load.pad.uneven import even_spec
 from fitting.inverse_load.search.base import AbstractNodeSearch
 from fitting.inverse_load.search.pairs import PairSearch
 from fitting.statistics.log_probability import NumpyBatch
@@ -196,11 +197,10 @@ def pad_parts(
         resolution: of the tables.
     """
     skin = skin_of(spec, elements=resolution.elements, contact=False)
-    if not (skin.geometry.symmetric and spec.geometry.mirrored_along_axis):
+    if not skin_of(even_spec(spec), contact=False).geometry.symmetric:
         raise ValueError(
             "loads on a pad are estimated from a table of a quarter of it, which takes a "
-            "section that is its own mirror image, and a thickness and an oil gap that are "
-            "the same on both sides of the crown and of mid-width"
+            "section that is its own mirror image"
         )
     middle = _table(spec, diameter or _DIAMETER, progress, workers, resolution)
     radius = float(skin.geometry.outer_size[0])

@@ -13,8 +13,15 @@ def rest_readings(skin: Skin) -> Floats:
     if skin.prestressed:
         none = Loads.patch(0.0, 0.0, 0.0, float(skin.geometry.thickness[0]))
         return np.asarray(forward(skin, none).so)[:, 0]
-    so = skin.electrodes.read_even_film(skin.geometry.oil_gap)
-    return np.broadcast_to(np.asarray(so)[:, 0], (len(skin.electrodes.taxels.angle),)).copy()
+    return film_readings(skin)
+
+
+def film_readings(skin: Skin) -> Floats:
+    """Readings of the undeformed pad [taxel] [counts]."""
+    taxels = skin.electrodes.taxels
+    gap = skin.geometry.gap(taxels.angle, taxels.axial)
+    so = skin.electrodes.read_even_film(gap)
+    return np.broadcast_to(np.asarray(so)[:, 0], (len(taxels.angle),)).copy()
 
 
 def stray_counts(skin: Skin) -> Floats:

@@ -21,6 +21,7 @@ from fitting.inverse_load.pad.mirror import mirror_images, mirrored
 from fitting.inverse_load.pad.rest import rest_readings, stray_counts
 from fitting.inverse_load.pad.spline import TensorSpline
 from fitting.inverse_load.pad.table import PadTable, reciprocal
+from fitting.inverse_load.pad.uneven import Line, even_spec, uneven_table
 from suas_jax.config import SkinSpec, continuous_inputs, structure
 from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.runtime.content_key import content_key, source_digest
@@ -61,6 +62,9 @@ def pad_table_of(
 ) -> PadTable:
     """The table of a pad, from the cache where it is there.
 
+    That of a pad whose thickness or gap differ from side to side is made from an even pad's,
+    see `fitting.inverse_load.pad.uneven`.
+
     Args:
         spec: the pad, with electrodes.
         diameter: of the contacts [m].
@@ -79,9 +83,17 @@ def pad_table_of(
             "source": source_digest(),
         }
     )
-    found = kept_arrays(
-        name, lambda: vars(build_pad_table(skin, diameter, resolution, progress, workers))
-    )
+    how = diameter, resolution, progress, workers
+
+    def made() -> PadTable:
+        if spec.geometry.mirrored_along_axis and skin.geometry.symmetric:
+            return build_pad_table(skin, *how)
+        even = even_spec(spec)
+        of_even = Line.of(even, skin_of(even, elements=resolution.elements, contact=False))
+        table = pad_table_of(even, diameter, resolution, progress=progress, workers=workers)
+        return uneven_table(table, (of_even, Line.of(spec, skin)), skin, progress)
+
+    found = kept_arrays(name, lambda: vars(made()))
     return PadTable(**{**found, "diameter": float(found["diameter"])})  # type: ignore[arg-type]
 
 

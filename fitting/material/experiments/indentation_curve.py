@@ -1,12 +1,13 @@
 """A whole skin under a rigid body as test specimen: travel in, force and oil pressure read.
 
-The corrected shell of a section or of a pad is solved at every travel. A section's travels are
-the lanes of one call, a pad's are solved one after the other. Derivatives are those of the
-equilibrium: nothing that led to it is differentiated.
+The corrected shell of a section or of a pad is solved at every travel, or at a few if a
+polynomial through them is as good. A section's travels are the lanes of one call, a pad's are
+solved one after the other. Derivatives are those of the equilibrium: nothing that led to it is
+differentiated.
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import ClassVar, TypeVar
 
 import equinox as eqx
@@ -40,6 +41,8 @@ from suas_jax.scene.structure import Structure
 
 ZERO = "zero of the travel"
 """Name of what is no input of the scene: where the body first touches."""
+_NODES = 13  # travels that stand for more of them, and every second for the error
+_SMOOTH = 1e-4  # of the largest reading: largest error by what is between them
 _NEAR = 1.4  # factor of the modulus within which the scene's own states are starts
 
 Found = TypeVar("Found")
@@ -50,12 +53,12 @@ class BodyCurve(AbstractExperiment):
 
     costly: ClassVar[bool] = True
 
-    sized_by: ClassVar = "lane"
+    sized_by: ClassVar = "channel"
     meshes: Meshes  # of the solve
     inputs: dict[str, Array]  # the scene's numbers by TOML path, SI; its material is replaced
-    travel: Float[Array, " level"]  # beyond first touch, each of them once [m]
+    travel: Float[Array, " level"]  # beyond first touch, where the skin is solved [m]
     start: State  # states near the solutions, one a level
-    lane: Int[Array, " n"]  # which travel a reading belongs to
+    weight: Float[Array, "n level"]  # of the solved states in a reading
     channel: Int[Array, " n"]  # 0 for the force [N], 1 for oil pressure [Pa]
     scene: Structure = eqx.field(static=True)  # skin and body
 
@@ -76,7 +79,7 @@ class BodyCurve(AbstractExperiment):
             return self.read(law, travel, found.state), found.result
 
         both, result = self._each(one)
-        return jnp.where(result == 0, both, jnp.nan)[self.channel, self.lane]
+        return self._between(jnp.where(result == 0, both, jnp.nan))
 
     def read(self, law: AbstractLaw, travel: Array, state: State) -> Float[Array, "2 lane"]:
         """Force [N] and pressure [Pa] of known states, with their derivatives."""
@@ -95,7 +98,12 @@ class BodyCurve(AbstractExperiment):
     def at_start(self, law: AbstractLaw) -> Float[Array, " n"]:
         """Readings of the starts, taken as the equilibria of a law."""
         both = self._each(lambda travel, start: self.read(law, travel, start))
-        return both[self.channel, self.lane]
+        return self._between(both)
+
+    def _between(self, both: Float[Array, "2 level"]) -> Float[Array, " n"]:
+        """Readings from those of the solved states, which count where they have a weight."""
+        known = jnp.where(self.weight == 0, 0.0, both[self.channel])
+        return jnp.sum(self.weight * known, 1)
 
     @property
     def _wall(self) -> bool:
@@ -145,25 +153,26 @@ def body_specimen(
     channel (0 for the force, 1 for oil pressure) and value [N, Pa], each [n].
     Raises DataError: the skin doesn't bear these travels with the scene's material.
     """
-    levels, lane = np.unique(travel, return_inverse=True)
     depth = next(f"load.{i}.depth" for i, load in enumerate(scene.loads) if load.kind == "body")
-    spec = with_inputs(with_solve(scene, model="shell"), {depth: float(levels[-1])})
+    deepest = float(np.max(travel))
+    spec = with_inputs(with_solve(scene, model="shell"), {depth: deepest})
     found = solve(spec)
     if not found.converged:
         raise DataError(
-            f"--scene: pressed {1e3 * levels[-1]:.4g} mm deep with its own material the skin's "
+            f"--scene: pressed {1e3 * deepest:.4g} mm deep with its own material the skin's "
             f"status is {found.report['status']}: {found.report['message']}"
         )
-    ratio, scale = 1.0, 1.0
+    # A section's travels are lanes: they cost little.
+    most = _NODES if scene.geometry.dimension == 3 else len(travel)
+    levels, weight = nodes_of(travel, most)
+    points = _followed(found.scene, found, depth, levels)
+    if len(levels) < len(np.unique(travel)) and not _is_smooth(levels, _readings(points)):
+        levels, weight = nodes_of(travel, len(travel))
+        points = _followed(found.scene, found, depth, levels)
+    scaled, scale = found.scene, 1.0
     for _ in range(2):
-        scaled = with_inputs(found.scene, _scaled(found.scene, scale))
-        points = _followed(scaled, found, depth, levels)
-        reports = [plain(point.report) for point in points]
-        forces = [
-            next(x["force_N"] for x in report["loads"] if "depth_m" in x) for report in reports
-        ]
-        known = np.array([forces, [report["oil_pressure_Pa"] for report in reports]])
-        ratio = float(np.median(value / known[channel, lane]))
+        known = _readings(points)
+        ratio = float(np.median(value / (weight * known[channel]).sum(1)))
         if not ratio > 0.0:
             raise DataError(
                 "--data indentation: force or oil pressure has the opposite sign of the "
@@ -172,18 +181,21 @@ def body_specimen(
         if 1 / _NEAR < ratio < _NEAR:
             break
         scale *= ratio
+        scaled = with_inputs(found.scene, _scaled(found.scene, scale))
+        points = _followed(scaled, found, depth, levels, [point.part for point in points])
     known_scene = prepared(scaled, "shell", found.plan.counts)
     curve = BodyCurve(
         known_scene.meshes,
         {path: jnp.asarray(x) for path, x in known_scene.inputs.items()},
         jnp.asarray(levels),
         jax.tree.map(lambda *x: jnp.concatenate(x, -1), *(point.part for point in points)),
-        jnp.asarray(lane),
+        jnp.asarray(weight),
         jnp.asarray(channel),
         structure_of(scaled, wall=found.wall),
     )
     law = jax.tree.map(lambda x: x[..., 0], law_of(scaled, curve.inputs))
-    ends = reports[-1]["stretch_max"], 1 / reports[-1]["stretch_min"]
+    last = plain(points[-1].report)
+    ends = last["stretch_max"], 1 / last["stretch_min"]
     return BodySpecimen(
         curve,
         float(law.shear_modulus) * ratio,
@@ -191,6 +203,53 @@ def body_specimen(
         found.report["error_estimate"] or 0.0,
         *_by_inputs(curve, law),
     )
+
+
+def nodes_of(travel: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """Travels at which to solve, and their weights in readings at others [n, level].
+
+    The readings are a polynomial of the travel's root through Chebyshev's points (Lagrange's
+    formula, barycentric), which follows a contact that begins at a point.
+
+    Args:
+        travel: of each reading [m], shape [n].
+        most: up to so many different travels are solved as they are.
+    """
+    levels, lane = np.unique(travel, return_inverse=True)
+    if len(levels) <= most:
+        return levels, np.eye(len(levels))[lane.reshape(-1)]
+    ends = np.sqrt(np.maximum(levels[[0, -1]], 0.0))
+    nodes = ends[0] + (ends[1] - ends[0]) * (1 - np.cos(np.linspace(0, np.pi, most))) / 2
+    return nodes**2, lagrange(nodes, np.sqrt(np.maximum(travel, 0.0)))
+
+
+def lagrange(nodes: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Weights of values at Chebyshev's nodes in the polynomial through them [x, node]."""
+    sign = (-1.0) ** np.arange(len(nodes))
+    sign[[0, -1]] /= 2
+    apart = x[:, None] - nodes
+    hit = np.abs(apart) < 1e-12 * np.ptp(nodes)
+    weight = sign / np.where(hit, 1.0, apart)
+    weight = weight / weight.sum(1, keepdims=True)
+    return np.where(hit.any(1, keepdims=True), hit, weight)
+
+
+def _is_smooth(levels: np.ndarray, readings: np.ndarray) -> bool:
+    """Whether a polynomial through every second state finds those between.
+
+    With twice as many nodes its error is squared, relative to the largest reading.
+    """
+    root = np.sqrt(levels)
+    found = readings[:, ::2] @ lagrange(root[::2], root).T
+    apart = np.abs(found - readings).max(1) / np.abs(readings).max(1)
+    return bool((apart**2 < _SMOOTH).all())
+
+
+def _readings(points: list[Point]) -> np.ndarray:
+    """Force [N] and oil pressure [Pa] of solved states [2, level]."""
+    reports = [plain(point.report) for point in points]
+    forces = [next(x["force_N"] for x in r["loads"] if "depth_m" in x) for r in reports]
+    return np.array([forces, [report["oil_pressure_Pa"] for report in reports]])
 
 
 def _scaled(scene: SceneSpec, scale: float) -> dict[str, float]:
@@ -204,14 +263,21 @@ def _scaled(scene: SceneSpec, scale: float) -> dict[str, float]:
     }
 
 
-def _followed(scene: SceneSpec, found: Solution, depth: str, levels: np.ndarray) -> list[Point]:
+def _followed(
+    scene: SceneSpec,
+    found: Solution,
+    depth: str,
+    levels: np.ndarray,
+    starts: Sequence[State] | None = None,
+) -> list[Point]:
     """Solutions at all travels, on the mesh of the deepest one.
 
+    Each starts from the state of the one before, or near a given one.
     Raises DataError: there is none at one of them.
     """
     model = MODELS[scene.geometry.dimension]["shell"]
     curve = IndentationCurve(scene, {depth: 1.0}, model, found.plan, found.wall)
-    points = curve.follow(levels, found.plan.counts)
+    points = curve.follow(levels, found.plan.counts, starts)
     for level, point in zip(levels, points, strict=True):
         result = int(number(point.outcome["result"]))
         if result:

@@ -61,10 +61,6 @@ _SAME, _SAME_AS_BUILT = 1e-7, 0.02  # of a constant's size, or of its prior's de
 # LoggedCounts are left out where the membrane would touch the wall in a gap smaller by this.
 _NEAR_CONTACT = 0.85
 _FIELD_ROUNDS = 2
-_UNTRIED = (
-    "as built on a pad: found as on sections, but not yet measured on simulated pads; verify "
-    "it by known presses that took no part"
-)
 _UNSTEADY = (
     f"the shapes still change after {_ROUNDS} rounds: the constants that move the membrane are "
     "far from the skin file's; put better values into it"
@@ -173,7 +169,6 @@ def fit_sensor(
     settled = _settled(problem, found, shapes, touching, solver, stated, progress)
     problem, found, shapes, touching, steady = settled
     warnings = [*data.warnings, *solver.warnings, "" if steady else _UNSTEADY]
-    warnings.append(_UNTRIED if own and drawing.geometry.dimension == 3 else "")
     drifts = drift_warning(problem, found.constants)
     if drifts:
         warnings.append(drifts)

@@ -217,6 +217,10 @@ def _barely_told(
         for name, share in zip(problem.family.names, left, strict=True)
         if share > _BARELY and not is_press_error(name)
     ]
+    gains = [name for name in names if is_gain(name)]
+    if len(gains) > 1:
+        names = [name for name in names if name not in gains]
+        names.append(f"the gains of {len(gains)} channels")
     return (
         [f"the presses tell little beyond the drawing of {', '.join(names)}"] if names else []
     )

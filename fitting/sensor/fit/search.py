@@ -7,7 +7,7 @@ import numpy as np
 
 from fitting.sensor.fit.residuals import SensorProblem
 from fitting.sensor.logs.data import NoCalibration
-from fitting.statistics.least_squares import Minima, minimise
+from fitting.statistics.least_squares import Minima, minimise, minimise_one_by_one
 
 _LANES = 2
 _SPREAD = 0.05
@@ -62,7 +62,11 @@ def search(
     while True:
         centre = np.asarray(family.unconstrained(jnp.asarray(start)))
         spread[:, list(held)] = 0.0
-        minima = minimise(problem.residuals(weight, held), centre + spread, lanes=_LANES)
+        residuals = problem.residuals(weight, held)
+        if problem.correlation is not None:  # all have priors: one minimum, of many constants
+            minima = minimise_one_by_one(residuals, centre[None])
+        else:
+            minima = minimise(residuals, centre + spread, lanes=_LANES)
         if not np.isfinite(minima.cost[0]):
             raise NoCalibration(
                 "no constants give finite counts: check the skin file, the units of the known "

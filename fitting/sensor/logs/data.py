@@ -195,6 +195,7 @@ def _joined(spec: SkinSpec, parts: Sequence[AlignedLog], joint: bool) -> SensorD
                 f"load {load}: displacements of the mid-surface and of the inner face are "
                 "mixed; give one kind in all logs"
             )
+    _forget_idle_places(table)
     permittivity = np.concatenate([p.permittivity for p in parts])
     rows = np.concatenate([table.reshape(len(table) * count, -1), permittivity[None]]).T
     # NaN is no value that rows could be told apart by; it stands for "not this kind".
@@ -227,6 +228,13 @@ def _joined(spec: SkinSpec, parts: Sequence[AlignedLog], joint: bool) -> SensorD
         tuple(warnings),
         all(p.simulated for p in parts),
     )
+
+
+def _forget_idle_places(table: np.ndarray) -> None:
+    """Where nothing is pressed the place says nothing: one state at rest stands for all."""
+    idle = (np.nan_to_num(table[2]) == 0) & np.isnan(table[3]) & (table[6] <= 0)
+    places = [0, 1, 4, 5]
+    table[places] = np.where(idle, 0.0, table[places])
 
 
 def _only_bodies(table: np.ndarray, parts: Sequence[AlignedLog], warnings: list[str]) -> None:

@@ -48,9 +48,11 @@ PLACE_ERROR = 1e-3
 """Standard deviation of a known place where none is stated [m]."""
 FORCE_ERROR = 2e-3
 """The same of a known force, relative: of a kitchen scale."""
+GAIN_ERROR = 0.01
+"""The same of a channel's gain, before the gains themselves tell it."""
 
 _TOLERANCE, _REACH = 0.03, 0.25
-_STIFFNESS, _PERMITTIVITY, _GAIN = 0.10, 0.022, 0.01  # relative; the scale's is in the second
+_STIFFNESS, _PERMITTIVITY = 0.10, 0.022  # relative; the scale's is in the second
 _USUAL_GAINS = 8
 _EXACT = 1e-6
 _TABLES = ("thickness", "oil_gap")
@@ -155,7 +157,7 @@ def as_built_deviations(
         if _is_node(part.name):
             found[part.name] = np.sqrt(2) * shares[part.name.split(".")[1]] * part.size
         elif is_gain(part.name):
-            found[part.name] = _GAIN
+            found[part.name] = GAIN_ERROR
         elif part.name in own:
             found[part.name] = own[part.name] * part.size
         elif is_press_error(part.name):
@@ -187,5 +189,5 @@ def shared_deviation(values: Floats, variances: Floats) -> float:
     for n numbers, the usual t_0 = 1 % counting as m = 8 further ones. Repeated with the
     posteriors under N(1, t^2) it ends at the most probable t.
     """
-    total = np.sum((values - 1) ** 2 + variances) + _USUAL_GAINS * _GAIN**2
+    total = np.sum((values - 1) ** 2 + variances) + _USUAL_GAINS * GAIN_ERROR**2
     return float(np.sqrt(total / (len(values) + _USUAL_GAINS)))

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from fitting.sensor.model.as_built import is_gain
 from fitting.sensor.model.constants import LAYERS, SensorFamily, with_constants
 from suas_jax.config import SkinSpec
 from suas_jax.constitutive import AbstractLaw
@@ -86,7 +87,17 @@ class SensorModel(eqx.Module):
 
     def so(self, constants: Float[Array, " p"]) -> Float[Array, "taxel state"]:
         """Continuous counts, without offsets and drift; NaN where the wall is touched."""
-        *_, electrodes = parts_of(self.spec, self.numbers(constants))
+        numbers, names = self.numbers(constants), self.family.names
+        assert self.spec.electrodes is not None
+        gains = [i for i, name in enumerate(names) if is_gain(name)]
+        if len(gains) < sum(self.spec.electrodes.taxels_by_module.values()):
+            gains = []
+        # Hundreds of gains are one array, not as many inputs.
+        numbers |= dict.fromkeys((names[i] for i in gains), 1.0)
+        *_, electrodes = parts_of(self.spec, numbers)
+        if gains:
+            whole = constants[jnp.array(gains)][:, None]
+            electrodes = eqx.tree_at(lambda e: e.lsb, electrodes, electrodes.lsb / whole)
         if self.gap_of is not None:
             single = electrodes.geometry.oil_gap - constants[jnp.array(self.gap_of)][:, None]
             electrodes = eqx.tree_at(

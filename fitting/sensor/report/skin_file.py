@@ -173,8 +173,14 @@ def _record(skin: Path, fit: SensorFit) -> Any:
         + [f"Python {platform.python_version()}"]
     )
     family, judged = fit.family, fit.uncertainty
-    # Errors of places are the presses', not the skin's.
-    own = [i for i, name in enumerate(family.names) if not is_press_error(name)]
+    # Errors of places are the presses', not the skin's. What gains of a pad's hundreds of
+    # channels leave open is within the model's error of a reading.
+    pad = fit.data.spec.geometry.dimension == 3
+    own = [
+        i
+        for i, name in enumerate(family.names)
+        if not (is_press_error(name) or (pad and is_gain(name)))
+    ]
     table["parameters"] = [family.names[i] for i in own]
     table["units"] = [family.units[i] for i in own]
     table["values"] = [float(fit.constants[i]) for i in own]
@@ -184,7 +190,7 @@ def _record(skin: Path, fit: SensorFit) -> Any:
         f"{name}: {prior.mean:.6g} +- {prior.sd:.3g} {family.units[family.names.index(name)]}, "
         f"{prior.reason}"
         for name, prior in fit.priors.items()
-        if not is_press_error(name)
+        if name in table["parameters"]
     ]
     table["unidentifiable"] = list(fit.findings)
     if fit.offsets is not None:

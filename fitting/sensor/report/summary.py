@@ -15,9 +15,12 @@ from fitting.report.description import (
     quantity_text,
 )
 from fitting.sensor.fit.result import SensorFit
+from fitting.sensor.model.as_built import is_gain
 from fitting.sensor.model.constants import PATHS, is_press_error
 from suas_jax.acquisition.terminal import new_console
 from suas_jax.sensing.taxels import taxel_names
+
+_MANY_GAINS = 40  # channels whose gains are told together
 
 
 def sensor_report(fit: SensorFit) -> dict[str, Any]:
@@ -132,6 +135,14 @@ def _described(report: dict[str, Any], fit: SensorFit) -> Iterator[Part]:
     rows = []
     # The report has the errors of single presses; a person looks for the skin.
     skin = {k: v for k, v in report["parameters"].items() if not is_press_error(k)}
+    gains = [name for name in skin if is_gain(name)]
+    if len(gains) > _MANY_GAINS:
+        values = [skin.pop(name) for name in gains]
+        error = float(np.median([report["standard_errors"][name] for name in gains]))
+        yield Remark(
+            f"gains of {len(gains)} channels: {min(values):.4g} to {max(values):.4g}, median "
+            f"standard error {error:.2g}"
+        )
     for name, value in skin.items():
         unit, error = report["units"][name], report["standard_errors"][name]
         known = report["priors"].get(name)

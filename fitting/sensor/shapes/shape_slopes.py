@@ -4,7 +4,6 @@ With known forces f the shape's derivative is the equilibrium's. Where a displac
 known instead, the force follows the constant c so that u stays: df/dc = -(du/df)^-1 du/dc.
 """
 
-import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Self
 
@@ -15,20 +14,16 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from fitting.sensor.logs.known_loads import KnownLoads
-from fitting.sensor.model.constants import PLACE, PRESS_ERRORS, PUSH, with_constants
+from fitting.sensor.model.constants import PLACE, PUSH, with_constants
 from fitting.sensor.model.counts import parts_of
 from fitting.sensor.shapes.deformations import Deformed
-from fitting.sensor.shapes.pad_deformations import PadDeformed, TaxelFace, patches_of, respond
 from fitting.sensor.shapes.press import Press, first_only
 from suas_jax.config import SkinSpec
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import State, equilibrium
 from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.section import section_of
-from suas_jax.mesh.pad_plan import PadPlan
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.loads import Loads
-from suas_jax.scene.skin import PAD_ELEMENTS, Skin
 from suas_jax.skin.oil import AbstractOil
 
 
@@ -57,7 +52,7 @@ class Moving(eqx.Module):
 Shape = Callable[[Array, Array], tuple[Array, AbstractFace]]
 
 
-def _slopes(shape: Shape, values: Array, force: Array, wanted: Array) -> AbstractFace:
+def slopes_of(shape: Shape, values: Array, force: Array, wanted: Array) -> AbstractFace:
     """Derivatives of the faces by each constant, what is known kept.
 
     Args:
@@ -107,35 +102,7 @@ def _of_section(
         face = section_of(shell).face(shown.q)
         return moved.displacements(shell, shown.q), eqx.filter(face, eqx.is_inexact_array)
 
-    return _slopes(shape, moving.values, force, wanted)
-
-
-@eqx.filter_jit
-def _of_pad(
-    patches: Loads,
-    mesh: PadPlan | None,
-    inner: Array,
-    wanted: Array,
-    inputs: dict[str, Array],
-    moving: Moving,
-    spec: SkinSpec,
-    oil: AbstractOil | None,
-) -> AbstractFace:
-    def shape(values: Array, force: Array) -> tuple[Array, AbstractFace]:
-        parts = parts_of(spec, with_constants(spec, inputs, moving.names, values), oil)
-        skin = Skin(*parts, elements=PAD_ELEMENTS, mesh=mesh)
-        moved = {
-            name: getattr(patches, name) + first_only(force) * moving.shift(kind, values)
-            for kind, name in PRESS_ERRORS.items()
-            if kind != PUSH
-        }
-        push = 1 + first_only(force) * moving.shift(PUSH, values)
-        own = dataclasses.replace(patches, force=push * force, **moved)
-        heights, mid, below, _ = respond(skin, own)
-        below = jnp.where(inner, below, mid)
-        return below[:, None], TaxelFace(heights[..., None])
-
-    return _slopes(shape, moving.values, patches.force, wanted)
+    return slopes_of(shape, moving.values, force, wanted)
 
 
 def shape_slopes(
@@ -172,26 +139,4 @@ def shape_slopes(
         oil,
         once=True,
     )
-    return slopes
-
-
-def pad_shape_slopes(
-    shape: PadDeformed,
-    loads: KnownLoads,
-    spec: SkinSpec,
-    inputs: Mapping[str, Array],
-    moving: Mapping[str, float],
-    oil: AbstractOil | None,
-) -> AbstractFace:
-    """The same for a pad, state by state; see `shape_slopes`."""
-    numbers = with_constants(spec, inputs, moving, moving.values())
-    skin = Skin(*parts_of(spec, numbers, oil), elements=PAD_ELEMENTS)
-    found = []
-    for k in range(loads.states):
-        patches = patches_of(loads, k, shape.force[:, k])
-        wanted = jnp.asarray(np.isfinite(loads.displacement[:, k : k + 1]), float)
-        known = (jnp.asarray(loads.inner), wanted, dict(inputs), Moving.of(moving))
-        mesh = skin.around(patches).mesh
-        found.append(COMPILED.run(_of_pad, patches, mesh, *known, spec, oil))
-    slopes: AbstractFace = jax.tree.map(lambda *x: np.concatenate(x, -1), *found)
     return slopes

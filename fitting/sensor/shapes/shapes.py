@@ -22,14 +22,9 @@ from fitting.sensor.model.constants import (
     with_constants,
 )
 from fitting.sensor.model.counts import SensorModel, parts_of
-from fitting.sensor.shapes.body_deformations import (
-    BodyDeformed,
-    body_shape_slopes,
-    deform_by_bodies,
-)
 from fitting.sensor.shapes.deformations import Deformed, NoDeformation, deform
-from fitting.sensor.shapes.pad_deformations import PadDeformed, deform_pad
-from fitting.sensor.shapes.shape_slopes import pad_shape_slopes, shape_slopes
+from fitting.sensor.shapes.scene_states import SceneStates, Solved
+from fitting.sensor.shapes.shape_slopes import shape_slopes
 from fitting.sensor.shapes.solid_correction import (
     MOST_PLACES,
     SolidCorrection,
@@ -114,6 +109,8 @@ class ShapeSolver:
         self._shell = model == "shell" or (model == "auto" and data.simulated)
         self._air = self._answer_of(air)
         self._corrections: list[SolidCorrection] | None = None
+        alone = data.spec.geometry.dimension == 3 or loads.bodies
+        self._states = SceneStates(data.spec, loads, progress) if alone else None
         yields = data.spec.oil.yields or (self._air is not None and self._air.yields)
         self.moving = tuple(
             i
@@ -257,38 +254,26 @@ class ShapeSolver:
         moving: Mapping[str, float],
     ) -> "_Part":
         spec, loads = self._data.spec, loads.take(index)
-        inputs = with_constants(spec, held, moving, map(jnp.asarray, moving.values()))
-        if loads.bodies:
-            if self._latent:
-                raise NoCalibration(
-                    f"{self._data.paths}: a unit as it was built is found from presses of "
-                    "known force, not from a body's travel"
-                )
-            try:
-                pressed = deform_by_bodies(loads, spec, inputs, oil)
-            except NoDeformation as error:
-                raise NoCalibration(f"{self._data.paths}: {error}") from None
-            own = None
-            if moving:
-                own = body_shape_slopes(pressed, loads, spec, inputs, moving, oil)
-            return _Part(index, pressed, own)
-        geometry, law, answer, electrodes = parts_of(spec, inputs, oil)
-        moving = {**moving, **dict.fromkeys(self._latent, 0.0)}
-        numbers = spec, held, moving, oil
-        if self._data.spec.geometry.dimension == 3:
-            try:
-                found = deform_pad(loads, geometry, law, answer, electrodes)
-            except NoDeformation as error:
-                raise NoCalibration(f"{self._data.paths}: {error}") from None
-            slope = pad_shape_slopes(found, loads, *numbers) if moving else None
-            return _Part(index, found, slope)
+        if loads.bodies and self._latent:
+            raise NoCalibration(
+                f"{self._data.paths}: a unit as it was built is found from presses of "
+                "known force, not from a body's travel"
+            )
         try:
+            if self._states is not None:
+                kinds = tuple(self._latent)
+                own = self._states.solve(index, loads, held, moving, kinds, oil)
+                return _Part(index, own, own.slope)
+            inputs = with_constants(spec, held, moving, map(jnp.asarray, moving.values()))
+            geometry, law, answer, _ = parts_of(spec, inputs, oil)
             shape = deform(loads, geometry, law, answer)
             if oil is None and not self._shell:
                 shape = self._as_solid(shape, loads, geometry, law, answer)
         except NoDeformation as error:
             raise NoCalibration(f"{self._data.paths}: {error}") from None
-        return _Part(index, shape, shape_slopes(shape, loads, *numbers) if moving else None)
+        moving = {**moving, **dict.fromkeys(self._latent, 0.0)}
+        slope = shape_slopes(shape, loads, spec, held, moving, oil) if moving else None
+        return _Part(index, shape, slope)
 
     def _as_solid(
         self,
@@ -330,5 +315,5 @@ class _Part:
     """States that share a fluid's answer."""
 
     index: np.ndarray
-    shape: Deformed | PadDeformed | BodyDeformed
+    shape: Deformed | Solved
     slope: AbstractFace | None

@@ -1,0 +1,194 @@
+"""The table of a pad that is not its own mirror image, from that of an even pad.
+
+Thickness and gap of a unit vary by some per cent from place to place. To a contact that is,
+nearly, another force on the membrane and another gap under each taxel. So a quarter of the pad
+of mean thickness and gap is solved, and of the unit itself only a few places all over it. There
+the share e is found by which the even pad is loaded more to give way as much; it is smooth in
+between. With u = 1 / (SO - stray) = a + b w, w the displacement over a taxel, and the states
+at rest 0 ::
+
+    u = u_0 + (b / b_even) (u_even(F (1 + e)) - u_0,even),    p = p_even(F (1 + e)) / (1 + e)
+
+What of the unit is no such share, a dent of another width above all, is left out; `misfit` says
+how large it is.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from fitting.arrays import Floats
+from fitting.inverse_load.pad.columns import LEVELS, Column, Columns, grid
+from fitting.inverse_load.pad.input_errors import gap_line
+from fitting.inverse_load.pad.interpolant import PadInterpolant
+from fitting.inverse_load.pad.rest import rest_readings
+from fitting.inverse_load.pad.spline import TensorSpline
+from fitting.inverse_load.pad.table import PadTable, reciprocal
+from suas_jax.config import SkinSpec
+from suas_jax.scene.skin import Skin
+
+PROBES = (7, 5)
+"""Places of the unit that are solved, along the arc and along the axis."""
+_ROUNDS = 6
+_MOST = 0.5  # share of force that e is at most
+_CHUNK = 64  # places that are interpolated at once
+_PRESSED = LEVELS != 0
+
+
+def even_spec(spec: SkinSpec) -> SkinSpec:
+    """The same pad with the mean of its thickness and gap everywhere, and equal channels."""
+    geometry = spec.geometry
+    means = {"thickness": geometry.mean_thickness, "oil_gap": geometry.mean_gap}
+    electrodes = spec.electrodes
+    assert electrodes is not None
+    return spec.model_copy(
+        update={
+            "geometry": geometry.model_copy(update=means),
+            "electrodes": electrodes.with_equal_channels(),
+            "calibration": None,
+        }
+    )
+
+
+class Line(NamedTuple):
+    """u = rest + slope (w - w_0) of every taxel, beside the stray counts.
+
+    Attributes:
+        stray: [taxel] [counts].
+        rest: u at rest [taxel] [1/counts].
+        slope: by the displacement [taxel] [1/counts/m].
+    """
+
+    stray: Floats
+    rest: Floats
+    slope: Floats
+
+    @classmethod
+    def of(cls, spec: SkinSpec, skin: Skin) -> "Line":
+        """Of a pad."""
+        stray, _, slope = gap_line(spec, {})
+        return cls(stray, 1 / (rest_readings(skin) - stray), slope)
+
+    def seen_by(self, other: "Line", so: Floats) -> Floats:
+        """What the other pad's taxels read where this one's read so [..., taxel] [counts]."""
+        change = 1 / (so - self.stray) - self.rest
+        return np.asarray(other.stray + 1 / (other.rest + other.slope / self.slope * change))
+
+
+def force_shares(table: PadTable, places: Floats, force: Floats, found: Column) -> Floats:
+    """The share e of the force by which a table's pad is loaded more [place, level].
+
+    e minimises the squares of so(F (1 + e)) - so by Gauss and Newton.
+
+    Args:
+        table: of the even pad.
+        places: angle [rad] and axial position [m] [place, 2].
+        force: on the unit [place, level] [N].
+        found: what its states read, seen by the table's taxels [place, level, taxel].
+
+    Returns:
+        The share; that of the next lighter load where the unit has no state.
+    """
+    interpolant = PadInterpolant(table)
+    count, levels = force.shape
+    share = np.zeros_like(force)
+    at = np.repeat(places, levels, 0)
+    for _ in range(_ROUNDS):
+        loads = np.column_stack([at, (force * (1 + share)).reshape(-1)])
+        own = interpolant(loads, 1)
+        so = own.readings[:, :-1].reshape(found.so.shape)
+        slope = own.jacobian[:, 2, :-1].reshape(found.so.shape) * force[..., None]
+        good = np.isfinite(found.so)
+        left = np.where(good, found.so - so, 0.0)
+        slope = np.where(good, slope, 0.0)
+        size = np.sum(slope**2, -1)
+        step = np.sum(slope * left, -1) / np.where(size > 0, size, 1.0)
+        share = np.clip(share + step, -_MOST, _MOST)
+    for k in range(levels):
+        before = share[:, k - 1] if k else np.zeros(count)
+        share[:, k] = np.where(found.found[:, k], share[:, k], before)
+    return np.asarray(share)
+
+
+def misfit(table: PadTable, places: Floats, force: Floats, found: Column) -> float:
+    """Root mean square of what `force_shares` leaves, over that of the change from rest."""
+    share = force_shares(table, places, force, found)
+    loads = np.column_stack(
+        [np.repeat(places, force.shape[1], 0), (force * (1 + share)).reshape(-1)]
+    )
+    so = PadInterpolant(table)(loads, 1).readings[:, :-1].reshape(found.so.shape)
+    good = np.isfinite(found.so) & found.found[..., None]
+    left, change = (np.where(good, found.so - x, 0.0) for x in (so, table.rest))
+    return float(np.sqrt(np.sum(left**2) / np.sum(change**2)))
+
+
+def uneven_table(
+    even: PadTable,
+    lines: tuple[Line, Line],
+    skin: Skin,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> PadTable:
+    """The table of a unit.
+
+    Args:
+        even: of the pad of mean thickness and gap.
+        lines: of that pad, and of the unit.
+        skin: the unit, with the elements of the table's meshes.
+        progress: called with the number of columns solved and their total.
+    """
+    of_even, of_unit = lines
+    probes = tuple(
+        np.linspace(x[0], x[-1], n)
+        for x, n in zip((even.angle, even.axial), PROBES, strict=True)
+    )
+    places = grid(*probes)
+    cap = np.exp(even.largest.values(*places.T)[:, 0])
+    force = LEVELS[_PRESSED] * cap[:, None]
+    on_mesh = even.force_on_mesh(
+        *np.repeat(places, force.shape[1], 0).T, force.reshape(-1)
+    ).reshape(force.shape)
+    columns = Columns(skin, even.diameter, progress, len(places))
+    found = columns.solve(places, cap, on_mesh / cap[:, None])
+    seen = found._replace(so=of_unit.seen_by(of_even, found.so))
+    share = force_shares(even, places, force, seen)
+    spline = TensorSpline.through((probes[0], probes[1]), share.reshape(*PROBES, -1))
+    return _changed(even, lines, spline)
+
+
+def _changed(even: PadTable, lines: tuple[Line, Line], spline: TensorSpline) -> PadTable:
+    """The even pad's table with shares of force and lines of taxels of a unit."""
+    of_even, of_unit = lines
+    shape, rest = even.cap.shape, int(np.flatnonzero(LEVELS == 0)[0])
+
+    def shares(places: Floats) -> Floats:
+        own = spline.values(*places.T)
+        return np.insert(own, rest, own[:, rest], axis=1)
+
+    share = shares(even.places)
+    # No node is loaded beyond what the even pad's table knows.
+    cap = even.cap.reshape(-1) / (1 + np.maximum(share.max(1), 0.0))
+    force = LEVELS * cap[:, None] * (1 + share)
+    interpolant, u, pressure = PadInterpolant(even), [], []
+    for begin in range(0, len(cap), _CHUNK):
+        here = slice(begin, begin + _CHUNK)
+        at = np.repeat(even.places[here], len(LEVELS), 0)
+        found = interpolant(np.column_stack([at, force[here].reshape(-1)]), 1).readings
+        so = of_even.seen_by(of_unit, found[:, :-1])
+        u.append((1 / (so - of_unit.stray)).astype(np.float32))
+        pressure.append(found[:, -1] / (1 + share[here].reshape(-1)))
+    softer = 1 + shares(grid(even.across_angle, even.across_axial))
+    across = even.across * softer.reshape(*even.across.shape[:2], len(LEVELS), 1, 1)
+    ratio = of_unit.slope / of_even.slope
+    touch = reciprocal(reciprocal(even.first_contact) * (1 + share[:, -1].reshape(shape)))
+    return replace(
+        even,
+        cap=cap.reshape(shape),
+        first_contact=touch,
+        u=np.concatenate(u).reshape(*shape, len(LEVELS), -1),
+        pressure=np.concatenate(pressure).reshape(*shape, -1),
+        rest=of_unit.stray + 1 / of_unit.rest,
+        stray=of_unit.stray,
+        across=np.concatenate([across[..., :-1] * ratio, even.across[..., -1:]], -1),
+    )

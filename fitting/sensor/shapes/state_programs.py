@@ -1,0 +1,124 @@
+"""The programs of one known state: its equilibrium, and derivatives of what is read there."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from fitting.sensor.model.constants import AXIAL, PLACE, PUSH, with_constants
+from fitting.sensor.shapes.shape_slopes import Moving, slopes_of
+from fitting.sensor.shapes.taxel_face import taxel_face
+from suas_jax.equilibrium.balance import Problem, State
+from suas_jax.equilibrium.correction import Corrected, corrected
+from suas_jax.equilibrium.equilibrium import differentiable, equilibrium
+from suas_jax.mechanics.face import AbstractFace
+from suas_jax.mechanics.model import AbstractPlan
+from suas_jax.scene.build import problem_of
+from suas_jax.scene.observables import load_observables
+from suas_jax.scene.parts import SceneParts, scene_parts
+from suas_jax.scene.structure import Structure
+from suas_jax.skin.oil import AbstractOil
+from suas_jax.skin.plain import plain_geometry
+
+Inputs = Mapping[str, Any]
+
+
+class SolvedState(NamedTuple):
+    """What a program says of one state, beside face, force and displacement of `Solved`.
+
+    Attributes:
+        state: the equilibrium.
+        change: what the state that is read adds to it, see `corrected`.
+        gap: the smallest [m].
+        result: index of the outcome.
+    """
+
+    state: State
+    change: State
+    face: AbstractFace
+    force: Array
+    displacement: Array
+    gap: Array
+    result: Array
+
+
+def _problem(
+    scene: Structure, plan: AbstractPlan, inputs: Inputs, oil: AbstractOil | None
+) -> tuple[SceneParts, Problem]:
+    parts = scene_parts(scene.scene, inputs)
+    if oil is not None:
+        parts = parts._replace(skin=parts.skin._replace(oil=oil))
+    return parts, problem_of(parts, plan)
+
+
+def _read(
+    parts: SceneParts, problem: Problem, found: Corrected, inner: Array
+) -> tuple[AbstractFace, Array, Array]:
+    """Inner face, forces and displacements of the loads in a known state."""
+    root, shown, mechanics = found
+    seen = dataclasses.replace(problem, mechanics=mechanics)
+    entries = load_observables(parts, seen, shown, problem.mechanics, root)
+    keys = ("force_N", "displacement_m", "inner_displacement_m")
+    force, mid, below = (jnp.stack([x[key] for x in entries]) for key in keys)
+    face = mechanics.face(shown.q)
+    if face.varies_along_axis:
+        face = taxel_face(face, parts.skin.sensing(), parts.skin.geometry)
+    return face, force, jnp.where(inner[:, None], below, mid)
+
+
+@eqx.filter_jit
+def solve_state(
+    scene: Structure,
+    plan: AbstractPlan,
+    inputs: Inputs,
+    inner: Array,
+    oil: AbstractOil | None,
+    start: State,
+) -> SolvedState:
+    """The equilibrium from a start, without the wall, and what is read of it."""
+    parts, problem = _problem(scene, plan, inputs, oil)
+    found = equilibrium(problem, start)
+    whole = corrected(problem, found.state)
+    change = jax.tree.map(lambda a, b: a - b, whole.state, whole.root)
+    read = _read(parts, problem, whole, inner)
+    gap = problem.mechanics.shape(found.state.q).smallest_gap(parts.skin.geometry).value
+    return SolvedState(found.state, change, *read, gap, found.result)
+
+
+@eqx.filter_jit
+def state_slopes(
+    scene: Structure,
+    plan: AbstractPlan,
+    known: tuple[Inputs, Array, Array, Array, Array],
+    moving: Moving,
+    oil: AbstractOil | None,
+    state: State,
+    change: State,
+) -> AbstractFace:
+    """See `slopes_of`; known are numbers, angles [load], forces, what is wanted, inner.
+
+    What `corrected` adds is kept: a hundredth of the shape, whose derivative would cost most.
+    """
+    inputs, angle, force, wanted, inner = known
+    section = plain_geometry(scene.scene.geometry).section
+
+    def shape(values: Array, force: Array) -> tuple[Array, AbstractFace]:
+        own = with_constants(scene.scene, inputs, moving.names, values)
+        own["load.0.arc"] = section.arc(angle[:1] + moving.shift(PLACE, values))[0]
+        own["load.0.axial"] = own["load.0.axial"] + moving.shift(AXIAL, values)
+        for i in range(len(force)):
+            if f"load.{i}.force" in own:
+                push = 1 + moving.shift(PUSH, values) if i == 0 else 1
+                own[f"load.{i}.force"] = push * force[i, 0]
+        parts, problem = _problem(scene, plan, own, oil)
+        root = differentiable(problem, state)
+        shown = jax.tree.map(lambda a, b: a + b, root, change)
+        whole = Corrected(root, shown, problem.mechanics.around(root.q))
+        face, _, moved = _read(parts, problem, whole, inner)
+        return moved, eqx.filter(face, eqx.is_inexact_array)
+
+    return slopes_of(shape, moving.values, force, wanted)
