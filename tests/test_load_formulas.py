@@ -199,6 +199,20 @@ def test_what_errors_explain_is_taken_off_as_by_their_covariance() -> None:
     np.testing.assert_allclose(THREE[0] * left[0], whole @ change[0], rtol=1e-10)
 
 
+def test_frames_of_equal_weights_are_tested_as_each_alone() -> None:
+    random = np.random.default_rng(8)
+    detector = PadDetector(random.normal(size=(4, 3)), (2, 2))
+    change = random.normal(size=(5, 3)) * np.array([[0.5], [1.0], [2.0], [9.0], [99.0]])
+    weight = np.repeat(THREE[:1], 5, 0)
+    together = detector.test(change, weight, ERRORS)
+    for k in range(5):
+        alone = detector.test(change[k : k + 1], weight[k : k + 1], ERRORS)
+        np.testing.assert_allclose(together.p_value[k], alone.p_value[0], rtol=1e-3)
+    # What is beyond doubt is told as something above its rate, far below any that is asked for.
+    assert together.statistic[-1] > 10
+    assert together.p_value[-1] < 1e-18
+
+
 @pytest.mark.parametrize("pad", [False, True])
 def test_significance_with_errors_of_the_inputs(pad: bool) -> None:
     patterns = RNG.normal(size=(4, 3))

@@ -97,7 +97,7 @@ class AbstractDetector(abc.ABC):
         rate = false_alarm_rate(z, np.pi * places, 4.0 * places)  # more than any extent
         rows = np.flatnonzero(z < _SURE)
         if rows.size:
-            # The extent depends on the weights alone.
+            # The extent is the weights' alone.
             one = rows[:1] if (weight == weight[0]).all() else rows
             common = None if shared is None else shared[one]
             extent = self.extent(weight[one], safe[one], common)
