@@ -35,13 +35,14 @@ from suas_jax.figures.style import written
 from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import Skin, skin_of
+from suas_jax.skin.plain import plain_geometry
 
 SKIN = Path(__file__).parent.parent / "configs/skins/suas.toml"
 PLACE_ERROR, FORCE_ERROR, NOISE = 0.5e-3, 2e-3, 2.0
 FRAMES = 50
 # Nodes of the true fields along the arc and along the axis, and elements, by dimension.
-NODES = {2: (9,), 3: (5, 5)}
-ELEMENTS = {2: 64, 3: (28, 24)}
+NODES: dict[int, tuple[int, ...]] = {2: (9,), 3: (5, 5)}
+ELEMENTS: dict[int, int | tuple[int, int]] = {2: 64, 3: (28, 24)}
 DIAMETER = 6e-3  # of the discs that press on a pad [m]
 LEARNED = (10, 30, 100, 300)
 
@@ -122,6 +123,8 @@ class Unit:
         largest: float = 10.0,
     ) -> None:
         spec, random = load_skin(file), np.random.default_rng(seed)
+        if not np.isclose(plain_geometry(spec.geometry).half_angle[0], np.pi / 2):
+            raise ValueError(f"{file}: units are made of half circles alone")
         skin, offsets = unit_of(spec, random)
         self.skin, self.radius = skin, float(skin.geometry.outer_size[0])
         self.pad = spec.geometry.dimension == 3

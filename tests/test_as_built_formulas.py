@@ -18,6 +18,7 @@ from fitting.calibration.plan import Press
 from fitting.cli.app import app
 from fitting.inverse_load.estimator import MODEL_ERROR as ESTIMATOR_ERROR
 from fitting.inverse_load.estimator import PAD_MODEL_ERROR
+from fitting.sensor.fit.calibrate import _as_built
 from fitting.sensor.fit.residuals import Prior, SensorProblem, SensorResiduals
 from fitting.sensor.logs.data import SensorData
 from fitting.sensor.logs.known_loads import KnownLoads
@@ -303,3 +304,15 @@ def test_a_plan_without_sense_is_refused(options: list[str], said: str) -> None:
     found = CliRunner().invoke(app, ["calibrate", "-", skin, *options])
     assert found.exit_code == 2
     assert said in found.output.replace("\n", " ")
+
+
+def test_known_loads_of_a_unit_stay_where_the_drawing_has_them() -> None:
+    """Sections of uneven thickness count from -90 to 90 degrees, whatever they span."""
+    geometry = SKIN.geometry.model_copy(update={"half_angle": np.deg2rad(60.0)})
+    angle = np.deg2rad([[-40.0, 0.0, 20.0]])
+    loads, none = KnownLoads.pushes(angle, np.ones((1, 3))), np.zeros(3)
+    data = SensorData(
+        SKIN.model_copy(update={"geometry": geometry}), np.zeros((1, 3)), none,
+        none.astype(int), np.arange(3), loads, none + np.nan, (), (), (),
+    )  # fmt: skip
+    np.testing.assert_allclose(_as_built(data).loads.angle, 1.5 * angle, atol=1e-9)

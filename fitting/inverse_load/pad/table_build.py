@@ -21,7 +21,7 @@ from fitting.inverse_load.pad.mirror import mirror_images, mirrored
 from fitting.inverse_load.pad.rest import rest_readings, stray_counts
 from fitting.inverse_load.pad.spline import TensorSpline
 from fitting.inverse_load.pad.table import PadTable, reciprocal
-from fitting.inverse_load.pad.uneven import Line, even_spec, uneven_table
+from fitting.inverse_load.pad.uneven import Line, even_spec, same_places, uneven_table
 from suas_jax.config import SkinSpec, continuous_inputs, structure
 from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.runtime.content_key import content_key, source_digest
@@ -91,7 +91,8 @@ def pad_table_of(
         even = even_spec(spec)
         of_even = Line.of(even, skin_of(even, elements=resolution.elements, contact=False))
         table = pad_table_of(even, diameter, resolution, progress=progress, workers=workers)
-        return uneven_table(table, (of_even, Line.of(spec, skin)), skin, progress)
+        lines = of_even, Line.of(spec, skin)
+        return uneven_table(table, lines, skin, same_places(even, spec), progress)
 
     found = kept_arrays(name, lambda: vars(made()))
     return PadTable(**{**found, "diameter": float(found["diameter"])})  # type: ignore[arg-type]

@@ -17,6 +17,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
 from fitting.arrays import Floats
@@ -28,6 +29,7 @@ from fitting.inverse_load.pad.spline import TensorSpline
 from fitting.inverse_load.pad.table import PadTable, reciprocal
 from suas_jax.config import SkinSpec
 from suas_jax.scene.skin import Skin
+from suas_jax.skin.plain import angles_at, plain_geometry
 
 PROBES = (7, 5)
 """Places of the unit that are solved, along the arc and along the axis."""
@@ -50,6 +52,17 @@ def even_spec(spec: SkinSpec) -> SkinSpec:
             "calibration": None,
         }
     )
+
+
+def same_places(spec: SkinSpec, other: SkinSpec) -> Callable[[Floats], Floats]:
+    """Angles on another pad from those on one, of places at the same arc of the inner face."""
+    section = plain_geometry(spec.geometry).section
+
+    def there(angle: Floats) -> Floats:
+        arc = np.asarray(section.arc(jnp.asarray(angle)[:, None]))[:, 0]
+        return angles_at(other.geometry, "arc", arc)
+
+    return there
 
 
 class Line(NamedTuple):
@@ -128,6 +141,7 @@ def uneven_table(
     even: PadTable,
     lines: tuple[Line, Line],
     skin: Skin,
+    on_unit: Callable[[Floats], Floats],
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> PadTable:
     """The table of a unit.
@@ -136,6 +150,8 @@ def uneven_table(
         even: of the pad of mean thickness and gap.
         lines: of that pad, and of the unit.
         skin: the unit, with the elements of the table's meshes.
+        on_unit: the unit's angles of places from the even pad's: sections of uneven thickness
+            count them along their own mid-line.
         progress: called with the number of columns solved and their total.
     """
     of_even, of_unit = lines
@@ -146,15 +162,17 @@ def uneven_table(
     places = grid(*probes)
     cap = np.exp(even.largest.values(*places.T)[:, 0])
     force = LEVELS[_PRESSED] * cap[:, None]
-    on_mesh = even.force_on_mesh(
-        *np.repeat(places, force.shape[1], 0).T, force.reshape(-1)
-    ).reshape(force.shape)
+    at = np.repeat(places, force.shape[1], 0)
+    on_mesh = even.force_on_mesh(at[:, 0], at[:, 1], force.reshape(-1)).reshape(force.shape)
     columns = Columns(skin, even.diameter, progress, len(places))
-    found = columns.solve(places, cap, on_mesh / cap[:, None])
+    there = np.column_stack([on_unit(places[:, 0]), places[:, 1]])
+    found = columns.solve(there, cap, on_mesh / cap[:, None])
     seen = found._replace(so=of_unit.seen_by(of_even, found.so))
     share = force_shares(even, places, force, seen)
     spline = TensorSpline.through((probes[0], probes[1]), share.reshape(*PROBES, -1))
-    return _changed(even, lines, spline)
+    table = _changed(even, lines, spline)
+    along, across = on_unit(even.angle), on_unit(even.across_angle)
+    return replace(table, angle=along, across_angle=across)
 
 
 def _changed(even: PadTable, lines: tuple[Line, Line], spline: TensorSpline) -> PadTable:
@@ -176,7 +194,7 @@ def _changed(even: PadTable, lines: tuple[Line, Line], spline: TensorSpline) -> 
         at = np.repeat(even.places[here], len(LEVELS), 0)
         found = interpolant(np.column_stack([at, force[here].reshape(-1)]), 1).readings
         so = of_even.seen_by(of_unit, found[:, :-1])
-        u.append((1 / (so - of_unit.stray)).astype(np.float32))
+        u.append(1 / (so - of_unit.stray))
         pressure.append(found[:, -1] / (1 + share[here].reshape(-1)))
     softer = 1 + shares(grid(even.across_angle, even.across_axial))
     across = even.across * softer.reshape(*even.across.shape[:2], len(LEVELS), 1, 1)

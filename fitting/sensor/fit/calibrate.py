@@ -55,6 +55,7 @@ from fitting.sensor.model.constants import (
 from fitting.sensor.shapes.shapes import Shapes, ShapeSolver
 from suas_jax.acquisition.baseline import Baseline
 from suas_jax.runtime.precision import require_float64
+from suas_jax.skin.plain import angles_at, plain_geometry
 
 _ROUNDS = 8
 _SAME, _SAME_AS_BUILT = 1e-7, 0.02  # of a constant's size, or of its prior's deviation
@@ -113,7 +114,7 @@ def fit_sensor(
     if own:
         if len(fit) > 1 or gaps != "global" or like is not None:
             raise ValueError(f"--fit {AS_BUILT}: alone, without --gap, as it finds both")
-        data, frames = averaged(dataclasses.replace(data, spec=as_built(drawing)))
+        data, frames = averaged(_as_built(data))
         fit = as_built_names(data.spec)
     data = dataclasses.replace(data, spec=naming(data.spec, fit))
     parts = tuple(dict.fromkeys(named(data.spec, name) for name in fit))
@@ -180,6 +181,20 @@ def fit_sensor(
     if not own:
         problem, found, noise = _with_measured_noise(problem, found)
     return judged_fit(data, problem, found, shapes, loads, noise, touching, steady, warnings)
+
+
+def _as_built(data: SensorData) -> SensorData:
+    """The logs of a unit as it was built, known loads where the drawing has them.
+
+    A section of uneven thickness counts angles along its own mid-line, so places are kept as
+    arcs of the inner face.
+    """
+    spec, angle = as_built(data.spec), data.loads.angle
+    section = plain_geometry(data.spec.geometry).section
+    arc = np.asarray(section.arc(jnp.asarray(angle).reshape(-1, 1))).reshape(angle.shape)
+    places = angles_at(spec.geometry, "arc", arc)
+    loads = dataclasses.replace(data.loads, angle=places)
+    return dataclasses.replace(data, spec=spec, loads=loads)
 
 
 def _check_kind(

@@ -93,7 +93,7 @@ class SensorModel(eqx.Module):
         if len(gains) < sum(self.spec.electrodes.taxels_by_module.values()):
             gains = []
         # Hundreds of gains are one array, not as many inputs.
-        numbers |= dict.fromkeys((names[i] for i in gains), 1.0)
+        numbers |= dict.fromkeys((names[i] for i in gains), jnp.ones(()))
         *_, electrodes = parts_of(self.spec, numbers)
         if gains:
             whole = constants[jnp.array(gains)][:, None]

@@ -138,10 +138,10 @@ def _described(report: dict[str, Any], fit: SensorFit) -> Iterator[Part]:
     gains = [name for name in skin if is_gain(name)]
     if len(gains) > _MANY_GAINS:
         values = [skin.pop(name) for name in gains]
-        error = float(np.median([report["standard_errors"][name] for name in gains]))
+        typical = float(np.median([report["standard_errors"][name] for name in gains]))
         yield Remark(
             f"gains of {len(gains)} channels: {min(values):.4g} to {max(values):.4g}, median "
-            f"standard error {error:.2g}"
+            f"standard error {typical:.2g}"
         )
     for name, value in skin.items():
         unit, error = report["units"][name], report["standard_errors"][name]

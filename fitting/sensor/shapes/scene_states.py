@@ -111,15 +111,24 @@ class SceneStates:
         found: list[BodyLoadSpec | PatchLoadSpec] = []
         for i in range(len(loads.angle)):
             arc = float(self._section.arc(loads.angle[i, k])[0])
-            place = {"arc": arc, "axial": float(loads.axial[i, k])}
+            axial = float(loads.axial[i, k])
             if loads.bodies:
-                shape = "cylinder" if self._spec.geometry.dimension == 2 else "sphere"
-                own = {"radius": float(loads.radius[i, k]), "depth": float(loads.depth[i, k])}
-                found.append(BodyLoadSpec(shape=shape, **place, **own))
+                flat = self._spec.geometry.dimension == 2
+                found.append(
+                    BodyLoadSpec(
+                        shape="cylinder" if flat else "sphere",
+                        arc=arc,
+                        axial=axial,
+                        radius=float(loads.radius[i, k]),
+                        depth=float(loads.depth[i, k]),
+                    )
+                )
             else:
                 diameter = float(loads.diameter[i, k]) or DIAMETER
                 force = float(np.nan_to_num(loads.force[i, k]))
-                found.append(PatchLoadSpec(diameter=diameter, force=force, **place))
+                found.append(
+                    PatchLoadSpec(arc=arc, axial=axial, diameter=diameter, force=force)
+                )
         return tuple(found)
 
     def _planned(self, scene: SceneSpec) -> list[AbstractPlan]:
