@@ -172,8 +172,8 @@ class ContactFace:
         """First derivatives of the energy by the element unknowns, second ones as bands.
 
         `body`: whose travel the first derivatives are differentiated by as well.
-        Returns first derivatives, and theirs by a factor on the travel: two element vectors.
-        The bands.
+        Returns the first derivatives and theirs by a factor on the travel, two element vectors;
+        and the bands.
         """
         lowest, grip = jnp.min(self.gap(), 0), self.grip()
         if grip is not None:  # which holds what was touched before

@@ -41,7 +41,7 @@ def face_displacement(
 
     `s`: the mid-surface at points. `offset`: Z [m]. `growth`: of the membrane; None where it
     fits its seat.
-    Returns displacement [m] and zeta [m].
+    Returns the displacement [m] and zeta [m].
     """
     square = s.m[0] ** 2 + s.m[1] ** 2 + s.m[2] ** 2
     size = jnp.sqrt(square)

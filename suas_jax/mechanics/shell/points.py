@@ -112,7 +112,7 @@ def point_terms(
     that turn derivatives by xi into derivatives by arc length are applied here, which
     leaves constant matrices for the sums.
 
-    Returns stress [gauss, order, component, ...] and tangent [gauss, order, order, (xx, yy,
+    Returns the stress [gauss, order, component, ...] and tangent [gauss, order, order, (xx, yy,
     xy), ...].
     """
     inverse = 1 / (1 + points.stretch)
