@@ -78,8 +78,8 @@ class Elements(NamedTuple):
 
 def relaxed_energy(
     at: Forces,  # resultants at the Gauss points [3, gauss, gauss, arc, axial]
-    elements: Elements,  # where they are
-    thickness: Float[Array, "gauss gauss arc axial"],  # of the membrane there [m]
+    elements: Elements,  # where the Gauss points are
+    thickness: Float[Array, "gauss gauss arc axial"],  # of the membrane at them [m]
     modulus: Array,  # small-strain shear modulus [Pa]
     growth: Growth | None,  # of the membrane; None where it fits its seat
 ) -> Array:
@@ -112,9 +112,9 @@ def with_sides_swapped(x: Array) -> Array:
 
 
 def _clamp(
-    edge: list[Array],  # resultants and thickness in the elements there
+    edge: list[Array],  # resultants and thickness in the elements along the edge
     at_end: tuple[int, int, Array, Array],
-    elements: Elements,  # their Gauss points
+    elements: Elements,  # all of them, with their Gauss points
     grown: Array | float,
 ) -> Array:
     """Integral along a clamped edge, times the shear modulus.

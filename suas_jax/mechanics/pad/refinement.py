@@ -54,11 +54,11 @@ def _halved(x: Float[Array, " breakpoint"]) -> Array:
 
 def _nearest(
     given: Float[Array, "width 4 element station"],
-    wanted: Float[Array, "width 4 element station"],  # the same on the other elements
-    axis: SplineAxis,  # the splines on them
+    wanted: Float[Array, "width 4 element station"],  # coefficients on the other elements
+    axis: SplineAxis,  # the splines on the other elements
     parities: tuple[int, ...],  # of the components
     *,
-    finer: bool,  # whether they are halves of the given ones; else pairs of them
+    finer: bool,  # whether the other elements are halves of the given ones; else pairs of them
 ) -> Float[Array, "width wanted given"]:
     """Stations' values on other elements from those on the given ones, by least squares.
 

@@ -61,7 +61,7 @@ class Moments(NamedTuple):
 
 def kinematics(
     d: Float[Array, "gauss order component element lane"],
-    at: Frame,  # the undeformed mid-line there
+    at: Frame,  # the undeformed mid-line at the Gauss points
     length: Float[Array, "element #lane"],
 ) -> Points:
     """Strains from displacement.

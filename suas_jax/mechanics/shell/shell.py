@@ -107,7 +107,7 @@ class Shell(AbstractPlaneStrain):
         geometry: SkinGeometry,  # dimensions, with a lane axis
         law: AbstractLaw,  # material, its constants with a lane axis
         angles: Float[Array, "station #lane"],
-        points: LoadPoints,  # loads on those elements
+        points: LoadPoints,  # loads on the elements between the stations
         *,
         symmetric: bool,  # whether the last station is the crown of a symmetric arch
         wall: Wall | None = None,  # what holds the inner face; None for nothing

@@ -181,7 +181,7 @@ def rest_energy(k: Kinematics, response: Response) -> PointField:
 def point_terms(
     law: AbstractLaw,
     grid: Grid,  # reference geometry
-    k: Kinematics,  # kinematics there
+    k: Kinematics,  # at the quadrature points
     pressure: PointField,  # p, the Lagrange multiplier of J = 1
     response: Response | None = None,  # of a material with a past; None of an elastic one
 ) -> PointTerms:

@@ -90,7 +90,7 @@ class Solid(AbstractPlaneStrain):
         geometry: SkinGeometry,  # dimensions, with a lane axis
         law: AbstractLaw,  # material, its constants with a lane axis
         angles: Float[Array, "station #lane"],
-        points: LoadPoints,  # loads on those elements
+        points: LoadPoints,  # loads on the elements between the stations
         *,
         layers: int,  # elements through the thickness
         symmetric: bool,  # whether the last station is the crown of a symmetric arch
