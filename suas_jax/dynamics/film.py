@@ -38,7 +38,7 @@ def film_of(
     largest: SceneSpec,  # the same under its largest loads
     plan: AbstractPlan,  # mesh of the whole section
     time: Float[np.ndarray, " row"],  # of the rows [s]
-    values: Mapping[str, Float[np.ndarray, " row"]],  # that change, one a row
+    values: Mapping[str, Float[np.ndarray, " row"]],  # numbers that change, one a row
     rest: Mapping[str, float],  # the same before the first row
 ) -> Film:
     """Decide for a history.

@@ -98,7 +98,7 @@ def in_halves(call: Callable[..., Result], *arguments: Any) -> Result:
 
 def for_some(
     solve: Callable[[Arguments], Result],
-    arguments: Arguments,  # its argument; a lane axis of length one is shared by all lanes
+    arguments: Arguments,  # of `solve`; a lane axis of length one is shared by all lanes
     needed: Bool[Array, " lane"],  # which lanes
     rest: Result,  # what the others have
     width: int,  # lanes in one call
