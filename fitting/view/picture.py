@@ -38,8 +38,8 @@ class Picture:
     time: float  # that is shown, by the source's clock [s]
     status: str  # outcome in a word
     message: str  # what it means, in a sentence
-    # gives the displacement of the grid's points [point, 3] [m]; called only for pictures that
-    # are sent
+    # gives the displacement of the grid's points [point, 3] [m];
+    # called only for pictures that are sent
     displacement: Callable[[], Floats]
     change: Floats  # counts above rest [taxel]; NaN where missing
     taxels: NDArray[np.uint8]  # their states [taxel]

@@ -58,8 +58,8 @@ class Moment(NamedTuple):
     values: Values  # that the history changes
     travels: Travels  # of bodies that are pressed by forces
     state: State  # the equilibrium
-    # of the unknowns over the last step, and of the travels, per second: what is expected of
-    # the next one
+    # of the unknowns over the last step, and of the travels, per
+    # second: what is expected of the next one
     pace: tuple[State, Float[Array, " body"]]
     past: Past  # what the material remembers
     rate: Array  # of the instantaneous stress over the last step [Pa/s]

@@ -84,8 +84,8 @@ class Trial(NamedTuple):
     half: Half  # its end
     past: Past  # what the material then remembers
     wrong: StationVector  # error of the unknowns
-    # of the instantaneous stress over the step, its second derivative times the square of the
-    # step [Pa]
+    # of the instantaneous stress over the step, its second
+    # derivative times the square of the step [Pa]
     bend: Float[Array, ""]
     stress: Float[Array, ""]  # instantaneous one at its end [Pa]
     good: Bool[Array, ""]  # whether both halves were found

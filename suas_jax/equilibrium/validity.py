@@ -60,7 +60,7 @@ def validity(
     state: State,  # claimed to be its equilibrium
     forces: tuple[Lanes, Lanes],
     stretch_min: Lanes,  # smallest stretch of a fibre
-    energy: Lanes,
+    energy: Lanes,  # strain energy
     in_domain: Bool[Array, " lane"],
 ) -> Int[Array, " lane"]:
     """Judge a state: finite, in the law's domain, with length left, in balance.

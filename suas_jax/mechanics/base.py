@@ -39,8 +39,8 @@ class Assembly(NamedTuple):
     # derivative of the loads' work at unit load factor by the unknowns [N/m]
     load: StationVector
     volume_change: Lanes  # enclosed volume less its value at rest, per width [m^2]
-    # derivative of the residual by the factor on the travel of bodies, its sign changed; None
-    # without bodies
+    # derivative of the residual by the factor on the travel of
+    # bodies, its sign changed; None without bodies
     by_travel: StationVector | None = None
     contact: StationVector | None = None  # force of the bodies on the unknowns; None without
 

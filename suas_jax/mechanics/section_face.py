@@ -29,8 +29,8 @@ class NormalFace(AbstractFace):
     # coefficients of the height [m] in ascending powers of a coordinate that runs from -1 to 1
     # over the element's angle
     powers: Float[Array, "power element lane"]
-    # whether some ray meets the face more than once (the angle turns back along the arc): no
-    # gap can be told
+    # whether some ray meets the face more than once (the angle
+    # turns back along the arc): no gap can be told
     folded: Bool[Array, " lane"]
 
     def height(

@@ -32,8 +32,8 @@ class Density(NamedTuple):
     # decay length of the boundary layers at either end of an interval [rad], and in a continuum
     # that of the local fields there
     decays: tuple[float, ...]
-    # length below which elements gain nothing, because those across the thickness are no
-    # smaller [rad]
+    # length below which elements gain nothing, because those across
+    # the thickness are no smaller [rad]
     smallest: float = 0.0
 
     def cumulative(

@@ -39,8 +39,8 @@ class MeshPlan(eqx.Module):
     # weights of the breakpoints in each load point's angle [point, breakpoint]
     position: np.ndarray
     share: np.ndarray  # share of its load that a point carries, for line loads [point]
-    # weights of the breakpoints in the arc that a point stands for [point, breakpoint], zero
-    # for line loads
+    # weights of the breakpoints in the arc that a point stands for
+    # [point, breakpoint], zero for line loads
     span: np.ndarray
     load: np.ndarray  # which load a point belongs to [load, point], one or zero
     values: np.ndarray  # the breakpoints when the plan was made [rad]

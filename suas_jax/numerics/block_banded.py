@@ -61,8 +61,8 @@ class BlockBanded(AbstractTangent):
     # which unknowns are free, station by station; the equations of the others are replaced by
     # those of the identity. All are free if None.
     free: tuple[tuple[bool, ...], ...] | None = eqx.field(static=True, default=None)
-    # unknowns among them that each bring a negative eigenvalue whatever the state is; not
-    # counted
+    # unknowns among them that each bring a negative eigenvalue
+    # whatever the state is; not counted
     multipliers: int = eqx.field(static=True, default=0)
 
     @property

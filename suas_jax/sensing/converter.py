@@ -27,8 +27,8 @@ class Sample(NamedTuple):
 
     counts: NDArray[np.int64]  # whole counts
     saturated: NDArray[np.bool_]  # where the input lies outside the converter's range
-    # frames polled before the converter had refreshed [frame]: their counts are those of the
-    # frame before
+    # frames polled before the converter had refreshed [frame]:
+    # their counts are those of the frame before
     repeated: NDArray[np.bool_]
 
 

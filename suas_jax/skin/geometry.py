@@ -27,8 +27,8 @@ class SkinGeometry(eqx.Module):
     oil_gap: Lanes  # from the inner face to the rigid wall, its mean where it varies [m]
     # the gap over the arc, or over arc and axis; None where it is even
     gap_along: Along | Sheet | None = None
-    # of the outer face: the thickness beyond its mean over the axis [m]; None where it is the
-    # same all along
+    # of the outer face: the thickness beyond its mean over the axis
+    # [m]; None where it is the same all along
     relief: Sheet | None = None
     # free size of the membrane over that of its seat; None where it fits
     growth: Growth | None = None

@@ -26,12 +26,12 @@ def angle_of(spec: Any, section: AbstractSection, value: Callable[[str], Lanes])
 class LineLoad(eqx.Module):
     """A dead force on the outer face, even over the width, at an angle or around it."""
 
-    # of the point of application, or of the middle of the loaded arc [rad]; as sections define
-    # it
+    # of the point of application, or of the middle of the loaded
+    # arc [rad]; as sections define it
     angle: Lanes
     force: Lanes  # total over the width; negative pulls outwards [N]
-    # counter-clockwise rotation of the force from the inward normal [rad]; not used by a
-    # vertical load
+    # counter-clockwise rotation of the force from the inward normal
+    # [rad]; not used by a vertical load
     turn: Lanes
     # arc of the undeformed outer face over which the force is even [m], or None for a line
     spread: Lanes | None = None

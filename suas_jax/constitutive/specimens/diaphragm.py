@@ -47,8 +47,8 @@ class Diaphragm(NamedTuple):
 
     pressure: Float[Array, "..."]  # p [Pa], positive on the concave side
     apex_height: Float[Array, "..."]  # height of the apex above the rim [m]
-    # angle between membrane and clamping plane at the rim [rad]; beyond π/2 the bulge overhangs
-    # its rim
+    # angle between membrane and clamping plane at the rim [rad];
+    # beyond π/2 the bulge overhangs its rim
     rim_slope: Float[Array, "..."]
 
 

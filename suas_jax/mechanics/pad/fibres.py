@@ -57,8 +57,8 @@ class Layers(NamedTuple):
     # 1 + Z/R, the length of the fibre along the arc relative to the mid-line
     stretch: Float[Array, "layer #lane"]
     growth: Growth | None = None  # of the membrane; None where it fits its seat
-    # of a material with a past, its rest by entries (11, 22, 12, 33) [Pa]; None of an elastic
-    # one
+    # of a material with a past, its rest by entries (11, 22, 12,
+    # 33) [Pa]; None of an elastic one
     response: Response | None = None
 
     def grown(self, growth: Growth | None) -> "Layers":

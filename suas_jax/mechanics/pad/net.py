@@ -161,8 +161,8 @@ class Net(eqx.Module):
     axial: Float[Array, "breakpoint *lane"]  # breakpoints along the axis [m]
     # unit vectors (tangential, normal, axial) of the arc's columns
     frames: Float[Array, "local 3 column *lane"]
-    # Bernstein coefficients by Cartesian component from stations' values, along the stations
-    # and across
+    # Bernstein coefficients by Cartesian component from stations'
+    # values, along the stations and across
     matrices: tuple[
         Float[Array, "width 4 long row *lane"], Float[Array, "width 4 across column *lane"]
     ]

@@ -42,8 +42,8 @@ class Fibres(eqx.Module):
     mid_curvature: Array
     thickness: Array  # likewise [m]
     layers: int = eqx.field(static=True)  # quadrature points through the thickness
-    # of a material with a past, its rest [2, layer, ...] along and across fibres; None of an
-    # elastic one
+    # of a material with a past, its rest [2, layer, ...] along and
+    # across fibres; None of an elastic one
     response: Response | None = None
     growth: Growth | None = None  # of the membrane against its seat; None where it fits
 
