@@ -145,12 +145,7 @@ def contact_frame(k: int) -> str:
 
 
 def header(stamp: int, frame: str) -> dict[str, Any]:
-    """A header.
-
-    Args:
-        stamp: nanoseconds since 1970.
-        frame: that the message's numbers are in.
-    """
+    """A header. `stamp`: nanoseconds since 1970. `frame`: that the message's numbers are in."""
     seconds, rest = divmod(stamp, 10**9)
     return {"stamp": {"sec": seconds, "nanosec": rest}, "frame_id": frame}
 
@@ -160,12 +155,8 @@ def point_cloud(
 ) -> dict[str, Any]:
     """The taxels as points on the wall, with gap, counts and counts above rest.
 
-    Args:
-        stamp: nanoseconds since 1970.
-        film: of the skin.
-        so: readings [taxel] [counts]; NaN where missing.
-        gap: that they mean [taxel] [m].
-        valid: whether a reading can be used [taxel].
+    `stamp`: nanoseconds since 1970. `so`: readings [taxel] [counts]; NaN where missing. `gap`:
+    that they mean [taxel] [m]. `valid`: whether a reading can be used [taxel].
     """
     points = np.empty(len(so), _POINT)
     points["x"], points["y"], points["z"] = film.positions.T
@@ -185,23 +176,14 @@ def point_cloud(
 
 
 class Place(NamedTuple):
-    """A place on the undeformed outer face, in the skin's frame.
+    """A place on the undeformed outer face, in the skin's frame."""
 
-    Attributes:
-        position: [m].
-        direction: of the outward normal from the y axis, towards +x [rad].
-    """
-
-    position: tuple[float, float, float]
-    direction: float
+    position: tuple[float, float, float]  # [m]
+    direction: float  # of the outward normal from the y axis, towards +x [rad]
 
 
 class OuterFace:
-    """The undeformed outer face of a skin, along whose arc contacts lie.
-
-    Args:
-        spec: the [geometry] table.
-    """
+    """The undeformed outer face of a skin, along whose arc contacts lie."""
 
     def __init__(self, spec: GeometrySpec) -> None:
         section = plain_geometry(spec).section
@@ -220,17 +202,11 @@ class OuterFace:
 
 
 def transform(
-    stamp: int,
-    child: str,
-    place: Place | None = None,
+    stamp: int,  # nanoseconds since 1970
+    child: str,  # the frame
+    place: Place | None = None,  # of the contact
 ) -> dict[str, Any]:
-    """The transform of a contact's frame, or without a place of the skin's in the world.
-
-    Args:
-        stamp: nanoseconds since 1970.
-        child: the frame.
-        place: of the contact.
-    """
+    """The transform of a contact's frame, or without a place of the skin's in the world."""
     turn, parent, origin = Rotation.identity(), WORLD_FRAME, (0.0, 0.0, 0.0)
     if place is not None:
         c, s = np.cos(place.direction), np.sin(place.direction)

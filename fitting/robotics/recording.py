@@ -43,28 +43,20 @@ _EVERY = 100  # frames between two reports of progress
 class Recording:
     """An MCAP file that is being written, and lies at its place once it is closed.
 
-    Args:
-        path: of the file.
-        spec: the skin.
-        rest: readings at rest [taxel] [counts]; those of the model where not given.
-        estimator: whose thresholds are written; None where nothing is estimated.
-        skin_file: attached, where it is a TOML file.
-        more: further facts, by name.
-
-    Raises:
-        ValueError: the libraries are not installed.
-        OSError: the file can't be written.
+    `rest`: readings at rest [taxel] [counts]; those of the model where not given. `estimator`:
+    whose thresholds are written; None where nothing is estimated.
+    Raises ValueError: the libraries are not installed; OSError: the file can't be written.
     """
 
     def __init__(
         self,
-        path: Path,
-        spec: SkinSpec,
+        path: Path,  # of the file
+        spec: SkinSpec,  # the skin
         *,
         rest: Floats | None = None,
         estimator: LoadEstimator | None = None,
-        skin_file: Path | None = None,
-        more: Mapping[str, str] | None = None,
+        skin_file: Path | None = None,  # attached, where it is a TOML file
+        more: Mapping[str, str] | None = None,  # further facts, by name
     ) -> None:
         require_mcap()
         from mcap_ros2.writer import Writer
@@ -98,12 +90,9 @@ class Recording:
     ) -> None:
         """Write a frame's readings.
 
-        Args:
-            stamp: when the host read it, nanoseconds since 1970.
-            sequence: frame number.
-            device_time: on the device's clock [s].
-            so: readings [taxel] [counts]; NaN where missing.
-            stuck: taxels that repeat one count beyond chance [taxel].
+        `stamp`: when the host read it, nanoseconds since 1970. `device_time`: on the device's
+        clock [s]. `so`: readings [taxel] [counts]; NaN where missing. `stuck`: taxels that
+        repeat one count beyond chance [taxel].
         """
         if not self._begun:
             self._begun = True
@@ -129,10 +118,8 @@ class Recording:
     def contacts(self, stamp: int, sequence: int, estimate: LoadEstimate) -> None:
         """Write what was estimated from a frame.
 
-        Args:
-            stamp: when the host read the frame, nanoseconds since 1970.
-            sequence: frame number.
-            estimate: its contacts, with covariances.
+        `stamp`: when the host read the frame, nanoseconds since 1970. `estimate`: its contacts,
+        with covariances.
         """
         told = messages.contacts(stamp, sequence, estimate, self._face)
         self._write("/suas/contacts", "suas_msgs/msg/Contacts", told, stamp, sequence)
@@ -161,11 +148,7 @@ class Recording:
 
 
 def require_mcap() -> None:
-    """Make sure that the libraries are there.
-
-    Raises:
-        ValueError: one is missing.
-    """
+    """Make sure that the libraries are there. Raises ValueError: one is missing."""
     import importlib.util
 
     if importlib.util.find_spec("mcap_ros2") is None:
@@ -201,11 +184,7 @@ def _thresholds(estimator: LoadEstimator | None) -> dict[str, str]:
 
 
 class LiveRecording(LiveWatcher):
-    """Writes every frame's readings, and the loads of those that were not dropped.
-
-    Args:
-        recording: to write to.
-    """
+    """Writes every frame's readings, and the loads of those that were not dropped."""
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
@@ -228,18 +207,11 @@ class LiveRecording(LiveWatcher):
 
 def write_readings(
     recording: Recording,
-    readings: LogReadings,
-    estimates: Sequence[LoadEstimate] | None,
+    readings: LogReadings,  # of the log
+    estimates: Sequence[LoadEstimate] | None,  # of its frames; None where nothing was estimated
     done: Callable[[int], None] = lambda frames: None,
 ) -> None:
-    """Write a log's frames.
-
-    Args:
-        recording: to write to.
-        readings: of the log.
-        estimates: of its frames; None where nothing was estimated.
-        done: called with the number of frames written so far.
-    """
+    """Write a log's frames. `done`: called with the number of frames written so far."""
     stamps = start_stamp(readings.header) + np.round(1e9 * readings.host_time).astype(np.int64)
     for i, stamp in enumerate(np.maximum(stamps, 0).tolist()):
         sequence = int(readings.seq[i])

@@ -18,27 +18,17 @@ _SECTION = 181
 
 @dataclass(frozen=True)
 class Grid:
-    """Points of the undeformed membrane, even along the arc and along the axis.
+    """Points of the undeformed membrane, even along the arc and along the axis."""
 
-    Attributes:
-        angle: as sections define it, see `suas_jax.skin.section` [arc, rad].
-        axial: from the middle [axial, m]; one point in plane strain, where nothing changes.
-        place: of the inner face [arc, 2] [m].
-        normal: unit vectors outwards [arc, 2].
-        curvature: of the inner face [arc] [1/m].
-        gap: to the wall at rest [arc] [m].
-        width: of the skin along its axis [m].
-        places: how the skin's scenes tell places.
-    """
-
-    angle: Floats
+    angle: Floats  # as sections define it, see `suas_jax.skin.section` [arc, rad]
+    # from the middle [axial, m]; one point in plane strain, where nothing changes
     axial: Floats
-    place: Floats
-    normal: Floats
-    curvature: Floats
-    gap: Floats
-    width: float
-    places: ContactPlaces
+    place: Floats  # of the inner face [arc, 2] [m]
+    normal: Floats  # unit vectors outwards [arc, 2]
+    curvature: Floats  # of the inner face [arc] [1/m]
+    gap: Floats  # to the wall at rest [arc] [m]
+    width: float  # of the skin along its axis [m]
+    places: ContactPlaces  # how the skin's scenes tell places
 
     @classmethod
     def of(cls, spec: GeometrySpec) -> "Grid":

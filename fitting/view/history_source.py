@@ -37,9 +37,8 @@ def _moved(
 class HistorySource:
     """A history on a timeline.
 
-    Args:
-        sweep: that was solved, see `suas_jax.dynamics.history.history_sweep`.
-        title: what the page calls it.
+    `sweep`: that was solved, see `suas_jax.dynamics.history.history_sweep`. `title`: what the
+    page calls it.
     """
 
     def __init__(self, sweep: Sweep, title: str) -> None:

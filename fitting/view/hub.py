@@ -20,28 +20,17 @@ _MOST_LATENCIES = 10_000
 
 
 class Message(NamedTuple):
-    """A picture as it is sent.
+    """A picture as it is sent."""
 
-    Attributes:
-        number: of the picture.
-        content: its bytes.
-        made: when the picture was made, by `time.monotonic` [s].
-    """
-
-    number: int
-    content: bytes
-    made: float
+    number: int  # of the picture
+    content: bytes  # its bytes
+    made: float  # when the picture was made, by `time.monotonic` [s]
 
 
 class Hub:
     """What source and server share.
 
-    Args:
-        description: what a page needs to know once, see `fitting.view.picture`.
-
-    Attributes:
-        edition: grows when the history has changed otherwise than by a picture.
-        latencies: from the making of a picture until a page had drawn it [s].
+    `description`: what a page needs to know once, see `fitting.view.picture`.
     """
 
     def __init__(self, description: dict[str, Any]) -> None:
@@ -56,7 +45,8 @@ class Hub:
         self._whole: list[tuple[float, float, float]] | None = None
         self._sentences: deque[str] = deque(maxlen=_MOST_SENTENCES)
         self._closed = False
-        self.edition = 0
+        self.edition = 0  # grows when the history has changed otherwise than by a picture
+        # from the making of a picture until a page had drawn it [s]
         self.latencies: deque[float] = deque(maxlen=_MOST_LATENCIES)
 
     # --- the source's side ------------------------------------------------------------
@@ -87,8 +77,7 @@ class Hub:
     def wishes(self, timeout: float) -> dict[str, Any]:
         """What pages wish since the last call; waits for a wish.
 
-        Args:
-            timeout: longest wait [s].
+        `timeout`: longest wait [s].
         """
         with self._lock:
             if not self._wishes and not self._closed:
@@ -149,9 +138,7 @@ def understood(message: dict[str, Any], description: dict[str, Any]) -> tuple[st
 
     Values are kept within what the description of the skin allows.
 
-    Args:
-        message: of a page.
-        description: of the skin and its controls, as the page got it.
+    `description`: of the skin and its controls, as the page got it.
     """
     kind, value = message.get("type"), message.get("value")
     if kind == "set":

@@ -17,10 +17,7 @@ def known_contacts(
 ) -> dict[int, Contact]:
     """The scene's loads that have a place, by their number.
 
-    Args:
-        scene: says how forces are directed.
-        grid: of its skin.
-        loads: what is observed of them.
+    `scene`: says how forces are directed. `loads`: what is observed of them.
     """
     found = {}
     for i, (spec, load) in enumerate(zip(scene.loads, loads, strict=True)):

@@ -22,9 +22,7 @@ _REMIND = 0.5  # between two pictures while nothing comes [s]
 class LiveSource(LiveWatcher):
     """Shows a live run.
 
-    Args:
-        pictures: of the skin.
-        title: what the page calls it, such as the port's name.
+    `pictures`: of the skin. `title`: what the page calls it, such as the port's name.
     """
 
     def __init__(self, pictures: ReadingsPictures, title: str) -> None:

@@ -21,19 +21,15 @@ _CHARTED = 1.0  # between two additions to the charts [s]
 class LogSource:
     """A log on a timeline; loads are estimated in the background, or given.
 
-    Args:
-        readings: of the log.
-        pictures: of its skin.
-        title: what the page calls it.
-        estimator: finds the loads; None where `estimates` has them, or nobody does.
-        estimates: of the log's frames, where they are known.
+    `estimator`: finds the loads; None where `estimates` has them, or nobody does. `estimates`:
+    of the log's frames, where they are known.
     """
 
     def __init__(
         self,
-        readings: LogReadings,
-        pictures: ReadingsPictures,
-        title: str,
+        readings: LogReadings,  # of the log
+        pictures: ReadingsPictures,  # of its skin
+        title: str,  # what the page calls it
         *,
         estimator: LoadEstimator | None = None,
         estimates: Sequence[LoadEstimate] | None = None,

@@ -24,11 +24,8 @@ _TINY = 1e-6  # variance that keeps the matrix regular, relative
 class InterpolatedMembrane:
     """The shape that a skin's readings show.
 
-    Args:
-        geometry: of the skin.
-        film: of its taxels.
-        noise: standard deviation of a reading [counts].
-        grid: of the points that are asked for.
+    `film`: of its taxels. `noise`: standard deviation of a reading [counts]. `grid`: of the
+    points that are asked for.
     """
 
     def __init__(
@@ -48,9 +45,7 @@ class InterpolatedMembrane:
     def __call__(self, so: Floats, usable: Flags) -> NDArray:
         """Displacement of the grid's points [point, 3] [m].
 
-        Args:
-            so: readings [taxel] [counts]; NaN where missing.
-            usable: taxels to go by [taxel].
+        `so`: readings [taxel] [counts]; NaN where missing. `usable`: taxels to go by [taxel].
         """
         gap = self._film.gap(so)
         usable = usable & np.isfinite(gap)

@@ -33,43 +33,25 @@ _INTERVAL = 1.959963984540054  # the same in one
 
 @dataclass
 class Picture:
-    """One moment.
+    """One moment."""
 
-    Attributes:
-        time: that is shown, by the source's clock [s].
-        status: outcome in a word.
-        message: what it means, in a sentence.
-        displacement: gives the displacement of the grid's points [point, 3] [m]; called only
-            for pictures that are sent.
-        change: counts above rest [taxel]; NaN where missing.
-        taxels: their states [taxel].
-        arrows: contacts as the page draws them.
-        values: rows of the table: name and value with unit.
-        force: sum of the contacts' forces [N]; NaN where unknown.
-        oil_pressure: [Pa]; NaN where unknown.
-        more: further keys of the header.
-        made: when it was made, by `time.monotonic` [s].
-    """
-
-    time: float
-    status: str
-    message: str
+    time: float  # that is shown, by the source's clock [s]
+    status: str  # outcome in a word
+    message: str  # what it means, in a sentence
+    # gives the displacement of the grid's points [point, 3] [m];
+    # called only for pictures that are sent
     displacement: Callable[[], Floats]
-    change: Floats
-    taxels: NDArray[np.uint8]
-    arrows: list[dict[str, Any]]
-    values: list[tuple[str, str]]
-    force: float
-    oil_pressure: float
-    more: dict[str, Any] = field(default_factory=dict)
-    made: float = field(default_factory=monotonic)
+    change: Floats  # counts above rest [taxel]; NaN where missing
+    taxels: NDArray[np.uint8]  # their states [taxel]
+    arrows: list[dict[str, Any]]  # contacts as the page draws them
+    values: list[tuple[str, str]]  # rows of the table: name and value with unit
+    force: float  # sum of the contacts' forces [N]; NaN where unknown
+    oil_pressure: float  # [Pa]; NaN where unknown
+    more: dict[str, Any] = field(default_factory=dict)  # further keys of the header
+    made: float = field(default_factory=monotonic)  # when it was made, by `time.monotonic` [s]
 
     def encoded(self, number: int) -> bytes:
-        """Its message.
-
-        Args:
-            number: of the picture, which the page sends back once it is drawn.
-        """
+        """Its message. `number`: of the picture, which the page sends back once it is drawn."""
         moved = np.nan_to_num(self.displacement())
         largest = float(np.abs(moved).max(initial=0.0))
         scale = max(largest, 1e-9) / _MOST
@@ -180,12 +162,8 @@ def describe(
 ) -> dict[str, Any]:
     """A skin as the page takes it, in SI units and radians.
 
-    Args:
-        spec: the skin.
-        grid: of the points that pictures show.
-        film: of its taxels; None where it has none.
-        title: what is shown.
-        more: controls, such as sliders or a timeline.
+    `spec`: the skin. `grid`: of the points that pictures show. `film`: of its taxels; None
+    where it has none. `title`: what is shown. `more`: controls, such as sliders or a timeline.
     """
     geometry = spec.geometry
     taxels = []

@@ -17,10 +17,8 @@ _LOOK = 0.25  # between two looks whether to end, while it stands still [s]
 class Player:
     """Where on a timeline the page is.
 
-    Args:
-        times: of the frames, never falling [s].
-        seconds: that playing all of it shall take at first, as near as a speed comes; real
-            time where not given.
+    `times`: of the frames, never falling [s]. `seconds`: that playing all of it shall take at
+    first, as near as a speed comes; real time where not given.
     """
 
     def __init__(self, times: Floats, seconds: float | None = None) -> None:
@@ -47,19 +45,12 @@ class Player:
 
     def run(
         self,
-        hub: Hub,
-        over: Callable[[], bool],
-        show: Callable[[int], None],
+        hub: Hub,  # that pages wish at
+        over: Callable[[], bool],  # whether to end
+        show: Callable[[int], None],  # shows a frame
         state: Callable[[int], Any] = lambda index: None,
     ) -> None:
-        """Play until it is over.
-
-        Args:
-            hub: that pages wish at.
-            over: whether to end.
-            show: shows a frame.
-            state: what of a frame may change while it is shown.
-        """
+        """Play until it is over. `state`: what of a frame may change while it is shown."""
         last, shown = time.monotonic(), None
         while not (over() or hub.closed):
             now = time.monotonic()

@@ -25,9 +25,8 @@ from suas_jax.scene.taxel_film import TaxelFilm
 class ReadingsPictures:
     """Makes pictures of a skin's frames.
 
-    Args:
-        spec: the skin.
-        rest: readings at rest [taxel] [counts]; those of the model where not given.
+    `spec`: the skin. `rest`: readings at rest [taxel] [counts]; those of the model where not
+    given.
     """
 
     def __init__(self, spec: SkinSpec, rest: Floats | None) -> None:
@@ -44,23 +43,14 @@ class ReadingsPictures:
 
     def picture(
         self,
-        time: float,
-        so: Floats,
-        stuck: Flags,
-        estimate: LoadEstimate | None,
-        values: list[tuple[str, str]],
-        **more: Any,
+        time: float,  # of the frame [s]
+        so: Floats,  # readings [taxel] [counts]; NaN where missing
+        stuck: Flags,  # taxels that repeat one count beyond chance [taxel]
+        estimate: LoadEstimate | None,  # what was estimated; None if nothing was
+        values: list[tuple[str, str]],  # further rows of the table
+        **more: Any,  # keys of the header
     ) -> Picture:
-        """A frame's picture.
-
-        Args:
-            time: of the frame [s].
-            so: readings [taxel] [counts]; NaN where missing.
-            stuck: taxels that repeat one count beyond chance [taxel].
-            estimate: what was estimated; None if nothing was.
-            values: further rows of the table.
-            more: keys of the header.
-        """
+        """A frame's picture."""
         left_out = set(np.flatnonzero(stuck).tolist())
         left_out |= set(() if estimate is None else estimate.left_out)
         states = taxel_states(so, sorted(left_out))

@@ -43,25 +43,16 @@ _SAMPLES = 8  # intervals of a section's element
 
 
 class Solved(NamedTuple):
-    """A scene's answer.
+    """A scene's answer."""
 
-    Attributes:
-        displacement: of the inner face's points of the grid [point, 3] [m].
-        so: sensor output [taxel] [counts]; NaN where nothing parts taxel and membrane.
-        oil_pressure: above ambient [Pa].
-        min_gap: smallest between membrane and wall [m].
-        status: name of the outcome.
-        loads: what is observed of each load, as `suas solve --json` prints it.
-        bodies: tip of each body [3] [m], and its axes [3, 3].
-    """
-
-    displacement: Floats
-    so: Floats
-    oil_pressure: float
-    min_gap: float
-    status: str
+    displacement: Floats  # of the inner face's points of the grid [point, 3] [m]
+    so: Floats  # sensor output [taxel] [counts]; NaN where nothing parts taxel and membrane
+    oil_pressure: float  # above ambient [Pa]
+    min_gap: float  # smallest between membrane and wall [m]
+    status: str  # name of the outcome
+    # what is observed of each load, as `suas solve --json` prints it
     loads: list[dict[str, Any]]
-    bodies: list[tuple[Floats, Floats]]
+    bodies: list[tuple[Floats, Floats]]  # tip of each body [3] [m], and its axes [3, 3]
 
     @property
     def converged(self) -> bool:
@@ -107,9 +98,8 @@ def _solve(
 class SceneModel:
     """A scene as a function of its continuous inputs.
 
-    Args:
-        scene: with all its inputs stated, and loads as they are (no wanted oil pressure).
-        grid: of the points that are asked for.
+    `scene`: with all its inputs stated, and loads as they are (no wanted oil pressure). `grid`:
+    of the points that are asked for.
     """
 
     def __init__(self, scene: SceneSpec, grid: Grid) -> None:
@@ -130,8 +120,7 @@ class SceneModel:
 
         The wall is left out until the membrane reaches it, as `solve` does.
 
-        Raises:
-            ValueError: a value is not allowed.
+        Raises ValueError: a value is not allowed.
         """
         bare = with_inputs(self._bare, values)
         inputs = {

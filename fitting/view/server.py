@@ -58,21 +58,13 @@ _MOST_CONNECTIONS = 128
 class ViewServer:
     """Serves the page of a hub; a context manager that starts and ends it.
 
-    Args:
-        hub: what the page shows.
-        host: address to listen at.
-        port: 0 takes a free one.
-
-    Attributes:
-        url: of the page, with the token.
-        pages: how many are open now.
-
-    Raises:
-        OSError: the address can't be listened at.
-        ValueError: the environment's token is none.
+    The address `host` is listened at; the port 0 takes a free one.
+    Raises OSError: the address can't be listened at; ValueError: the environment's token is
+    none.
     """
 
     def __init__(self, hub: Hub, host: str, port: int) -> None:
+        # how many pages are open now, and the address of the page, with the token
         self.hub, self.pages, self.url = hub, 0, ""
         self._host, self._port, self._token = host, port, own_token()
         self._loop = asyncio.new_event_loop()
@@ -158,9 +150,8 @@ class ViewServer:
     def _admit(self, request: web.Request) -> None:
         """Let those pass whose cookie is the token; make a cookie of a token in the address.
 
-        Raises:
-            HTTPSeeOther: the page without the token in its address, which is a cookie now.
-            HTTPForbidden: there is no token, or another.
+        Raises HTTPSeeOther: the page without the token in its address, which is a cookie now;
+        HTTPForbidden: there is no token, or another.
         """
         cookie = f"suas_view_{self._port}"  # cookies do not tell ports apart
         if is_token(request.query.get("token", ""), self._token):

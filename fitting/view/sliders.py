@@ -26,8 +26,7 @@ SIZES = {"thickness": "geometry.thickness", "oil_gap": "geometry.oil_gap"}
 def all_stated(scene: SceneSpec) -> SceneSpec:
     """The scene with the inputs of its sliders stated, and its loads as they are.
 
-    Raises:
-        ValueError: a body has friction, which forbids moving it to and fro.
+    Raises ValueError: a body has friction, which forbids moving it to and fro.
     """
     if any(body.friction is not None for body in scene.bodies):
         raise ValueError(

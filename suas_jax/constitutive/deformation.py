@@ -62,12 +62,9 @@ class FibreStretch(AbstractDeformation):
     The lumped shell's state. In plane strain I₁ = I₂; with e = λ² − 1,
 
         I₁ − 3 = e²/(1 + e),    Σλ_i^α − 3 = (exp(x) − 1)² exp(−x),  x = α/2 log(1 + e).
-
-    Attributes:
-        green: e = λ² − 1, any shape; twice the Green strain. Must exceed −1.
     """
 
-    green: Float[Array, "..."]
+    green: Float[Array, "..."]  # e = λ² − 1, any shape; twice the Green strain. Must exceed −1
 
     @property
     def I1_minus_3(self) -> Float[Array, "..."]:
@@ -93,14 +90,10 @@ class HeldFibre(AbstractDeformation):
     power sum S of `FibreStretch`,
 
         Σλ_i^α − 3 = e^M S + 2 e^M + e^(−2M) − 3.
-
-    Attributes:
-        green: e, any shape; must exceed −1.
-        axial: log λ_a, which broadcasts against it.
     """
 
-    green: Float[Array, "..."]
-    axial: Float[Array, "..."]
+    green: Float[Array, "..."]  # e, any shape; must exceed −1
+    axial: Float[Array, "..."]  # log λ_a, which broadcasts against it
 
     @property
     def I1_minus_3(self) -> Float[Array, "..."]:
@@ -138,21 +131,16 @@ class PlaneStrain(AbstractDeformation):
 
     Stretches coincide at m = 0, where η ~ √m; cosh αη is analytic there and computed
     from η² alone, so derivatives of every order are exact, with no switch of formula.
-
-    Attributes:
-        distortion: m = I − 2J ≥ 0, any shape.
-        dilatation: j = J − 1 > −1, any shape.
     """
 
-    distortion: Float[Array, "..."]
-    dilatation: Float[Array, "..."]
+    distortion: Float[Array, "..."]  # m = I − 2J ≥ 0, any shape
+    dilatation: Float[Array, "..."]  # j = J − 1 > −1, any shape
 
     @classmethod
     def from_displacement_gradient(cls, H: Float[Array, "2 2 *batch"]) -> "PlaneStrain":
         """Build the state from H = F − 1, without loss for small strains.
 
-        Args:
-            H: displacement gradient ∂u_i/∂X_j, shape [2, 2, *batch].
+        `H`: displacement gradient ∂u_i/∂X_j, shape [2, 2, *batch].
         """
         distortion = (H[0, 0] - H[1, 1]) ** 2 + (H[0, 1] + H[1, 0]) ** 2
         dilatation = H[0, 0] + H[1, 1] + (H[0, 0] * H[1, 1] - H[0, 1] * H[1, 0])
@@ -200,14 +188,10 @@ class InPlaneStrain(AbstractDeformation):
 
     where sinh² η = (λ₁ − λ₂)² / (4 √(1 + d)) is analytic in τ and ν also where stretches
     coincide: derivatives of every order are exact.
-
-    Attributes:
-        trace: τ, any shape.
-        determinant: ν, any shape; 1 + τ + ν must be positive.
     """
 
-    trace: Float[Array, "..."]
-    determinant: Float[Array, "..."]
+    trace: Float[Array, "..."]  # τ, any shape
+    determinant: Float[Array, "..."]  # ν, any shape; 1 + τ + ν must be positive
 
     @property
     def I1_minus_3(self) -> Float[Array, "..."]:
@@ -238,15 +222,10 @@ class InPlaneStrain(AbstractDeformation):
 
 
 class LogStretches(AbstractDeformation):
-    """Incompressible, given by two principal logarithmic strains; the third is −e₁ − e₂.
+    """Incompressible, given by two principal logarithmic strains; the third is −e₁ − e₂."""
 
-    Attributes:
-        e1: log λ₁, any shape.
-        e2: log λ₂, any shape.
-    """
-
-    e1: Float[Array, "..."]
-    e2: Float[Array, "..."]
+    e1: Float[Array, "..."]  # log λ₁, any shape
+    e2: Float[Array, "..."]  # log λ₂, any shape
 
     @property
     def I1_minus_3(self) -> Float[Array, "..."]:
@@ -266,17 +245,11 @@ class LogStretches(AbstractDeformation):
 
 
 class PrincipalStretches(AbstractDeformation):
-    """Three principal stretches; only their isochoric part counts.
+    """Three principal stretches; only their isochoric part counts."""
 
-    Attributes:
-        l1: λ₁ > 0, any shape.
-        l2: λ₂ > 0, any shape.
-        l3: λ₃ > 0, any shape.
-    """
-
-    l1: Float[Array, "..."]
-    l2: Float[Array, "..."]
-    l3: Float[Array, "..."]
+    l1: Float[Array, "..."]  # λ₁ > 0, any shape
+    l2: Float[Array, "..."]  # λ₂ > 0, any shape
+    l3: Float[Array, "..."]  # λ₃ > 0, any shape
 
     @property
     def isochoric(self) -> LogStretches:

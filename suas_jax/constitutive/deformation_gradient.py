@@ -81,12 +81,9 @@ class AbstractGeneralState(AbstractDeformation):
 
 
 class DeformationGradient(AbstractGeneralState):
-    """A state given by F.
+    """A state given by F."""
 
-    Attributes:
-        F: deformation gradient ∂x_i/∂X_j (Eq. 4), shape [3, 3, *batch], det F > 0.
-    """
-
+    # deformation gradient ∂x_i/∂X_j (Eq. 4), shape [3, 3, *batch], det F > 0
     F: Float[Array, "3 3 *batch"]
 
     @property
@@ -102,12 +99,9 @@ class DeformationGradient(AbstractGeneralState):
 
 
 class RightCauchyGreen(AbstractGeneralState):
-    """A state given by C.
+    """A state given by C."""
 
-    Attributes:
-        entries: of C − 1: 11, 22, 33, 12, 13, 23, the last three those of either side.
-    """
-
+    # of C − 1: 11, 22, 33, 12, 13, 23, the last three those of either side
     entries: Float[Array, "6 *batch"]
 
     @property

@@ -13,16 +13,11 @@ class Inelastic(AbstractLaw):
 
     As a law it is the long-term elastic one of the virgin material, the source of all stress:
     relaxation starts from this law over 1 − Σ g_i.
-
-    Attributes:
-        elastic: the long-term law.
-        relaxation: None where the stress does not relax.
-        softening: None where it does not soften.
     """
 
-    elastic: AbstractLaw
-    relaxation: PronySeries | None = None
-    softening: OgdenRoxburgh | None = None
+    elastic: AbstractLaw  # the long-term law
+    relaxation: PronySeries | None = None  # None where the stress does not relax
+    softening: OgdenRoxburgh | None = None  # None where it does not soften
 
     def energy(self, deformation: AbstractDeformation) -> Float[Array, "..."]:
         """Ψ of the long-term law of the virgin material [J/m³]."""

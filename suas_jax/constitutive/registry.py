@@ -21,13 +21,9 @@ def build_law(
 ) -> AbstractLaw:
     """Build the law of a [material] table.
 
-    Args:
-        material: says which law.
-        value: its constants by their paths in [material], such as ``C1`` or ``mu.0``; None
-            takes the table's own.
-
-    Returns:
-        The elastic law; the instantaneous one where the table's `response` says so.
+    `material`: says which law. `value`: its constants by their paths in [material], such as
+    ``C1`` or ``mu.0``; None takes the table's own.
+    Returns the elastic law; the instantaneous one where the table's `response` says so.
     """
     found = value or _own(material)
     if material.response == "instantaneous":

@@ -23,15 +23,10 @@ _SHORT = 1e-6
 
 
 class PronySeries(eqx.Module):
-    """Normalised relaxation modulus, G(t) = 1 − Σ g_i (1 − exp(−t/τ_i)).
+    """Normalised relaxation modulus, G(t) = 1 − Σ g_i (1 − exp(−t/τ_i))."""
 
-    Attributes:
-        g: shares of the instantaneous stress that relax, shape [terms].
-        tau: relaxation times τ_i [s], shape [terms].
-    """
-
-    g: Float[Array, " terms"]
-    tau: Float[Array, " terms"]
+    g: Float[Array, " terms"]  # shares of the instantaneous stress that relax, shape [terms]
+    tau: Float[Array, " terms"]  # relaxation times τ_i [s], shape [terms]
 
     @property
     def long_term_share(self) -> Float[Array, ""]:
@@ -46,11 +41,8 @@ class PronySeries(eqx.Module):
     def over(self, elapsed: Array) -> tuple[Float[Array, " terms"], Float[Array, " terms"]]:
         """What is left of a stress after a time, and of one that has grown evenly during it.
 
-        Args:
-            elapsed: the time [s]; zero leaves all of either.
-
-        Returns:
-            exp(−x) and (1 − exp(−x))/x with x = t/τ.
+        `elapsed`: the time [s]; zero leaves all of either.
+        Returns exp(−x) and (1 − exp(−x))/x with x = t/τ.
         """
         x = elapsed / self.tau
         short = x < _SHORT
@@ -59,19 +51,16 @@ class PronySeries(eqx.Module):
 
     def relaxed(
         self,
-        elapsed: Float[Array, " n"],
+        elapsed: Float[Array, " n"],  # time since the row before [s], shape [n]; zero is a step
         begins: Bool[Array, " n"],
-        history: Float[Array, "n k"],
+        history: Float[Array, "n k"],  # S₀, shape [n, k]
     ) -> Float[Array, "n k"]:
         """Convolve stress histories, ∫ G(t − s) dS₀(s), with G.
 
         Exact for stresses that change linearly between the given times.
 
-        Args:
-            elapsed: time since the row before [s], shape [n]; zero is a step.
-            begins: where another history begins: the material is at rest before, and the row
-                is reached by a step, or held since `elapsed`, shape [n].
-            history: S₀, shape [n, k].
+        `begins`: where another history begins: the material is at rest before, and the row is
+        reached by a step, or held since `elapsed`, shape [n].
         """
 
         def advance(
@@ -94,15 +83,11 @@ class PronySeries(eqx.Module):
 
 
 class Past(NamedTuple):
-    """What a material remembers: stresses at the end of a step.
+    """What a material remembers: stresses at the end of a step."""
 
-    Attributes:
-        stress: S₀ of the instantaneous law, its deviator pulled back [Pa].
-        parts: what is left of it, a term each: the Q_i of Simo [Pa].
-    """
-
+    # S₀ of the instantaneous law, its deviator pulled back [Pa]
     stress: Float[Array, " *shape"]
-    parts: Float[Array, "terms *shape"]
+    parts: Float[Array, "terms *shape"]  # what is left of it, a term each: the Q_i of Simo [Pa]
 
     @classmethod
     def none(cls, series: PronySeries, shape: tuple[int, ...]) -> "Past":
@@ -151,15 +136,10 @@ class Past(NamedTuple):
 
 
 class Response(NamedTuple):
-    """Stress S = share S₀ + rest: what a step makes of an instantaneous law.
+    """Stress S = share S₀ + rest: what a step makes of an instantaneous law."""
 
-    Attributes:
-        share: of the instantaneous stress.
-        rest: what the past adds, whatever the strain [Pa].
-    """
-
-    share: Float[Array, ""]
-    rest: Float[Array, " *shape"]
+    share: Float[Array, ""]  # of the instantaneous stress
+    rest: Float[Array, " *shape"]  # what the past adds, whatever the strain [Pa]
 
 
 def _over(terms: Array, parts: Array) -> Array:

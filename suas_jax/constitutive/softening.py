@@ -17,17 +17,11 @@ from jaxtyping import Array, Bool, Float
 
 
 class OgdenRoxburgh(eqx.Module):
-    """Softening of Ogden and Roxburgh.
+    """Softening of Ogden and Roxburgh."""
 
-    Attributes:
-        r: 1/r is the largest share of the stress that is lost; greater than one.
-        m: energy below W_max over which it is lost [J/m³].
-        beta: how much that energy grows with W_max.
-    """
-
-    r: Float[Array, ""]
-    m: Float[Array, ""]
-    beta: Float[Array, ""]
+    r: Float[Array, ""]  # 1/r is the largest share of the stress that is lost; greater than one
+    m: Float[Array, ""]  # energy below W_max over which it is lost [J/m³]
+    beta: Float[Array, ""]  # how much that energy grows with W_max
 
     def factor(
         self, energy: Float[Array, "..."], largest: Float[Array, "..."]
@@ -40,9 +34,8 @@ class OgdenRoxburgh(eqx.Module):
 def largest_before(energy: Float[Array, " n"], begins: Bool[Array, " n"]) -> Float[Array, " n"]:
     """Largest energy of each history up to and including a row.
 
-    Args:
-        energy: W in the order of time, histories one after the other, shape [n].
-        begins: where another history begins, shape [n].
+    `energy`: W in the order of time, histories one after the other, shape [n]. `begins`: where
+    another history begins, shape [n].
     """
 
     def later(before: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:

@@ -30,19 +30,15 @@ def drucker_modulus(
 ) -> Float[Array, "..."]:
     """Smallest stiffness of an incompressible material against any further strain.
 
-    min over Σ de_i = 0, Σ de_i² = 1 of ½ Σ dτ_i de_i: the smaller eigenvalue of a 2 × 2
-    matrix, in closed form. At rest it is the shear modulus; the law is stable in
-    Drucker's sense where it is positive. The unit of strain weighs the three directions
-    alike, so the value does not depend on how they are numbered.
+    min over Σ de_i = 0, Σ de_i² = 1 of ½ Σ dτ_i de_i: the smaller eigenvalue of a 2 × 2 matrix,
+    in closed form. At rest it is the shear modulus; the law is stable in Drucker's sense where
+    it is positive. The unit of strain weighs the three directions alike, so the value does not
+    depend on how they are numbered.
 
-    Args:
-        law: the material.
-        stretch_1: λ₁ > 0, any shape.
-        stretch_2: λ₂ > 0, of a shape that broadcasts with λ₁; λ₃ = 1/(λ₁λ₂).
-
-    Returns:
-        Modulus [Pa]. Its derivative where both eigenvalues coincide, as they do at rest, is
-        that of their mean.
+    `stretch_1`: λ₁ > 0, any shape. `stretch_2`: λ₂ > 0, of a shape that broadcasts with λ₁; λ₃
+    = 1/(λ₁λ₂).
+    Returns the modulus [Pa]. Its derivative where both eigenvalues coincide, as they do at
+    rest, is that of their mean.
     """
     e1, e2 = jnp.broadcast_arrays(jnp.log(constant(stretch_1)), jnp.log(constant(stretch_2)))
 
@@ -71,18 +67,12 @@ def stable_range(
 ) -> tuple[Float[Array, "*lanes"], Float[Array, "*lanes"]]:
     """Interval of stretches around one in which a law is stable in a mode.
 
-    Args:
-        law: the material.
-        mode: "uniaxial", "equibiaxial" or "planar".
-        limits: stretches beyond which is not looked, 0 < low < 1 < high.
-
-    Returns:
-        Lowest and highest stretch, to 1e-10, in the shape of the law's lanes; a limit
-        where stability is not lost before it. Differentiable in the law's constants.
-        A loss and recovery within 1/400 of the way to a limit can be overlooked.
-
-    Raises:
-        ValueError: the mode is unknown, or the limits do not enclose one.
+    `mode`: "uniaxial", "equibiaxial" or "planar". `limits`: stretches beyond which is not
+    looked, 0 < low < 1 < high.
+    Returns the lowest and highest stretch, to 1e-10, in the shape of the law's lanes; a limit
+    where stability is not lost before it. Differentiable in the law's constants. A loss and
+    recovery within 1/400 of the way to a limit can be overlooked.
+    Raises ValueError: the mode is unknown, or the limits do not enclose one.
     """
     if mode not in MODES:
         raise ValueError(f"unknown mode {mode!r}; it is one of {sorted(MODES)}")

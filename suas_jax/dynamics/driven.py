@@ -47,15 +47,10 @@ _MOST_TRAVELS = 15
 
 
 class Travels(NamedTuple):
-    """How far bodies that are pressed by forces have come.
+    """How far bodies that are pressed by forces have come."""
 
-    Attributes:
-        length: of each of them [m].
-        slope: of the logarithms of the forces by those of the travels.
-    """
-
-    length: Float[Array, " body"]
-    slope: Float[Array, "body body"]
+    length: Float[Array, " body"]  # of each of them [m]
+    slope: Float[Array, "body body"]  # of the logarithms of the forces by those of the travels
 
 
 @dataclasses.dataclass(frozen=True)
@@ -126,19 +121,12 @@ class AbstractDriven(abc.ABC):
 
 @dataclasses.dataclass(frozen=True)
 class DrivenSkin(AbstractDriven):
-    """A scene on a mesh, some of whose numbers change.
+    """A scene on a mesh, some of whose numbers change."""
 
-    Attributes:
-        scene: with the instantaneous response of its material.
-        plan: of the mesh.
-        inputs: the scene's numbers.
-        fixed: parts and problem where a factor alone changes.
-    """
-
-    scene: Structure
-    plan: AbstractPlan
-    inputs: Inputs
-    fixed: tuple[SceneParts, Problem] | None
+    scene: Structure  # with the instantaneous response of its material
+    plan: AbstractPlan  # of the mesh
+    inputs: Inputs  # the scene's numbers
+    fixed: tuple[SceneParts, Problem] | None  # parts and problem where a factor alone changes
 
     @classmethod
     def of(cls, scene: Structure, plan: AbstractPlan, inputs: Inputs, names: Any) -> Self:
@@ -277,22 +265,16 @@ class _Search(NamedTuple):
 
 
 def _under_forces(
-    found: Any,
-    forces: Any,
-    start: State,
-    wanted: Array,
+    found: Any,  # the equilibrium at given travels, from a start
+    forces: Any,  # what an equilibrium says of them
+    start: State,  # for the first travels
+    wanted: Array,  # forces [N]
     expected: tuple[Travels, Travels],
-    first: float,
+    first: float,  # travel of a body that has not touched yet [m]
 ) -> tuple[Equilibrium, Travels]:
     """Travels at which bodies carry given forces; those without a force are at first touch.
 
-    Args:
-        found: the equilibrium at given travels, from a start.
-        forces: what an equilibrium says of them.
-        start: for the first travels.
-        wanted: forces [N].
-        expected: travels to begin with, and those of an equilibrium nearby.
-        first: travel of a body that has not touched yet [m].
+    `expected`: travels to begin with, and those of an equilibrium nearby.
     """
     travels, before = expected
     known = jnp.all((before.length > 0) | (wanted <= 0))

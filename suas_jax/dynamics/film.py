@@ -17,16 +17,11 @@ _SHARE = 0.1
 
 
 class Film(NamedTuple):
-    """Whether the oil's film moves in a history.
+    """Whether the oil's film moves in a history."""
 
-    Attributes:
-        included: whether it does; else the skin is in equilibrium at every moment.
-        message: the same as a sentence, with the reason.
-        bandwidth: below it statics is right to 1 % at rest [Hz]; None where it is not known.
-    """
-
-    included: bool
-    message: str
+    included: bool  # whether it does; else the skin is in equilibrium at every moment
+    message: str  # the same as a sentence, with the reason
+    # below it statics is right to 1 % at rest [Hz]; None where it is not known
     bandwidth: float | None = None
 
     def report(self) -> dict[str, Any]:
@@ -39,25 +34,17 @@ class Film(NamedTuple):
 
 
 def film_of(
-    scene: SceneSpec,
-    largest: SceneSpec,
-    plan: AbstractPlan,
-    time: Float[np.ndarray, " row"],
-    values: Mapping[str, Float[np.ndarray, " row"]],
-    rest: Mapping[str, float],
+    scene: SceneSpec,  # what the history changes
+    largest: SceneSpec,  # the same under its largest loads
+    plan: AbstractPlan,  # mesh of the whole section
+    time: Float[np.ndarray, " row"],  # of the rows [s]
+    values: Mapping[str, Float[np.ndarray, " row"]],  # numbers that change, one a row
+    rest: Mapping[str, float],  # the same before the first row
 ) -> Film:
     """Decide for a history.
 
     An equilibrium lags behind its loads by the time that its bandwidth tells, and the more the
     thinner the film is.
-
-    Args:
-        scene: what the history changes.
-        largest: the same under its largest loads.
-        plan: mesh of the whole section.
-        time: of the rows [s].
-        values: that change, one a row.
-        rest: the same before the first row.
     """
     reason = _not_covered(scene, plan)
     if reason is not None:

@@ -65,23 +65,17 @@ _FIRST_SHARE = 0.01
 
 
 class History(NamedTuple):
-    """Loads over time.
+    """Loads over time."""
 
-    Attributes:
-        time: of the rows [s], never falling.
-        columns: values by name, one for each row.
-    """
-
-    time: Float[np.ndarray, " row"]
-    columns: dict[str, Float[np.ndarray, " row"]]
+    time: Float[np.ndarray, " row"]  # of the rows [s], never falling
+    columns: dict[str, Float[np.ndarray, " row"]]  # values by name, one for each row
 
 
 def read_history(file: Path) -> History:
     """Read a history.
 
-    Raises:
-        ValueError: a column is missing or unknown, a field is no number, or time falls.
-        OSError: the file can't be read.
+    Raises ValueError: a column is missing or unknown, a field is no number, or time falls;
+    OSError: the file can't be read.
     """
     table = read_csv_table(file)
     found = [name for name in table.names if name != "t_s"]
@@ -160,26 +154,19 @@ def history_sweep(scene: SceneSpec, history: History, gradient: str | None = Non
 
 
 class Course(NamedTuple):
-    """A scene and how its numbers change.
+    """A scene and how its numbers change."""
 
-    Attributes:
-        scene: at full load.
-        time: of the rows [s].
-        values: of a factor on all loads, or of inputs by their paths; one a row each.
-        rest: the values before the first row.
-    """
-
-    scene: SceneSpec
-    time: Float[np.ndarray, " row"]
+    scene: SceneSpec  # at full load
+    time: Float[np.ndarray, " row"]  # of the rows [s]
+    # of a factor on all loads, or of inputs by their paths; one a row each
     values: dict[str, Float[np.ndarray, " row"]]
-    rest: dict[str, float]
+    rest: dict[str, float]  # the values before the first row
 
     @classmethod
     def of(cls, scene: SceneSpec, history: History) -> Self:
         """That of a history: a factor if nothing but all loads change, together.
 
-        Raises:
-            SweepError: the scene has nothing that a column changes.
+        Raises SweepError: the scene has nothing that a column changes.
         """
         columns = history.columns
         shares = {name: _driven(scene, name) for name in columns if name != "factor"}
@@ -266,19 +253,12 @@ def _driven(scene: SceneSpec, column: str) -> dict[str, float]:
 
 
 class _Errors(NamedTuple):
-    """A mesh, and what the elastic solve of the largest load says of its errors.
+    """A mesh, and what the elastic solve of the largest load says of its errors."""
 
-    Attributes:
-        plan: the mesh.
-        mesh: relative error by it; NaN where it is not known.
-        model: the same by the model.
-        displacement: of the solve [m].
-    """
-
-    plan: AbstractPlan
-    mesh: float
-    model: float
-    displacement: float = 0.0
+    plan: AbstractPlan  # the mesh
+    mesh: float  # relative error by it; NaN where it is not known
+    model: float  # the same by the model
+    displacement: float = 0.0  # of the solve [m]
 
     @classmethod
     def at(cls, scene: SceneSpec) -> "_Errors":
@@ -330,19 +310,12 @@ def _responding(scene: SceneSpec, response: str) -> SceneSpec:
 
 @dataclasses.dataclass(frozen=True)
 class _Follower:
-    """Follows one scene on one mesh.
+    """Follows one scene on one mesh."""
 
-    Attributes:
-        course: the scene, and how it changes.
-        errors: the mesh, and what it leaves.
-        film: whether it moves.
-        few: whether rows take less time to follow than to compile for speed.
-    """
-
-    course: Course
-    errors: _Errors
-    film: Film
-    few: bool = True
+    course: Course  # the scene, and how it changes
+    errors: _Errors  # the mesh, and what it leaves
+    film: Film  # whether it moves
+    few: bool = True  # whether rows take less time to follow than to compile for speed
 
     def points(self) -> list[dict[str, Any]]:
         """Reports of all rows; with the wall from the block on in which it is reached."""
@@ -361,8 +334,7 @@ class _Follower:
     def asked(self, quantity: str) -> tuple[int, str]:
         """Row and path of a quantity to differentiate.
 
-        Raises:
-            SweepError: there is no such row, or the history has no derivatives.
+        Raises SweepError: there is no such row, or the history has no derivatives.
         """
         known = Structure(_responding(self.course.scene, "instantaneous")), self.errors.plan
         reason = reason_against(*known, self.film.included)

@@ -50,33 +50,20 @@ _WARMTH = "environment.temperature"
 
 
 class Steps(NamedTuple):
-    """Steps that were taken, one after another.
+    """Steps that were taken, one after another."""
 
-    Attributes:
-        length: of each [s]; zero over a part of a jump.
-        values: that the history changes, at its end.
-        state: the equilibrium there.
-    """
-
-    length: Float[Array, " step"]
-    values: Values
-    state: State
+    length: Float[Array, " step"]  # of each [s]; zero over a part of a jump
+    values: Values  # that the history changes, at its end
+    state: State  # the equilibrium there
 
 
 class Record(NamedTuple):
-    """A history that can be gone through again.
+    """A history that can be gone through again."""
 
-    Attributes:
-        begin: the skin at rest.
-        values: there.
-        steps: from there on.
-        peak: the largest values of the whole history.
-    """
-
-    begin: State
-    values: Values
-    steps: Steps
-    peak: Values
+    begin: State  # the skin at rest
+    values: Values  # there
+    steps: Steps  # from there on
+    peak: Values  # the largest values of the whole history
 
 
 def reason_against(scene: Structure, plan: AbstractPlan, moves: bool) -> str | None:
@@ -108,23 +95,15 @@ def _attempt(
 
 
 def record(
-    known: Known,
-    rows: Rows,
-    rest: dict[str, float],
-    peak: Values,
-    tolerance: Float[np.ndarray, ""],
+    known: Known,  # scene with the instantaneous response of its material, mesh and numbers
+    rows: Rows,  # of the history
+    rest: dict[str, float],  # values before the first of them
+    peak: Values,  # the largest values of the whole history
+    tolerance: Float[np.ndarray, ""],  # see `steps.through`
 ) -> Record | None:
     """Follow a history and keep every step.
 
-    Args:
-        known: scene with the instantaneous response of its material, mesh and numbers.
-        rows: of the history.
-        rest: values before the first of them.
-        peak: the largest values of the whole history.
-        tolerance: see `steps.through`.
-
-    Returns:
-        The steps; None where the history has no equilibrium to its end.
+    Returns the steps; None where the history has no equilibrium to its end.
     """
     values = {key: np.asarray(x, float) for key, x in rest.items()}
     now = begin = COMPILED.run(at_rest, *known, rows.begin[0], values, once=True)
@@ -213,17 +192,12 @@ def history_gradient(known: Known, record: Record, path: str) -> dict[str, float
     Sizes of loads that the history changes are those of its largest row, the others in
     proportion; a temperature that it changes is moved alike in all rows.
 
-    Args:
-        known: scene with the instantaneous response of its material, mesh and numbers.
-        record: of the history, to the point that is asked for.
-        path: of the quantity in that point's report.
-
-    Returns:
-        Derivatives by TOML path, in SI units; angles per radian.
-
-    Raises:
-        UnknownQuantityError: the path is not a differentiable quantity of the report.
-        SingularTangentError: the skin buckles somewhere on the way.
+    `known`: scene with the instantaneous response of its material, mesh and numbers. `record`:
+    of the history, to the point that is asked for. `path`: of the quantity in that point's
+    report.
+    Returns derivatives by TOML path, in SI units; angles per radian.
+    Raises UnknownQuantityError: the path is not a differentiable quantity of the report;
+    SingularTangentError: the skin buckles somewhere on the way.
     """
     scene, plan, inputs = known
     found = COMPILED.run(_program, scene, path, plan, record, inputs, once=True)

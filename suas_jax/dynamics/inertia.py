@@ -40,27 +40,16 @@ _ACROSS = np.array([1 / 6, 2 / 3, 1 / 6])
 
 
 class Densities(NamedTuple):
-    """What moves, in SI units.
+    """What moves, in SI units."""
 
-    Attributes:
-        oil: density [kg/m^3].
-        viscosity: of the oil, dynamic [Pa s].
-        membrane: density [kg/m^3].
-        water: density outside, zero in air [kg/m^3].
-    """
-
-    oil: Number
-    viscosity: Number
-    membrane: Number
-    water: Number
+    oil: Number  # density [kg/m^3]
+    viscosity: Number  # of the oil, dynamic [Pa s]
+    membrane: Number  # density [kg/m^3]
+    water: Number  # density outside, zero in air [kg/m^3]
 
 
 def densities_of(scene: SceneSpec) -> Densities:
-    """Densities and viscosity of a scene.
-
-    Raises:
-        ConfigError: names what is missing.
-    """
+    """Densities and viscosity of a scene. Raises ConfigError: names what is missing."""
     needed = {
         "oil.density": scene.oil.density,
         "oil.viscosity": scene.oil.viscosity,
@@ -83,15 +72,11 @@ def densities_of(scene: SceneSpec) -> Densities:
 
 
 class Water(NamedTuple):
-    """The water outside, on the outer face at rest.
+    """The water outside, on the outer face at rest."""
 
-    Attributes:
-        amplitudes: of the harmonics of a normal velocity, by what segments sweep [1/m].
-        weights: mass of the square of each, over the density [m^2].
-    """
-
+    # of the harmonics of a normal velocity, by what segments sweep [1/m]
     amplitudes: Float[Array, "harmonic segment"]
-    weights: Float[Array, " harmonic"]
+    weights: Float[Array, " harmonic"]  # mass of the square of each, over the density [m^2]
 
     @classmethod
     def over(cls, lengths: Float[Array, " segment"]) -> "Water":
@@ -102,14 +87,10 @@ class Water(NamedTuple):
 
 
 class Outline(NamedTuple):
-    """Polylines of a section in a state.
+    """Polylines of a section in a state."""
 
-    Attributes:
-        faces: points of inner face, mid-line and outer face [m].
-        gap: thickness of the film along the normal of the undeformed inner face [m].
-    """
-
-    faces: Float[Array, "3 2 point"]
+    faces: Float[Array, "3 2 point"]  # points of inner face, mid-line and outer face [m]
+    # thickness of the film along the normal of the undeformed inner face [m]
     gap: Float[Array, " point"]
 
     @property
@@ -126,33 +107,22 @@ class Outline(NamedTuple):
 
 
 class Flow(NamedTuple):
-    """How a section moves, or what works on such a motion.
+    """How a section moves, or what works on such a motion."""
 
-    Attributes:
-        film: flux of the oil along the film [m^2/s].
-        membrane: velocities of the segments of inner face, mid-line and outer face [m/s].
-        water: amplitudes of the harmonics of the outer face's normal velocity [m/s].
-    """
-
-    film: Float[Array, "segment *unknown"]
+    film: Float[Array, "segment *unknown"]  # flux of the oil along the film [m^2/s]
+    # velocities of the segments of inner face, mid-line and outer face [m/s]
     membrane: Float[Array, "3 2 segment *unknown"]
+    # amplitudes of the harmonics of the outer face's normal velocity [m/s]
     water: Float[Array, "harmonic *unknown"]
 
 
 class Inertia(NamedTuple):
-    """Quadratic forms of the unknowns' velocities, per width.
+    """Quadratic forms of the unknowns' velocities, per width."""
 
-    Attributes:
-        film: mass of the oil [kg/m].
-        membrane: its own mass [kg/m].
-        water: added mass outside [kg/m].
-        damping: of the film [N s/m^2].
-    """
-
-    film: Matrix
-    membrane: Matrix
-    water: Matrix
-    damping: Matrix
+    film: Matrix  # mass of the oil [kg/m]
+    membrane: Matrix  # its own mass [kg/m]
+    water: Matrix  # added mass outside [kg/m]
+    damping: Matrix  # of the film [N s/m^2]
 
     @property
     def mass(self) -> Matrix:
@@ -163,10 +133,7 @@ class Inertia(NamedTuple):
 def flow_of(at: Outline, moved: Float[Array, "3 2 point *unknown"], water: Water) -> Flow:
     """What flows where the faces move.
 
-    Args:
-        at: where they are.
-        moved: velocities of their points.
-        water: outside.
+    `at`: where they are. `moved`: velocities of their points. `water`: outside.
     """
     lengths = at.lengths
     room = at.film * lengths[0]
@@ -180,15 +147,10 @@ def flow_of(at: Outline, moved: Float[Array, "3 2 point *unknown"], water: Water
 
 
 class Weights(NamedTuple):
-    """What the squares of a flow weigh.
+    """What the squares of a flow weigh."""
 
-    Attributes:
-        mass: of film, membrane and water.
-        damping: of the film.
-    """
-
-    mass: Flow
-    damping: Float[Array, " segment"]
+    mass: Flow  # of film, membrane and water
+    damping: Float[Array, " segment"]  # of the film
 
 
 def weights_of(
@@ -196,11 +158,8 @@ def weights_of(
 ) -> Weights:
     """Masses and damping, of the flow of a unit of width.
 
-    Args:
-        at: where the faces are.
-        section: cross-section of the membrane's segments [m^2].
-        water: outside.
-        given: densities and viscosity.
+    `at`: where the faces are. `section`: cross-section of the membrane's segments [m^2].
+    `water`: outside. `given`: densities and viscosity.
     """
     inner, film = at.lengths[0], at.film
     membrane = given.membrane * _ACROSS[:, None, None] * section
@@ -215,9 +174,7 @@ def weights_of(
 def inertia_of(flow: Flow, weights: Weights) -> Inertia:
     """Masses and damping of small motions.
 
-    Args:
-        flow: of each unknown.
-        weights: of its squares.
+    `flow`: of each unknown. `weights`: of its squares.
     """
     film, membrane, water = (
         _form(x.reshape(-1, x.shape[-1]), w.ravel())

@@ -49,26 +49,17 @@ _MORE_MODES = 24
 
 @dataclasses.dataclass(frozen=True)
 class Modes:
-    """Natural modes of a skin.
+    """Natural modes of a skin."""
 
-    Attributes:
-        modes: one row each, SI units in the key names.
-        bandwidth: below it the static answer is right to `STATIC_ERROR` [Hz]; None where no
-            state was found, or an unstable one.
-        shapes: of each mode, as `motion.shapes` has them.
-        motion: what they are modes of; None where no state was found.
-        solution: the state.
-        status: as of a solve, or "unstable".
-        message: what it means.
-    """
-
-    modes: list[dict[str, float | None]]
+    modes: list[dict[str, float | None]]  # one row each, SI units in the key names
+    # below it the static answer is right to `STATIC_ERROR` [Hz]; None where no state was found,
+    # or an unstable one
     bandwidth: float | None
-    shapes: Float[np.ndarray, "mode *shape"]
-    motion: Motion | PadMotion | None
-    solution: Solution
-    status: str
-    message: str
+    shapes: Float[np.ndarray, "mode *shape"]  # of each mode, as `motion.shapes` has them
+    motion: Motion | PadMotion | None  # what they are modes of; None where no state was found
+    solution: Solution  # the state
+    status: str  # as of a solve, or "unstable"
+    message: str  # what it means
 
     def report(self) -> dict[str, Any]:
         """What `suas modes --json` prints."""
@@ -127,17 +118,11 @@ def modes(scene: SceneSpec, count: int = 6) -> Modes:
 
 
 class Spectrum(NamedTuple):
-    """Natural modes of a motion.
+    """Natural modes of a motion."""
 
-    Attributes:
-        modes: one row each, SI units in the key names.
-        vectors: their displacements, by the free unknowns.
-        bandwidth: see `Modes` [Hz].
-    """
-
-    modes: list[dict[str, float | None]]
-    vectors: Float[np.ndarray, "unknown mode"]
-    bandwidth: float
+    modes: list[dict[str, float | None]]  # one row each, SI units in the key names
+    vectors: Float[np.ndarray, "unknown mode"]  # their displacements, by the free unknowns
+    bandwidth: float  # see `Modes` [Hz]
 
 
 def spectrum_of(
@@ -145,10 +130,7 @@ def spectrum_of(
 ) -> Spectrum | None:
     """Natural modes of a motion in a fluid; None where a motion grows by itself.
 
-    Args:
-        motion: about a state.
-        densities: what moves.
-        count: how many modes.
+    `motion`: about a state. `densities`: what moves.
     """
     if isinstance(motion, Motion):
         flow = flow_of(motion.outline, motion.moved, motion.water)
@@ -196,11 +178,8 @@ def _rows(
 ) -> list[dict[str, float | None]]:
     """The modes as a table.
 
-    Args:
-        squares: w^2 of the undamped modes.
-        damping: in their coordinates.
-        vectors: of unit mass.
-        inertia: whose modes they are.
+    `squares`: w^2 of the undamped modes. `damping`: in their coordinates. `vectors`: of unit
+    mass.
     """
     omega = np.sqrt(squares)
     film = np.einsum("ki,kl,li->i", vectors, inertia.film, vectors)
@@ -225,9 +204,7 @@ def damped_roots(
 
     Of overdamped motions, which have two real roots each, the slower halves count.
 
-    Args:
-        squares: w^2 of the modes.
-        damping: in their coordinates.
+    `squares`: w^2 of the modes. `damping`: in their coordinates.
     """
     n = len(squares)
     omega = np.sqrt(squares)
@@ -249,9 +226,7 @@ def bandwidth_of(
 ) -> float:
     """Frequency up to which the static answer to any load is right to `STATIC_ERROR` [Hz].
 
-    Args:
-        squares: w^2 of the modes.
-        damping: in their coordinates.
+    `squares`: w^2 of the modes. `damping`: in their coordinates.
     """
     omega = np.sqrt(squares)
     viscous = damping / np.outer(omega, omega)

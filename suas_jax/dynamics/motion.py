@@ -33,29 +33,21 @@ _SAMPLES = 6
 
 
 class Motion(NamedTuple):
-    """What small motions of a section are made of, for its free unknowns.
+    """What small motions of a section are made of, for its free unknowns."""
 
-    Attributes:
-        stiffness: tangent of the membrane under pressure and dead loads [N/m^2].
-        omitted: second derivative of the energy that the shell leaves out.
-        volume: derivative of the enclosed volume.
-        compliance: of the oil, derivative of its volume by its pressure, zero or less [m^2/Pa].
-        outline: faces and film in the state.
-        moved: displacement of the faces' points by the unknowns.
-        wall: its points beneath those of the inner face [m].
-        section: cross-section of the membrane's segments [m^2].
-        water: outside.
-    """
-
+    # tangent of the membrane under pressure and dead loads [N/m^2]
     stiffness: Float[Array, "unknown unknown"]
+    # second derivative of the energy that the shell leaves out
     omitted: Float[Array, "unknown unknown"]
-    volume: Float[Array, " unknown"]
+    volume: Float[Array, " unknown"]  # derivative of the enclosed volume
+    # of the oil, derivative of its volume by its pressure, zero or less [m^2/Pa]
     compliance: float | Float[Array, ""]
-    outline: Outline
+    outline: Outline  # faces and film in the state
+    # displacement of the faces' points by the unknowns
     moved: Float[Array, "3 2 point unknown"]
-    wall: Float[Array, "2 point"]
-    section: Float[Array, " segment"]
-    water: Water
+    wall: Float[Array, "2 point"]  # its points beneath those of the inner face [m]
+    section: Float[Array, " segment"]  # cross-section of the membrane's segments [m^2]
+    water: Water  # outside
 
     def shapes(
         self, vectors: Float[np.ndarray, "unknown mode"]
@@ -67,23 +59,14 @@ class Motion(NamedTuple):
 
 
 class Sampling(NamedTuple):
-    """Samples of a shell along its arc, at rest.
+    """Samples of a shell along its arc, at rest."""
 
-    Attributes:
-        shell: the membrane.
-        geometry: of the skin.
-        angle: of the samples [rad].
-        rest: inner face, mid-line and outer face [m].
-        section: cross-section of the membrane's segments [m^2].
-        water: outside.
-    """
-
-    shell: Shell
-    geometry: SkinGeometry
-    angle: Float[Array, " point"]
-    rest: Float[Array, "3 2 point"]
-    section: Float[Array, " segment"]
-    water: Water
+    shell: Shell  # the membrane
+    geometry: SkinGeometry  # of the skin
+    angle: Float[Array, " point"]  # of the samples [rad]
+    rest: Float[Array, "3 2 point"]  # inner face, mid-line and outer face [m]
+    section: Float[Array, " segment"]  # cross-section of the membrane's segments [m^2]
+    water: Water  # outside
 
     @classmethod
     def of(cls, shell: Shell, geometry: SkinGeometry) -> "Sampling":
@@ -121,21 +104,14 @@ class Sampling(NamedTuple):
 
 
 class Near(NamedTuple):
-    """Faces and film of a section close to a state, of first order in the distance.
+    """Faces and film of a section close to a state, of first order in the distance."""
 
-    Attributes:
-        q: unknowns of the state.
-        at: faces and film there.
-        push: what velocities of the unknowns make of the faces' points.
-        normal: of the wall beneath the inner face.
-        wall: its points there [m].
-    """
-
-    q: StationVector
-    at: Outline
+    q: StationVector  # unknowns of the state
+    at: Outline  # faces and film there
+    # what velocities of the unknowns make of the faces' points
     push: Callable[[StationVector], Float[Array, "3 2 point"]]
-    normal: Float[Array, "2 point"]
-    wall: Float[Array, "2 point"]
+    normal: Float[Array, "2 point"]  # of the wall beneath the inner face
+    wall: Float[Array, "2 point"]  # its points there [m]
 
     def outline(self, q: StationVector) -> Outline:
         """Faces and film."""
@@ -208,8 +184,7 @@ def _program(scene: Structure, plan: AbstractPlan, inputs: Inputs, state: State)
 def motion_of(solution: Solution) -> Motion:
     """Small motions about a solved section.
 
-    Args:
-        solution: of a scene in plane strain, by the shell, with trapped oil.
+    `solution`: of a scene in plane strain, by the shell, with trapped oil.
     """
     scene = structure_of(solution.scene, wall=solution.wall)
     inputs = inputs_of(solution.scene)

@@ -56,55 +56,32 @@ class Inverse(NamedTuple):
 
 
 class Half(NamedTuple):
-    """An end of half a step.
+    """An end of half a step."""
 
-    Attributes:
-        state: unknowns and pressure.
-        velocity: of the unknowns.
-        flow: velocities of oil and faces.
-        rate: of the flow.
-        corrections: that it took.
-        ratio: of the last two of them.
-        good: whether it was found.
-    """
-
-    state: State
-    velocity: StationVector
-    flow: Flow
-    rate: Flow
-    corrections: Int[Array, ""]
-    ratio: Float[Array, ""]
-    good: Bool[Array, ""]
+    state: State  # unknowns and pressure
+    velocity: StationVector  # of the unknowns
+    flow: Flow  # velocities of oil and faces
+    rate: Flow  # of the flow
+    corrections: Int[Array, ""]  # that it took
+    ratio: Float[Array, ""]  # of the last two of them
+    good: Bool[Array, ""]  # whether it was found
 
 
 class Base(NamedTuple):
-    """What is known before half a step, and how long it is.
+    """What is known before half a step, and how long it is."""
 
-    Attributes:
-        q: unknowns that a velocity adds to.
-        flow: that a rate adds to.
-        length: c of the module [s].
-    """
-
-    q: StationVector
-    flow: Flow
-    length: Float[Array, ""]
+    q: StationVector  # unknowns that a velocity adds to
+    flow: Flow  # that a rate adds to
+    length: Float[Array, ""]  # c of the module [s]
 
 
 class Body(NamedTuple):
-    """A skin at some values, its membrane answering as its past has it.
+    """A skin at some values, its membrane answering as its past has it."""
 
-    Attributes:
-        problem: membrane, oil and loads.
-        level: factor on the loads.
-        sampling: of the membrane.
-        given: densities and viscosity.
-    """
-
-    problem: Problem
-    level: Float[Array, " lane"]
-    sampling: Sampling
-    given: Densities
+    problem: Problem  # membrane, oil and loads
+    level: Float[Array, " lane"]  # factor on the loads
+    sampling: Sampling  # of the membrane
+    given: Densities  # densities and viscosity
 
     @property
     def shell(self) -> Shell:
@@ -166,11 +143,8 @@ class Body(NamedTuple):
     def found(self, base: Base, guess: State, inverse: Inverse, exact: Array) -> Half:
         """The end of half a step, by Newton's method with an inverse at hand.
 
-        Args:
-            base: what is known before it.
-            guess: unknowns and pressure to begin with.
-            inverse: made nearby.
-            exact: size of a displacement that does not count [m].
+        `base`: what is known before it. `guess`: unknowns and pressure to begin with.
+        `inverse`: made nearby. `exact`: size of a displacement that does not count [m].
         """
         free, near = free_unknowns(self.shell), self.sampling.near(guess.q)
         volume = self.shell.film_volume[0]
@@ -215,15 +189,10 @@ class _Newton(NamedTuple):
 
 
 class MovingSkin(NamedTuple):
-    """A skin in motion.
+    """A skin in motion."""
 
-    Attributes:
-        skin: whose values change.
-        given: densities and viscosity.
-    """
-
-    skin: DrivenSkin
-    given: Densities
+    skin: DrivenSkin  # whose values change
+    given: Densities  # densities and viscosity
 
     @classmethod
     def of(cls, skin: DrivenSkin) -> Self:

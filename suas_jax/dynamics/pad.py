@@ -44,15 +44,10 @@ _BATCH = 64  # unknowns whose motion is sampled at once
 
 
 class Sheet(NamedTuple):
-    """A surface of the pad on the grid of samples.
+    """A surface of the pad on the grid of samples."""
 
-    Attributes:
-        position: in the state [m].
-        moved: displacement by the free unknowns.
-    """
-
-    position: Float[np.ndarray, "3 arc axial"]
-    moved: Float[np.ndarray, "unknown 3 arc axial"]
+    position: Float[np.ndarray, "3 arc axial"]  # in the state [m]
+    moved: Float[np.ndarray, "unknown 3 arc axial"]  # displacement by the free unknowns
 
     def areas(self) -> Float[np.ndarray, "3 arc axial"]:
         """Vectors of the area that a sample stands for, inwards [m^2]."""
@@ -70,31 +65,20 @@ class Sheet(NamedTuple):
 
 
 class PadMotion(NamedTuple):
-    """What small motions of a pad are made of, for its free unknowns.
+    """What small motions of a pad are made of, for its free unknowns."""
 
-    Attributes:
-        stiffness: tangent of the membrane under pressure and dead loads [N/m].
-        volume: derivative of the enclosed volume.
-        compliance: of the oil, derivative of its volume by its pressure, zero or less [m^3/Pa].
-        inner: the inner face.
-        middle: the mid-surface.
-        outer: the outer face.
-        gap: thickness of the film [m].
-        thickness: of the membrane [m].
-        angle: of the samples' rows, as scenes tell it [deg].
-        axial: of their columns [m].
-    """
-
+    # tangent of the membrane under pressure and dead loads [N/m]
     stiffness: Float[np.ndarray, "unknown unknown"]
-    volume: Float[np.ndarray, " unknown"]
+    volume: Float[np.ndarray, " unknown"]  # derivative of the enclosed volume
+    # of the oil, derivative of its volume by its pressure, zero or less [m^3/Pa]
     compliance: float
-    inner: Sheet
-    middle: Sheet
-    outer: Sheet
-    gap: Float[np.ndarray, "arc axial"]
-    thickness: Float[np.ndarray, "arc axial"]
-    angle: Float[np.ndarray, " arc"]
-    axial: Float[np.ndarray, " axial"]
+    inner: Sheet  # the inner face
+    middle: Sheet  # the mid-surface
+    outer: Sheet  # the outer face
+    gap: Float[np.ndarray, "arc axial"]  # thickness of the film [m]
+    thickness: Float[np.ndarray, "arc axial"]  # of the membrane [m]
+    angle: Float[np.ndarray, " arc"]  # of the samples' rows, as scenes tell it [deg]
+    axial: Float[np.ndarray, " axial"]  # of their columns [m]
 
     def shapes(
         self, vectors: Float[np.ndarray, "unknown mode"]
@@ -155,8 +139,7 @@ def _program(
 def pad_motion(solution: Solution) -> PadMotion:
     """Small motions about a solved pad.
 
-    Args:
-        solution: of a scene in three dimensions, with trapped oil.
+    `solution`: of a scene in three dimensions, with trapped oil.
     """
     scene = structure_of(solution.scene, wall=solution.wall)
     inputs = inputs_of(solution.scene)
@@ -192,9 +175,7 @@ def _dense(bands: Float[np.ndarray, "station 4 dof dof"]) -> np.ndarray:
 def pad_inertia(motion: PadMotion, given: Densities) -> Inertia:
     """Masses and damping of small motions.
 
-    Args:
-        motion: about a state.
-        given: densities and viscosity.
+    `motion`: about a state. `given`: densities and viscosity.
     """
     gap = np.maximum(motion.gap, THINNEST_FILM)
     swept = motion.inner.swept()

@@ -50,58 +50,34 @@ _SHORTEST = 1e-4  # step over a row, or share of a jump, at which the path count
 
 
 class Moment(NamedTuple):
-    """Where a history has come to.
+    """Where a history has come to."""
 
-    Attributes:
-        time: [s].
-        step: that is tried next [s].
-        stride: share of what is left of a jump that is tried next.
-        values: that the history changes.
-        travels: of bodies that are pressed by forces.
-        state: the equilibrium.
-        pace: of the unknowns over the last step, and of the travels, per second: what is
-            expected of the next one.
-        past: what the material remembers.
-        rate: of the instantaneous stress over the last step [Pa/s].
-        last: length of that step [s]; zero where a jump makes the rate unknown.
-        error: sum of the errors of the stress, relative to its largest so far.
-        largest: instantaneous stress so far [Pa].
-        iterations: Newton corrections since the last row.
-        steps: the same of steps, those included that were too long.
-        result: index of the outcome.
-    """
-
-    time: Float[Array, ""]
-    step: Float[Array, ""]
-    stride: Float[Array, ""]
-    values: Values
-    travels: Travels
-    state: State
+    time: Float[Array, ""]  # [s]
+    step: Float[Array, ""]  # that is tried next [s]
+    stride: Float[Array, ""]  # share of what is left of a jump that is tried next
+    values: Values  # that the history changes
+    travels: Travels  # of bodies that are pressed by forces
+    state: State  # the equilibrium
+    # of the unknowns over the last step, and of the travels, per
+    # second: what is expected of the next one
     pace: tuple[State, Float[Array, " body"]]
-    past: Past
-    rate: Array
-    last: Float[Array, ""]
-    error: Float[Array, ""]
-    largest: Float[Array, ""]
-    iterations: Int[Array, " lane"]
-    steps: Int[Array, ""]
-    result: Int[Array, " lane"]
+    past: Past  # what the material remembers
+    rate: Array  # of the instantaneous stress over the last step [Pa/s]
+    last: Float[Array, ""]  # length of that step [s]; zero where a jump makes the rate unknown
+    error: Float[Array, ""]  # sum of the errors of the stress, relative to its largest so far
+    largest: Float[Array, ""]  # instantaneous stress so far [Pa]
+    iterations: Int[Array, " lane"]  # Newton corrections since the last row
+    steps: Int[Array, ""]  # the same of steps, those included that were too long
+    result: Int[Array, " lane"]  # index of the outcome
 
 
 class Rows(NamedTuple):
-    """Rows of a history: where each one begins and ends.
+    """Rows of a history: where each one begins and ends."""
 
-    Attributes:
-        begin: time of the row before [s].
-        end: time of the row [s].
-        first: values at its begin.
-        final: the same at its end.
-    """
-
-    begin: Float[Array, " row"]
-    end: Float[Array, " row"]
-    first: Values
-    final: Values
+    begin: Float[Array, " row"]  # time of the row before [s]
+    end: Float[Array, " row"]  # time of the row [s]
+    first: Values  # values at its begin
+    final: Values  # the same at its end
 
 
 @eqx.filter_jit
@@ -110,12 +86,8 @@ def at_rest(
 ) -> Moment:
     """A skin that has always been at rest.
 
-    Args:
-        scene: with the instantaneous response of its material.
-        plan: mesh of the whole section.
-        inputs: the scene's numbers.
-        time: [s].
-        values: without loads.
+    `scene`: with the instantaneous response of its material. `plan`: mesh of the whole section.
+    `inputs`: the scene's numbers. `time`: [s]. `values`: without loads.
     """
     return begun(DrivenSkin.of(scene, plan, inputs, values), time, values)
 
@@ -166,25 +138,18 @@ def _unloaded(problem: Problem, level: Array) -> tuple[State, Array]:
 
 @eqx.filter_jit
 def through(
-    scene: Structure,
-    plan: AbstractPlan,
-    inputs: Inputs,
-    rows: Rows,
-    start: Moment,
+    scene: Structure,  # with the instantaneous response of its material
+    plan: AbstractPlan,  # mesh of the whole section
+    inputs: Inputs,  # the scene's numbers
+    rows: Rows,  # in the order of time
+    start: Moment,  # at the begin of the first one
     tolerance: Float[Array, ""],
 ) -> tuple[dict[str, Any], dict[str, Array], Moment]:
     """Follow a history through some rows.
 
-    Args:
-        scene: with the instantaneous response of its material.
-        plan: mesh of the whole section.
-        inputs: the scene's numbers.
-        rows: in the order of time.
-        start: at the begin of the first one.
-        tolerance: error of the stress that a step may make, relative to the largest so far.
-
-    Returns:
-        What is observed at the end of every row, how it was found, and the end of the last one.
+    `tolerance`: error of the stress that a step may make, relative to the largest so far.
+    Returns what is observed at the end of every row, how it was found, and the end of the last
+    one.
     """
     skin = DrivenSkin.of(scene, plan, inputs, rows.final)
 
@@ -204,8 +169,7 @@ def followed(
 ) -> tuple[Moment, Any]:
     """Follow a history through some rows; see `through`.
 
-    Returns:
-        The end of the last one, and what is read at the end of every row.
+    Returns the end of the last one, and what is read at the end of every row.
     """
 
     def visit(now: Moment, row: Rows) -> tuple[Moment, Any]:

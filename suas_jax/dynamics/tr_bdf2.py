@@ -33,61 +33,35 @@ _EXACT_STEP = 1e-9  # correction that does not count, over the largest displacem
 
 
 class Moving(NamedTuple):
-    """Where a skin in motion has come to.
+    """Where a skin in motion has come to."""
 
-    Attributes:
-        time: [s].
-        step: that is tried next [s].
-        values: that the history changes.
-        travels: none.
-        state: unknowns and pressure.
-        velocity: of the unknowns.
-        flow: velocities of oil and faces.
-        rate: of the flow.
-        past: what the material remembers.
-        jumped: whether the rate is not known, as after a jump.
-        inverse: made last.
-        error: sum of the errors of the steps.
-        largest: displacement so far, or what counts as one [m].
-        stress: largest instantaneous one so far [Pa].
-        iterations: corrections since the last row.
-        steps: since then, those included that were too long.
-        result: index of the outcome.
-    """
-
-    time: Float[Array, ""]
-    step: Float[Array, ""]
-    values: Values
-    travels: Travels
-    state: State
-    velocity: StationVector
-    flow: Flow
-    rate: Flow
-    past: Past
-    jumped: Bool[Array, ""]
-    inverse: Inverse
-    error: Float[Array, ""]
-    largest: Float[Array, ""]
-    stress: Float[Array, ""]
-    iterations: Int[Array, " lane"]
-    steps: Int[Array, ""]
-    result: Int[Array, " lane"]
+    time: Float[Array, ""]  # [s]
+    step: Float[Array, ""]  # that is tried next [s]
+    values: Values  # that the history changes
+    travels: Travels  # none
+    state: State  # unknowns and pressure
+    velocity: StationVector  # of the unknowns
+    flow: Flow  # velocities of oil and faces
+    rate: Flow  # of the flow
+    past: Past  # what the material remembers
+    jumped: Bool[Array, ""]  # whether the rate is not known, as after a jump
+    inverse: Inverse  # made last
+    error: Float[Array, ""]  # sum of the errors of the steps
+    largest: Float[Array, ""]  # displacement so far, or what counts as one [m]
+    stress: Float[Array, ""]  # largest instantaneous one so far [Pa]
+    iterations: Int[Array, " lane"]  # corrections since the last row
+    steps: Int[Array, ""]  # since then, those included that were too long
+    result: Int[Array, " lane"]  # index of the outcome
 
 
 class _Stages(NamedTuple):
-    """The two halves of a step, in shares of it.
+    """The two halves of a step, in shares of it."""
 
-    Attributes:
-        end: where a half ends.
-        first: weight of the rates at the begin of the step.
-        before: of those at the end of the half before.
-        wrong: weights of the rates at begin, middle and end in the error of the step: those of
-            the step less those of order three.
-    """
-
-    end: Float[Array, " half"]
-    first: Float[Array, " half"]
-    before: Float[Array, " half"]
+    end: Float[Array, " half"]  # where a half ends
+    first: Float[Array, " half"]  # weight of the rates at the begin of the step
+    before: Float[Array, " half"]  # of those at the end of the half before
+    # weights of the rates at begin, middle and end in the error of the step: those of the step
+    # less those of order three
     wrong: Float[Array, " rate"]
 
 
@@ -105,24 +79,16 @@ _STARTING = (LENGTH, (0.0, 0.0), (0.0, 1 - LENGTH))
 
 
 class Trial(NamedTuple):
-    """A step that was tried.
+    """A step that was tried."""
 
-    Attributes:
-        half: its end.
-        past: what the material then remembers.
-        wrong: error of the unknowns.
-        bend: of the instantaneous stress over the step, its second derivative times the square
-            of the step [Pa].
-        stress: instantaneous one at its end [Pa].
-        good: whether both halves were found.
-    """
-
-    half: Half
-    past: Past
-    wrong: StationVector
+    half: Half  # its end
+    past: Past  # what the material then remembers
+    wrong: StationVector  # error of the unknowns
+    # of the instantaneous stress over the step, its second
+    # derivative times the square of the step [Pa]
     bend: Float[Array, ""]
-    stress: Float[Array, ""]
-    good: Bool[Array, ""]
+    stress: Float[Array, ""]  # instantaneous one at its end [Pa]
+    good: Bool[Array, ""]  # whether both halves were found
 
 
 def tried(

@@ -36,13 +36,9 @@ def film_at_rest(
 ) -> Moving:
     """A skin that has always been at rest, before it moves.
 
-    Args:
-        scene: with the instantaneous response of its material.
-        plan: mesh of the whole section.
-        inputs: the scene's numbers.
-        time: [s].
-        values: without loads.
-        scale: displacement that counts [m].
+    `scene`: with the instantaneous response of its material. `plan`: mesh of the whole section.
+    `inputs`: the scene's numbers. `time`: [s]. `values`: without loads. `scale`: displacement
+    that counts [m].
     """
     skin = DrivenSkin.of(scene, plan, inputs, values)
     rest = begun(skin, time, values)

@@ -23,19 +23,13 @@ from suas_jax.skin.prestress import ContainedOil
 
 
 class Problem(eqx.Module):
-    """Everything an equilibrium depends on; differentiable in every leaf.
+    """Everything an equilibrium depends on; differentiable in every leaf."""
 
-    Attributes:
-        mechanics: the membrane with its line loads.
-        oil: how the oil answers.
-        external_pressure: uniform pressure on the outer face above ambient [Pa].
-        oil_pressure: wanted oil pressure [Pa], all loads scaled by one factor until it is
-            reached; None where the loads are given as they are.
-    """
-
-    mechanics: AbstractMechanics
-    oil: AbstractOil
-    external_pressure: Lanes
+    mechanics: AbstractMechanics  # the membrane with its line loads
+    oil: AbstractOil  # how the oil answers
+    external_pressure: Lanes  # uniform pressure on the outer face above ambient [Pa]
+    # wanted oil pressure [Pa], all loads scaled by one factor until it is reached; None where
+    # the loads are given as they are
     oil_pressure: Lanes | None = None
 
     @property
@@ -106,23 +100,17 @@ def omitted_forces(
 
 def residual(
     problem: Problem,
-    y: BorderedVector,
-    level: Lanes,
+    y: BorderedVector,  # displacement and border unknown
+    level: Lanes,  # factor on the loads where they are given, oil pressure [Pa] where that is
     pressure_given: Bool[Array, ""] | None = None,
     tangent_level: Lanes | None = None,
 ) -> tuple[BorderedVector, BorderedBlockTridiagonal]:
     """Residual of the equilibrium at a load level and its derivative.
 
-    Args:
-        problem: membrane, oil, loads.
-        y: displacement and border unknown.
-        level: factor on the loads where they are given, oil pressure [Pa] where that is.
-        pressure_given: where true the level is the pressure and the border unknown the
-            factor; None if that is nowhere so.
-        tangent_level: level at which the derivative is taken, if not the residual's own.
-
-    Returns:
-        The residual and the operator that is its derivative by y.
+    `pressure_given`: where true the level is the pressure and the border unknown the factor;
+    None if that is nowhere so. `tangent_level`: level at which the derivative is taken, if not
+    the residual's own.
+    Returns the residual and the operator that is its derivative by y.
     """
     mechanics, external = problem.mechanics, problem.external_pressure
     pressure, factor = controls(y, level, pressure_given)
@@ -146,18 +134,11 @@ def residual(
 
 def operator_of(
     problem: Problem,
-    a: Assembly,
-    pressure: Lanes | None,
-    pressure_given: Bool[Array, ""] | None = None,
+    a: Assembly,  # the membrane at the state
+    pressure: Lanes | None,  # of the oil; None where it is vented
+    pressure_given: Bool[Array, ""] | None = None,  # see `residual`
 ) -> BorderedBlockTridiagonal:
-    """Derivative of the residual from an assembly of the membrane.
-
-    Args:
-        problem: membrane, oil, loads.
-        a: the membrane at the state.
-        pressure: of the oil; None where it is vented.
-        pressure_given: see `residual`.
-    """
+    """Derivative of the residual from an assembly of the membrane."""
     if pressure is None:
         return BorderedBlockTridiagonal(a.tangent, None, None)
     by_pressure = -a.volume_gradient
@@ -193,19 +174,12 @@ def state_of(problem: Problem, y: BorderedVector, level: Lanes) -> State:
 
 
 class Verification(NamedTuple):
-    """What the tangent at a state says under given loads.
+    """What the tangent at a state says under given loads."""
 
-    Attributes:
-        stable: positive tangent on the constraint surface.
-        correction: the state after one more Newton correction.
-        unbalanced: largest force that nothing balances.
-        balanced: size of the forces that balance one another; see `forces_in_balance`.
-    """
-
-    stable: Bool[Array, " lane"]
-    correction: State
-    unbalanced: Lanes
-    balanced: Lanes
+    stable: Bool[Array, " lane"]  # positive tangent on the constraint surface
+    correction: State  # the state after one more Newton correction
+    unbalanced: Lanes  # largest force that nothing balances
+    balanced: Lanes  # size of the forces that balance one another; see `forces_in_balance`
 
 
 def verify(
@@ -213,14 +187,10 @@ def verify(
 ) -> tuple[Verification, State | None]:
     """Test the stability of a state and how far it is from equilibrium.
 
-    Args:
-        problem: membrane, oil and loads, possibly on a finer mesh than the state's.
-        state: the state to check.
-        omitted: whether the effect of the omitted energy is wanted.
-
-    Returns:
-        The verdict, and the change of the state, to first order, by the energy that the
-        mechanics leaves out; None where it leaves out nothing.
+    `problem`: membrane, oil and loads, possibly on a finer mesh than the state's. `omitted`:
+    whether the effect of the omitted energy is wanted.
+    Returns the verdict, and the change of the state, to first order, by the energy that the
+    mechanics leaves out; None where it leaves out nothing.
     """
     mechanics = problem.mechanics
     trapped = problem.oil.trapped

@@ -29,23 +29,17 @@ _NOTICED = 0.01  # share of the stiffening of other modes at which softening is 
 
 
 class StressEffect(NamedTuple):
-    """What stress at rest does.
+    """What stress at rest does."""
 
-    Attributes:
-        share: of what buckles the skin; negative where it is stiffened.
-        stiffness_change: of what small loads of the given pattern meet, relative.
-    """
-
-    share: Lanes
-    stiffness_change: Lanes
+    share: Lanes  # of what buckles the skin; negative where it is stiffened
+    stiffness_change: Lanes  # of what small loads of the given pattern meet, relative
 
 
 def stress_effect(problem: Problem, rest: State) -> StressEffect:
     """Compare a skin at rest with the same one without stress.
 
-    Args:
-        problem: membrane, oil, and the loads whose stiffness is wanted.
-        rest: the state at rest, of the whole membrane.
+    `problem`: membrane, oil, and the loads whose stiffness is wanted. `rest`: the state at
+    rest, of the whole membrane.
     """
     trapped = problem.oil.trapped
     pressure, zero = rest.pressure, jnp.zeros_like(rest.pressure)

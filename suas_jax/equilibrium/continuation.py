@@ -32,41 +32,24 @@ def _small(mechanics: AbstractMechanics) -> float:
 
 
 class SteppingState(NamedTuple):
-    """Where each lane stands.
+    """Where each lane stands."""
 
-    Attributes:
-        level: load level of the current trial.
-        base: where this step started: an equilibrium, or a state near the path.
-        base_level: its load level.
-        good: last equilibrium.
-        good_level: its load level.
-        strict: whether every step has to end at an equilibrium, as after a failure.
-        radius: trusted displacement of the next step [m].
-        tried: displacement of this step's first correction [m].
-        correction: size of the last Newton correction [m].
-        inner: Newton corrections taken in this step.
-        total: Newton corrections taken in all.
-        negative: negative eigenvalues of the tangent at the last equilibrium.
-        smallest_pivot: smallest relative pivot met.
-        result: index of the outcome.
-        done: whether the lane has ended.
-    """
-
-    level: Lanes
-    base: BorderedVector
-    base_level: Lanes
-    good: BorderedVector
-    good_level: Lanes
+    level: Lanes  # load level of the current trial
+    base: BorderedVector  # where this step started: an equilibrium, or a state near the path
+    base_level: Lanes  # its load level
+    good: BorderedVector  # last equilibrium
+    good_level: Lanes  # its load level
+    # whether every step has to end at an equilibrium, as after a failure
     strict: Bool[Array, " lane"]
-    radius: Lanes
-    tried: Lanes
-    correction: Lanes
-    inner: LaneCounts
-    total: LaneCounts
-    negative: LaneCounts
-    smallest_pivot: Lanes
-    result: Int[Array, " lane"]
-    done: Bool[Array, " lane"]
+    radius: Lanes  # trusted displacement of the next step [m]
+    tried: Lanes  # displacement of this step's first correction [m]
+    correction: Lanes  # size of the last Newton correction [m]
+    inner: LaneCounts  # Newton corrections taken in this step
+    total: LaneCounts  # Newton corrections taken in all
+    negative: LaneCounts  # negative eigenvalues of the tangent at the last equilibrium
+    smallest_pivot: Lanes  # smallest relative pivot met
+    result: Int[Array, " lane"]  # index of the outcome
+    done: Bool[Array, " lane"]  # whether the lane has ended
 
 
 def _select(keep: Bool[Array, " lane"], a: PyTree, b: PyTree) -> PyTree:
@@ -82,35 +65,26 @@ class LoadStepping(optx.AbstractRootFinder):
     ``(residual, operator)``; the residual must be affine in the level. (The tangent is
     not: a dead load has a stiffness of its own, and that of a load still far away would
     send the first step of a path astray.)
-
-    Attributes:
-        rtol: wanted size of the remaining error relative to the displacement.
-        atol: not used: displacement has no scale of its own at tiny loads.
-        first_radius: displacement trusted in the first step, in length scales of the
-            mechanics.
-        largest_step: displacement of a step relative to that of the state it starts from.
-        contraction: largest accepted ratio of successive corrections.
-        path_tolerance: accepted error of a state on the way, relative to the step to it.
-        max_inner: Newton corrections before a step is given up.
-        smallest_step: step relative to the load level at which the path counts as ended.
-        smallest_radius: trusted displacement, in units of the length, at which Newton's
-            method counts as failed.
-        max_steps: Newton corrections before the slowest lane is given up.
-        finished: lanes that stay as they are.
-        until: accepts a state early (and ends the lane) where it returns true.
     """
 
+    # wanted size of the remaining error relative to the displacement
     rtol: float | Array = 1e-12  # type: ignore[assignment]
-    atol: float = 0.0
+    atol: float = 0.0  # not used: displacement has no scale of its own at tiny loads
+    # displacement trusted in the first step, in length scales of the mechanics
     first_radius: float | Array = 4.0
+    # displacement of a step relative to that of the state it starts from
     largest_step: float | Array = math.inf
-    contraction: float = 5.0
+    contraction: float = 5.0  # largest accepted ratio of successive corrections
+    # accepted error of a state on the way, relative to the step to it
     path_tolerance: float = 1e-2
-    max_inner: int = 12
+    max_inner: int = 12  # Newton corrections before a step is given up
+    # step relative to the load level at which the path counts as ended
     smallest_step: float = 1e-7
+    # trusted displacement, in units of the length, at which Newton's method counts as failed
     smallest_radius: float | Array = 1e-6
-    max_steps: int = 400
-    finished: Bool[Array, " lane"] | None = None
+    max_steps: int = 400  # Newton corrections before the slowest lane is given up
+    finished: Bool[Array, " lane"] | None = None  # lanes that stay as they are
+    # accepts a state early (and ends the lane) where it returns true
     until: Callable[[BorderedVector], Array] | None = None
     norm: Callable[[PyTree], Array] = optx.max_norm
 

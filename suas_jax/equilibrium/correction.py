@@ -42,17 +42,11 @@ Given = Bool[Array, ""] | None
 
 
 class Corrected(NamedTuple):
-    """An equilibrium, and the same with the effect of what its mechanics leaves out.
+    """An equilibrium, and the same with the effect of what its mechanics leaves out."""
 
-    Attributes:
-        root: the equilibrium.
-        state: the one to report: the equilibrium itself where nothing is left out.
-        mechanics: the membrane, to read `state` with.
-    """
-
-    root: State
-    state: State
-    mechanics: AbstractMechanics
+    root: State  # the equilibrium
+    state: State  # the one to report: the equilibrium itself where nothing is left out
+    mechanics: AbstractMechanics  # the membrane, to read `state` with
 
 
 def corrected(problem: Problem, state: State, known: BorderedVector | None = None) -> Corrected:
@@ -60,10 +54,8 @@ def corrected(problem: Problem, state: State, known: BorderedVector | None = Non
 
     The result is differentiable by every leaf of the problem.
 
-    Args:
-        problem: membrane, oil and loads.
-        state: their equilibrium.
-        known: `Equilibrium.change`, if it has been found with the equilibrium.
+    `state`: their equilibrium. `known`: `Equilibrium.change`, if it has been found with the
+    equilibrium.
     """
     root, mechanics = differentiable(problem, state), problem.mechanics
     if not mechanics.corrected:
@@ -123,11 +115,7 @@ def corrected_touch(
     which turns the force by more than the change itself does. So the force keeps the
     equilibrium's direction.
 
-    Args:
-        mechanics: the membrane.
-        body: that is pressed on it.
-        shown: the state to report.
-        root: the equilibrium, where it is another.
+    `shown`: the state to report. `root`: the equilibrium, where it is another.
     """
     placed = body.placed(shown.factor)
     if root is None or not mechanics.corrected:
@@ -156,10 +144,7 @@ def corrected_contact(
 ) -> ContactState:
     """Contact with the mechanics' own wall, to first order where the state is.
 
-    Args:
-        mechanics: the membrane, with its wall.
-        shown: the state to report.
-        root: the equilibrium, where it is another.
+    `shown`: the state to report. `root`: the equilibrium, where it is another.
     """
     wall = mechanics.wall
     assert wall is not None

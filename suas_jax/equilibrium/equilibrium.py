@@ -47,33 +47,20 @@ _HELD = 4  # lanes at the wall that are solved together: they differ more than f
 
 
 class Equilibrium(NamedTuple):
-    """A solved state and how it was found; every entry has a lane axis.
+    """A solved state and how it was found; every entry has a lane axis."""
 
-    Attributes:
-        state: the equilibrium, or the last one before a failure.
-        level: 1 where all of the load (or of the wanted pressure) is on.
-        result: index of the outcome, see `suas_jax.equilibrium.outcomes`.
-        iterations: Newton corrections taken, retries included.
-        smallest_pivot: smallest relative pivot met on the way.
-        change: first-order effect on the unknowns of what the mechanics leaves out, without
-            derivatives; None where it was not asked for or nothing is left out.
-    """
-
-    state: State
-    level: Lanes
-    result: Int[Array, " lane"]
-    iterations: LaneCounts
-    smallest_pivot: Lanes
+    state: State  # the equilibrium, or the last one before a failure
+    level: Lanes  # 1 where all of the load (or of the wanted pressure) is on
+    result: Int[Array, " lane"]  # index of the outcome, see `suas_jax.equilibrium.outcomes`
+    iterations: LaneCounts  # Newton corrections taken, retries included
+    smallest_pivot: Lanes  # smallest relative pivot met on the way
+    # first-order effect on the unknowns of what the mechanics leaves out, without derivatives;
+    # None where it was not asked for or nothing is left out
     change: BorderedVector | None = None
 
     @classmethod
     def of(cls, problem: Problem, found: Found) -> "Equilibrium":
-        """Name what was found.
-
-        Args:
-            problem: membrane, oil and loads.
-            found: its root.
-        """
+        """Name what was found. `found`: its root."""
         if problem.oil_pressure is not None:
             fixed = jax.lax.stop_gradient(problem.oil_pressure)
             pressure = found.level + (problem.oil_pressure - fixed)
@@ -148,11 +135,7 @@ def _after(rest: Found, found: Found) -> Found:
 
 
 def lanes_together(unknowns: int) -> int:
-    """Lanes of one call; see `_CHUNK`.
-
-    Args:
-        unknowns: of one lane.
-    """
+    """Lanes of one call; see `_CHUNK`. `unknowns`: of one lane."""
     return max(4, _CHUNK // unknowns)
 
 
@@ -287,18 +270,12 @@ def equilibrium(
     problem; `jax.vmap` over any leaf advances the batch in lanes. Never raises for a
     problem without solution: the result names the failure.
 
-    Args:
-        problem: membrane, oil and loads.
-        start: an equilibrium of the same membrane to continue from; one at rest (factor zero)
-            is where paths begin anyway.
-        stepping: settings of the load stepping.
-        wall_on_demand: solve without the wall first and with it only where the membrane
-            reaches it: for many lanes few of which do.
-        omitted: whether the effect of what the mechanics leaves out is wanted, for
-            `suas_jax.equilibrium.correction.corrected`; found here it costs one substitution.
-
-    Returns:
-        The state with its outcome; derivatives flow through `state`.
+    `start`: an equilibrium of the same membrane to continue from; one at rest (factor zero) is
+    where paths begin anyway. `wall_on_demand`: solve without the wall first and with it only
+    where the membrane reaches it: for many lanes few of which do. `omitted`: whether the effect
+    of what the mechanics leaves out is wanted, for `suas_jax.equilibrium.correction.corrected`;
+    found here it costs one substitution.
+    Returns the state with its outcome; derivatives flow through `state`.
     """
     stepping = stepping or LoadStepping()
     root = _root(problem, start, stepping, wall_on_demand, omitted)
@@ -310,12 +287,9 @@ def equilibrium(
 def differentiable(problem: Problem, state: State) -> State:
     """Give a state that is known to be an equilibrium its derivatives, without solving.
 
-    Args:
-        problem: membrane, oil and loads that the state belongs to.
-        state: its equilibrium, as `equilibrium` found it.
-
-    Returns:
-        The same state; derivatives by the problem's leaves flow through it.
+    `problem`: membrane, oil and loads that the state belongs to. `state`: its equilibrium, as
+    `equilibrium` found it.
+    Returns the same state; derivatives by the problem's leaves flow through it.
     """
     y, level, _ = unknowns_of(problem, state)
     count = jnp.zeros(level.shape, jnp.int32)

@@ -32,24 +32,18 @@ def beyond_wall(
 
 
 def path(
-    problem: Problem,
+    problem: Problem,  # membrane, oil and loads; one lane
     levels: Float[Array, " point"],
-    start: State | None = None,
+    start: State | None = None,  # equilibrium to start from; at rest where not given
     end: Wall | None = None,
 ) -> Equilibrium:
     """Equilibria along a path of loads, each continued from the one before.
 
-    Args:
-        problem: membrane, oil and loads; one lane.
-        levels: factors on the loads or, where the problem has a wanted oil pressure, oil
-            pressures [Pa], of one sign, in the order to visit.
-        start: equilibrium to start from; at rest where not given.
-        end: a wall at which a membrane that no wall holds has gone too far: the first
-            state beyond it is the last, and is repeated.
-
-    Returns:
-        Equilibria with a leading axis over the points. After a failure the last state is
-        repeated with the failure's result.
+    `levels`: factors on the loads or, where the problem has a wanted oil pressure, oil
+    pressures [Pa], of one sign, in the order to visit. `end`: a wall at which a membrane that
+    no wall holds has gone too far: the first state beyond it is the last, and is repeated.
+    Returns equilibria with a leading axis over the points. After a failure the last state is
+    repeated with the failure's result.
     """
     stepping = LoadStepping()
     pressures = problem.oil_pressure is not None

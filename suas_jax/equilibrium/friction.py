@@ -29,9 +29,7 @@ def equilibrium_with_friction(problem: Problem, start: State) -> Equilibrium:
 
     Without friction it is `equilibrium`'s.
 
-    Args:
-        problem: membrane, oil, loads and bodies.
-        start: an equilibrium to continue from; where the factor is zero, rest.
+    `start`: an equilibrium to continue from; where the factor is zero, rest.
     """
     mechanics = problem.mechanics
     if not mechanics.has_friction:

@@ -35,23 +35,15 @@ _SOFT_RTOL = 1e-5
 
 
 class Found(NamedTuple):
-    """Where the path has led, and how; every entry has a lane axis.
+    """Where the path has led, and how; every entry has a lane axis."""
 
-    Attributes:
-        y: the state, an equilibrium.
-        level: its load level.
-        result: index of the outcome.
-        iterations: Newton corrections taken.
-        smallest_pivot: smallest relative pivot met.
-        tangent: of the last correction, at the state or as near to it as Newton's method
-            was before that; None where it is not at hand.
-    """
-
-    y: BorderedVector
-    level: Lanes
-    result: Int[Array, " lane"]
-    iterations: LaneCounts
-    smallest_pivot: Lanes
+    y: BorderedVector  # the state, an equilibrium
+    level: Lanes  # its load level
+    result: Int[Array, " lane"]  # index of the outcome
+    iterations: LaneCounts  # Newton corrections taken
+    smallest_pivot: Lanes  # smallest relative pivot met
+    # of the last correction, at the state or as near to it as Newton's method was before that;
+    # None where it is not at hand
     tangent: BorderedBlockTridiagonal | None = None
 
     @property
@@ -107,18 +99,12 @@ def settled(
     problem: Problem,
     lanes: int,
     stepping: LoadStepping,
-    finished: Bool[Array, " lane"] | None = None,
+    finished: Bool[Array, " lane"] | None = None,  # lanes of which the rest is not wanted
 ) -> Found:
     """The state at rest, without loads.
 
     Of a skin that carries stress the undeformed state is none. The forces that would hold it
     there are taken away step by step, against a soft wall as the loads that follow.
-
-    Args:
-        problem: membrane, oil and loads.
-        lanes: number of lanes.
-        stepping: settings of the load stepping.
-        finished: lanes of which the rest is not wanted.
     """
     shape = problem.mechanics.rest()
     zero = jnp.zeros(lanes, shape.dtype)
@@ -146,33 +132,23 @@ def settled(
 
 def follow(
     problem: Problem,
-    y: BorderedVector,
-    start: Lanes,
-    target: Lanes,
+    y: BorderedVector,  # equilibrium to start from
+    start: Lanes,  # its load level
+    target: Lanes,  # level to reach
     stepping: LoadStepping,
-    pressure_given: Bool[Array, ""] | None = None,
+    pressure_given: Bool[Array, ""] | None = None,  # see `balance.residual`
     *,
     near: Bool[Array, "..."] | bool,
-    finished: Bool[Array, " lane"] | None = None,
+    finished: Bool[Array, " lane"] | None = None,  # lanes that stay where they are
     rest: BorderedVector | None = None,
-    rest_level: Lanes | float = 0.0,
+    rest_level: Lanes | float = 0.0,  # its load level
     through: Bool[Array, " lane"] | None = None,
 ) -> Found:
     """Follow the path, to the wall and against it if the membrane has one, and under bodies.
 
-    Args:
-        problem: membrane, oil and loads.
-        y: equilibrium to start from.
-        start: its load level.
-        target: level to reach.
-        stepping: settings of the load stepping.
-        pressure_given: see `balance.residual`.
-        near: whether the start may be close enough for Newton's method as it is.
-        finished: lanes that stay where they are.
-        rest: where paths begin anew under given loads; None for the undeformed state.
-        rest_level: its load level.
-        through: lanes that start at the target's own equilibrium without the wall: the wall
-            comes in softly there.
+    `near`: whether the start may be close enough for Newton's method as it is. `rest`: where
+    paths begin anew under given loads; None for the undeformed state. `through`: lanes that
+    start at the target's own equilibrium without the wall: the wall comes in softly there.
     """
     if not problem.mechanics.touches:
         stepping = dataclasses.replace(stepping, finished=finished)
@@ -193,51 +169,33 @@ def follow(
 
 
 class _Standing(NamedTuple):
-    """How far each lane is on its way to the wall.
+    """How far each lane is on its way to the wall."""
 
-    Attributes:
-        found: the last equilibrium, with the corrections it took.
-        phase: an attempt as it is, loading against a soft wall, or stiffening it.
-        softest: logarithm of the stiffness, as a share of the wall's own, that loads come
-            on against.
-        reached: the same of the last equilibrium.
-        stride: of the next stiffening.
-        done: whether the lane has ended.
-        rounds: of the loop.
-    """
-
-    found: Found
-    phase: LaneCounts
+    found: Found  # the last equilibrium, with the corrections it took
+    phase: LaneCounts  # an attempt as it is, loading against a soft wall, or stiffening it
+    # logarithm of the stiffness, as a share of the wall's own, that loads come on against
     softest: Lanes
-    reached: Lanes
-    stride: Lanes
-    done: Bool[Array, " lane"]
-    rounds: Int[Array, ""]
+    reached: Lanes  # the same of the last equilibrium
+    stride: Lanes  # of the next stiffening
+    done: Bool[Array, " lane"]  # whether the lane has ended
+    rounds: Int[Array, ""]  # of the loop
 
 
 def _to_the_wall(
     problem: Problem,
-    begin: Found,
-    target: Lanes,
-    phase: LaneCounts,
-    done: Bool[Array, " lane"],
+    begin: Found,  # where to start
+    target: Lanes,  # level to reach
+    phase: LaneCounts,  # to start with
+    done: Bool[Array, " lane"],  # lanes that stay where they are
     stepping: LoadStepping,
-    pressure_given: Bool[Array, ""] | None,
+    pressure_given: Bool[Array, ""] | None,  # see `balance.residual`
     anew: tuple[BorderedVector, Lanes] | None = None,
     attempt: Lanes | float = 0.0,
 ) -> Found:
     """Attempt, load and stiffen: one loop for all lanes, whatever their phase.
 
-    Args:
-        problem: membrane, oil and loads.
-        begin: where to start.
-        target: level to reach.
-        phase: to start with.
-        done: lanes that stay where they are.
-        stepping: settings of the load stepping.
-        pressure_given: see `balance.residual`.
-        anew: where paths begin once more, and at which level; see `follow`.
-        attempt: logarithm of the stiffness, as a share of the wall's own, of attempts.
+    `anew`: where paths begin once more, and at which level; see `follow`. `attempt`: logarithm
+    of the stiffness, as a share of the wall's own, of attempts.
     """
     if anew is None:
         border = None if begin.y.border is None else 0 * begin.level

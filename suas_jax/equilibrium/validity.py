@@ -33,13 +33,10 @@ _ON_CLAMP = 0.1
 def room_for_bodies(problem: Problem) -> tuple[Int[Array, " lane"], Bool[Array, " lane"]]:
     """What the travels of bodies say before anything is solved.
 
-    Args:
-        problem: membrane with bodies at full travel, wall, oil and loads.
-
-    Returns:
-        Index of the outcome where no membrane can be in equilibrium: a body lies on a clamped
-        edge, or reaches into the wall. And whether less than the membrane's thickness is left
-        between a body and the wall.
+    `problem`: membrane with bodies at full travel, wall, oil and loads.
+    Returns the index of the outcome where no membrane can be in equilibrium: a body lies on a
+    clamped edge, or reaches into the wall. And whether less than the membrane's thickness is
+    left between a body and the wall.
     """
     mechanics, rest = problem.mechanics, problem.mechanics.rest()
     thickness = mechanics.length_scale
@@ -60,25 +57,18 @@ def room_for_bodies(problem: Problem) -> tuple[Int[Array, " lane"], Bool[Array, 
 
 def validity(
     problem: Problem,
-    state: State,
+    state: State,  # claimed to be its equilibrium
     forces: tuple[Lanes, Lanes],
-    stretch_min: Lanes,
-    energy: Lanes,
+    stretch_min: Lanes,  # smallest stretch of a fibre
+    energy: Lanes,  # strain energy
     in_domain: Bool[Array, " lane"],
 ) -> Int[Array, " lane"]:
     """Judge a state: finite, in the law's domain, with length left, in balance.
 
-    Args:
-        problem: membrane, oil and loads.
-        state: claimed to be its equilibrium.
-        forces: the largest that nothing balances, and the size of those that balance.
-        stretch_min: smallest stretch of a fibre.
-        energy: strain energy.
-        in_domain: whether the law has an energy on both faces, which lie outside of the points
-            that the strain energy is a sum over.
-
-    Returns:
-        Index of the outcome: zero where the state is valid, else what is wrong with it.
+    `forces`: the largest that nothing balances, and the size of those that balance.
+    `in_domain`: whether the law has an energy on both faces, which lie outside of the points
+    that the strain energy is a sum over.
+    Returns the index of the outcome: zero where the state is valid, else what is wrong with it.
     """
     error, scale = forces
     allowed = _UNBALANCED_ON_A_WALL if problem.mechanics.touches else _UNBALANCED
@@ -109,10 +99,7 @@ def kept_in_domain(
 
     Energies are summed up between the faces, where a membrane is strained most.
 
-    Args:
-        mechanics: the membrane.
-        q: the unknowns found.
-        result: index of the outcome.
+    `q`: the unknowns found. `result`: index of the outcome.
     """
     if not mechanics.law.has_limit:
         return result

@@ -29,63 +29,40 @@ from suas_jax.skin.wall import Wall
 
 
 class Assembly(NamedTuple):
-    """One evaluation of the membrane at a trial state.
+    """One evaluation of the membrane at a trial state."""
 
-    Attributes:
-        residual: internal force less the oil's net pressure times the volume gradient
-            less the load factor times the load vector [N/m].
-        tangent: the residual's derivative by the unknowns.
-        volume_gradient: derivative of the enclosed volume by the unknowns.
-        load: derivative of the loads' work at unit load factor by the unknowns [N/m].
-        volume_change: enclosed volume less its value at rest, per width [m^2].
-        by_travel: derivative of the residual by the factor on the travel of bodies, its sign
-            changed; None without bodies.
-        contact: force of the bodies on the unknowns; None without.
-    """
-
+    # internal force less the oil's net pressure times the volume gradient less the load factor
+    # times the load vector [N/m]
     residual: StationVector
-    tangent: AbstractTangent
-    volume_gradient: StationVector
+    tangent: AbstractTangent  # the residual's derivative by the unknowns
+    volume_gradient: StationVector  # derivative of the enclosed volume by the unknowns
+    # derivative of the loads' work at unit load factor by the unknowns [N/m]
     load: StationVector
-    volume_change: Lanes
+    volume_change: Lanes  # enclosed volume less its value at rest, per width [m^2]
+    # derivative of the residual by the factor on the travel of
+    # bodies, its sign changed; None without bodies
     by_travel: StationVector | None = None
-    contact: StationVector | None = None
+    contact: StationVector | None = None  # force of the bodies on the unknowns; None without
 
 
 class Profile(NamedTuple):
-    """A deformed section at points along the arc [sample, element, lane].
+    """A deformed section at points along the arc [sample, element, lane]."""
 
-    Attributes:
-        angle: reference angle, as sections define it [rad].
-        rest: undeformed position of the inner face [m], components leading.
-        mid_displacement: of the mid-surface [m].
-        inner_displacement: of the inner face's material point at the same angle [m].
-        outer_displacement: of the outer face's [m].
-        inner_stretch: hoop stretch of the inner face, from free of stress.
-        outer_stretch: hoop stretch of the outer face.
-        energy_density: strain energy per volume, mean over the thickness [J/m^3].
-    """
-
-    angle: Array
-    rest: Array
-    mid_displacement: Array
-    inner_displacement: Array
-    outer_displacement: Array
-    inner_stretch: Array
-    outer_stretch: Array
-    energy_density: Array
+    angle: Array  # reference angle, as sections define it [rad]
+    rest: Array  # undeformed position of the inner face [m], components leading
+    mid_displacement: Array  # of the mid-surface [m]
+    inner_displacement: Array  # of the inner face's material point at the same angle [m]
+    outer_displacement: Array  # of the outer face's [m]
+    inner_stretch: Array  # hoop stretch of the inner face, from free of stress
+    outer_stretch: Array  # hoop stretch of the outer face
+    energy_density: Array  # strain energy per volume, mean over the thickness [J/m^3]
 
 
 class Displacements(NamedTuple):
-    """How the membrane moves at one place per lane, components leading.
+    """How the membrane moves at one place per lane, components leading."""
 
-    Attributes:
-        mid_displacement: of the mid-surface [m].
-        inner_displacement: of the inner face's material point at the same place [m].
-    """
-
-    mid_displacement: Array
-    inner_displacement: Array
+    mid_displacement: Array  # of the mid-surface [m]
+    inner_displacement: Array  # of the inner face's material point at the same place [m]
 
 
 class AbstractMechanics(eqx.Module):

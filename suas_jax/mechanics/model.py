@@ -70,20 +70,13 @@ class AbstractPlan(eqx.Module):
 
 
 class Meshes(NamedTuple):
-    """The meshes of one solve.
+    """The meshes of one solve."""
 
-    Attributes:
-        whole: of the whole membrane.
-        solved: of the part that is solved, or of the whole.
-        compared: with which the error of the mesh is judged.
-        stability: of the whole, where its state is assembled to tell whether it is stable
-            and what the mechanics leaves out; None where the mesh for the error is of the
-            whole and answers both.
-    """
-
-    whole: AbstractPlan
-    solved: AbstractPlan
-    compared: tuple[AbstractPlan, ...]
+    whole: AbstractPlan  # of the whole membrane
+    solved: AbstractPlan  # of the part that is solved, or of the whole
+    compared: tuple[AbstractPlan, ...]  # with which the error of the mesh is judged
+    # of the whole, where its state is assembled to tell whether it is stable and what the
+    # mechanics leaves out; None where the mesh for the error is of the whole and answers both
     stability: AbstractPlan | None
 
 

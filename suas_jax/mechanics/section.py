@@ -35,12 +35,9 @@ def peak(values: Array, *companions: Array) -> tuple[Lanes, ...]:
 
     Parabolas never reach across an element's end, where solutions may have a kink.
 
-    Args:
-        values: samples [sample, element, lane].
-        companions: functions to evaluate at the same place.
-
-    Returns:
-        The largest value and each companion there, per lane.
+    `values`: samples [sample, element, lane]. `companions`: functions to evaluate at the same
+    place.
+    Returns the largest value and each companion there, per lane.
     """
     samples, elements, lanes = values.shape
     flat = values.reshape(samples * elements, lanes)
@@ -65,18 +62,12 @@ def peak(values: Array, *companions: Array) -> tuple[Lanes, ...]:
 
 
 class SectionShape(AbstractShape):
-    """Samples of a deformed section.
+    """Samples of a deformed section."""
 
-    Attributes:
-        profile: the samples.
-        clamp_reach: angle from a clamped edge within which stretches diverge [rad].
-        growth: of the membrane; None where it fits its seat.
-        resolves_loads: whether stretches of the outer face diverge under line loads.
-    """
-
-    profile: Profile
-    clamp_reach: Lanes
-    growth: Growth | None = None
+    profile: Profile  # the samples
+    clamp_reach: Lanes  # angle from a clamped edge within which stretches diverge [rad]
+    growth: Growth | None = None  # of the membrane; None where it fits its seat
+    # whether stretches of the outer face diverge under line loads
     resolves_loads: bool = eqx.field(static=True, default=False)
 
     def _inner_face(self, geometry: SkinGeometry) -> tuple[Array, Array]:
@@ -251,8 +242,7 @@ class AbstractPlaneStrain(AbstractMechanics):
 def section_of(mechanics: AbstractMechanics) -> AbstractPlaneStrain:
     """The mechanics, known to be one in plane strain.
 
-    Raises:
-        TypeError: it is three-dimensional.
+    Raises TypeError: it is three-dimensional.
     """
     if not isinstance(mechanics, AbstractPlaneStrain):
         raise TypeError(f"plane strain is needed here, not a {type(mechanics).__name__}")

@@ -22,19 +22,15 @@ INTERVALS = 4
 
 
 class NormalFace(AbstractFace):
-    """The inner face as its height over the angle of normals, element by element.
-
-    Attributes:
-        edges: angles of the elements' ends [rad].
-        powers: coefficients of the height [m] in ascending powers of a coordinate that
-            runs from -1 to 1 over the element's angle.
-        folded: whether some ray meets the face more than once (the angle turns back
-            along the arc): no gap can be told.
-    """
+    """The inner face as its height over the angle of normals, element by element."""
 
     varies_along_axis: ClassVar[bool] = False
-    edges: Float[Array, "station lane"]
+    edges: Float[Array, "station lane"]  # angles of the elements' ends [rad]
+    # coefficients of the height [m] in ascending powers of a coordinate that runs from -1 to 1
+    # over the element's angle
     powers: Float[Array, "power element lane"]
+    # whether some ray meets the face more than once (the angle
+    # turns back along the arc): no gap can be told
     folded: Bool[Array, " lane"]
 
     def height(
@@ -48,9 +44,7 @@ class NormalFace(AbstractFace):
 def normal_face(shape: Profile, section: AbstractSection) -> NormalFace:
     """Describe the deformed inner face by its height over the angle of normals.
 
-    Args:
-        shape: the section, in `INTERVALS` intervals an element.
-        section: the undeformed membrane.
+    `shape`: the section, in `INTERVALS` intervals an element.
     """
     angle, height = section.foot(shape.rest + shape.inner_displacement, shape.angle)
     first, last = angle[0], angle[-1]
@@ -63,10 +57,8 @@ def normal_face(shape: Profile, section: AbstractSection) -> NormalFace:
 def height_at(face: NormalFace, angle: Float[Array, "ray #lane"]) -> Float[Array, "ray lane"]:
     """Height of the inner face along rays, folded or not [m].
 
-    Args:
-        face: the inner face.
-        angle: of the rays [rad]; beyond the clamped edges, where nothing moves, a ray takes
-            the height of the edge.
+    `angle`: of the rays [rad]; beyond the clamped edges, where nothing moves, a ray takes the
+    height of the edge.
     """
     edges, powers = face.edges, list(face.powers)
     angle = jnp.clip(angle, edges[0], edges[-1])

@@ -12,17 +12,11 @@ from suas_jax.skin.geometry import SkinGeometry
 
 
 class Extreme(NamedTuple):
-    """The largest or smallest value of a field, and where it is.
+    """The largest or smallest value of a field, and where it is."""
 
-    Attributes:
-        value: in SI units.
-        angle: from the symmetry axis [rad].
-        axial: from the middle of the pad [m]; None in plane strain.
-    """
-
-    value: Lanes
-    angle: Lanes
-    axial: Lanes | None = None
+    value: Lanes  # in SI units
+    angle: Lanes  # from the symmetry axis [rad]
+    axial: Lanes | None = None  # from the middle of the pad [m]; None in plane strain
 
 
 class AbstractShape(eqx.Module):

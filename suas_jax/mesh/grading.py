@@ -27,16 +27,13 @@ def rounded(length: float) -> float:
 
 
 class Density(NamedTuple):
-    """How close stations lie.
+    """How close stations lie."""
 
-    Attributes:
-        decays: decay length of the boundary layers at either end of an interval [rad], and
-            in a continuum that of the local fields there.
-        smallest: length below which elements gain nothing, because those across the
-            thickness are no smaller [rad].
-    """
-
+    # decay length of the boundary layers at either end of an interval [rad], and in a continuum
+    # that of the local fields there
     decays: tuple[float, ...]
+    # length below which elements gain nothing, because those across
+    # the thickness are no smaller [rad]
     smallest: float = 0.0
 
     def cumulative(

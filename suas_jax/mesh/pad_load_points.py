@@ -27,10 +27,7 @@ def pad_load_points(
     continuous derivatives, so both converge fast. Where the plan is mirrored only the points
     of the modelled part count.
 
-    Args:
-        plan: the mesh.
-        geometry: dimensions, with a lane axis.
-        loads: in the order of the plan.
+    `geometry`: dimensions, with a lane axis. `loads`: in the order of the plan.
     """
     leaves = jax.tree.leaves((geometry, loads))
     lanes = max(x.shape[-1] for x in leaves)

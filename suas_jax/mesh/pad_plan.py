@@ -23,19 +23,12 @@ Ends = Literal["clamped", "sliding"]
 
 
 class ElementSizes(NamedTuple):
-    """Sizes of elements in decay lengths of bending, sqrt(R t).
+    """Sizes of elements in decay lengths of bending, sqrt(R t)."""
 
-    Attributes:
-        edge: along clamped edges.
-        load: under a load.
-        largest: far away.
-        growth: how fast they grow with the distance.
-    """
-
-    edge: float
-    load: float
-    largest: float
-    growth: float
+    edge: float  # along clamped edges
+    load: float  # under a load
+    largest: float  # far away
+    growth: float  # how fast they grow with the distance
 
 
 SHELL_SIZES = ElementSizes(1.2, 0.32, 1.2, 0.2)
@@ -44,43 +37,28 @@ _PLACES = 48
 
 
 class Footprint(NamedTuple):
-    """A load's place as plain numbers.
+    """A load's place as plain numbers."""
 
-    Attributes:
-        angle: of its centre [rad].
-        axial: of its centre [m].
-        arc: half its extent along the arc [rad].
-        length: half its extent along the axis [m].
-        disc: whether it is round.
-    """
-
-    angle: float
-    axial: float
-    arc: float
-    length: float
-    disc: bool
+    angle: float  # of its centre [rad]
+    axial: float  # of its centre [m]
+    arc: float  # half its extent along the arc [rad]
+    length: float  # half its extent along the axis [m]
+    disc: bool  # whether it is round
 
 
 class PadPlan(eqx.Module):
-    """A mesh as arrays of plain numbers; shapes and the static fields decide what is compiled.
+    """A mesh as plain numbers; array shapes and static fields decide what is compiled."""
 
-    Attributes:
-        arc: breakpoints along the arc as fractions of the half angle, from -1.
-        axial: breakpoints along the axis as fractions of half the length, from -1.
-        mirrored: whether the plan ends at the plane of symmetry (crown, middle) in each
-            direction.
-        ends: whether the curved ends are clamped or slide in planes across the axis.
-        spread: points for each load: for a disc along radius and around, else the elements
-            (along the arc, the axis) that it may reach over, zero for no extent.
-        discs: for each load, whether it is round.
-    """
-
-    arc: np.ndarray
-    axial: np.ndarray
+    arc: np.ndarray  # breakpoints along the arc as fractions of the half angle, from -1
+    axial: np.ndarray  # breakpoints along the axis as fractions of half the length, from -1
+    # whether the plan ends at the plane of symmetry (crown, middle) in each direction
     mirrored: tuple[bool, bool] = eqx.field(static=True)
+    # whether the curved ends are clamped or slide in planes across the axis
     ends: Ends = eqx.field(static=True)
+    # points for each load: for a disc along radius and around, else the elements (along the
+    # arc, the axis) that it may reach over, zero for no extent
     spread: tuple[tuple[int, int], ...] = eqx.field(static=True)
-    discs: tuple[bool, ...] = eqx.field(static=True)
+    discs: tuple[bool, ...] = eqx.field(static=True)  # for each load, whether it is round
 
     @property
     def axes(self) -> tuple[SplineAxis, SplineAxis]:
@@ -147,10 +125,7 @@ class PadPlan(eqx.Module):
 def footprint(load: PadLoad, outer_size: float, lane: int = 0) -> Footprint:
     """A load's place in one lane.
 
-    Args:
-        load: with known numbers.
-        outer_size: length of the outer face per angle [m].
-        lane: which lane.
+    `load`: with known numbers. `outer_size`: length of the outer face per angle [m].
     """
 
     def number(x: Array) -> float:
@@ -163,38 +138,26 @@ def footprint(load: PadLoad, outer_size: float, lane: int = 0) -> Footprint:
 
 
 def plan_pad(
-    half_angle: float,
-    length: float,
-    mid_size: float,
-    thickness: float,
-    footprints: Sequence[Footprint],
+    half_angle: float,  # from the symmetry axis to a clamped edge [rad]
+    length: float,  # between the ends [m]
+    mid_size: float,  # length of the mid-line per angle [m]
+    thickness: float,  # of the membrane [m]
+    footprints: Sequence[Footprint],  # of the loads
     *,
     elements: tuple[int, int] | None = None,
-    scale: float = 1.0,
+    scale: float = 1.0,  # divides the size of elements where their number is not given
     mirrored: tuple[bool, bool] = (False, False),
-    ends: Ends = "clamped",
-    touched: Sequence[Footprint] = (),
+    ends: Ends = "clamped",  # of the axis
+    touched: Sequence[Footprint] = (),  # places of bodies
     sizes: ElementSizes = SHELL_SIZES,
 ) -> PadPlan:
     """Place breakpoints.
 
-    Args:
-        half_angle: from the symmetry axis to a clamped edge [rad].
-        length: between the ends [m].
-        mid_size: length of the mid-line per angle [m].
-        thickness: of the membrane [m].
-        footprints: of the loads.
-        elements: along the arc and along the axis of the whole pad; from the sizes of the
-            pad and its loads where not given. Even where mirrored.
-        scale: divides the size of elements where their number is not given.
-        mirrored: whether the loads are their own image in the crown's plane, and in the
-            middle's: half or a quarter of the pad is enough.
-        ends: of the axis.
-        touched: places of bodies.
-        sizes: of elements, relative to each other where their number is given.
-
-    Raises:
-        ValueError: an odd number of elements where the plan is to be mirrored.
+    `elements`: along the arc and along the axis of the whole pad; from the sizes of the pad and
+    its loads where not given. Even where mirrored. `mirrored`: whether the loads are their own
+    image in the crown's plane, and in the middle's: half or a quarter of the pad is enough.
+    `sizes`: of elements, relative to each other where their number is given.
+    Raises ValueError: an odd number of elements where the plan is to be mirrored.
     """
     decay = rounded(np.sqrt(mid_size * thickness))
     marked = [*footprints, *touched]
@@ -225,8 +188,7 @@ def plan_pad(
 def mirror_planes(loads: Sequence[PadLoad]) -> tuple[bool, bool]:
     """Whether loads are, as a whole, their own image in the crown's plane and the middle's.
 
-    Args:
-        loads: with known numbers, of any lanes.
+    `loads`: with known numbers, of any lanes.
     """
 
     def row(load: PadLoad, signs: tuple[int, int, int, int]) -> np.ndarray:

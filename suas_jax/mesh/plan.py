@@ -31,31 +31,25 @@ class MeshPlan(eqx.Module):
 
     Breakpoints are ordered: left clamp, right clamp, then those of each load in turn, then
     those of bodies, then those of the section.
-
-    Attributes:
-        stations: weights of the breakpoints in each station's angle [station, breakpoint].
-        select: element of each load point [element, point].
-        position: weights of the breakpoints in each load point's angle [point, breakpoint].
-        share: share of its load that a point carries, for line loads [point].
-        span: weights of the breakpoints in the arc that a point stands for [point,
-            breakpoint], zero for line loads.
-        load: which load a point belongs to [load, point], one or zero.
-        values: the breakpoints when the plan was made [rad].
-        slid: how far each of them lies from where `breakpoints` has it: a body's where it
-            touches material that has slid beneath it [rad].
-        mirror: whether the loads are their own mirror image.
-        symmetric: whether the plan covers the left half of a symmetric skin.
     """
 
+    # weights of the breakpoints in each station's angle [station, breakpoint]
     stations: np.ndarray
-    select: np.ndarray
+    select: np.ndarray  # element of each load point [element, point]
+    # weights of the breakpoints in each load point's angle [point, breakpoint]
     position: np.ndarray
-    share: np.ndarray
+    share: np.ndarray  # share of its load that a point carries, for line loads [point]
+    # weights of the breakpoints in the arc that a point stands for
+    # [point, breakpoint], zero for line loads
     span: np.ndarray
-    load: np.ndarray
-    values: np.ndarray
+    load: np.ndarray  # which load a point belongs to [load, point], one or zero
+    values: np.ndarray  # the breakpoints when the plan was made [rad]
+    # how far each of them lies from where `breakpoints` has it: a body's where it touches
+    # material that has slid beneath it [rad]
     slid: np.ndarray
+    # whether the loads are their own mirror image
     mirror: bool = eqx.field(static=True, default=False)
+    # whether the plan covers the left half of a symmetric skin
     symmetric: bool = eqx.field(static=True, default=False)
 
     @property
@@ -105,8 +99,7 @@ class MeshPlan(eqx.Module):
     def refined(self, elements: int | None = None) -> "MeshPlan":
         """Elements of a plan of the whole arc divided in two.
 
-        Args:
-            elements: how many there shall be; the last one stays whole if they are odd.
+        `elements`: how many there shall be; the last one stays whole if they are odd.
         """
         whole = 2 * self.elements - (elements or 2 * self.elements)
         divided = self.stations[: self.elements + 1 - whole]
@@ -157,10 +150,7 @@ def breakpoints(
 ) -> list[Lanes]:
     """Angles of clamps, loads, bodies and kinks, in the order of the plan's weights [rad].
 
-    Args:
-        section: the undeformed membrane.
-        loads: line loads.
-        touched: where bodies come in [rad].
+    `touched`: where bodies come in [rad].
     """
     angles = [-section.half_angle, section.half_angle]
     for load in loads:
@@ -171,10 +161,10 @@ def breakpoints(
 
 
 def plan_mesh(
-    numbers: Sequence[float],
+    numbers: Sequence[float],  # values of the breakpoints [rad], in the order of `breakpoints`
     spread: Sequence[bool],
-    elements: int,
-    layer: float,
+    elements: int,  # along the whole arc
+    layer: float,  # decay length of the boundary layers as an angle [rad]
     *,
     symmetric: bool = False,
     local: tuple[float, float] | None = None,
@@ -182,17 +172,11 @@ def plan_mesh(
 ) -> MeshPlan:
     """Place stations: one at each breakpoint, graded towards the layers.
 
-    Args:
-        numbers: values of the breakpoints [rad], in the order of `breakpoints`.
-        spread: for each load, whether it has an arc (two breakpoints) or not (one).
-        elements: along the whole arc.
-        layer: decay length of the boundary layers as an angle [rad].
-        symmetric: whether the loads are symmetric; stations then are, too, when the
-            number of elements is even.
-        local: in a continuum, decay length of what breakpoints cause in their
-            neighbourhood besides, and the smallest length of elements [rad].
-        slid: how far material has slid that lies at a breakpoint when it is touched [rad];
-            none for nowhere.
+    `spread`: for each load, whether it has an arc (two breakpoints) or not (one). `symmetric`:
+    whether the loads are symmetric; stations then are, too, when the number of elements is
+    even. `local`: in a continuum, decay length of what breakpoints cause in their neighbourhood
+    besides, and the smallest length of elements [rad]. `slid`: how far material has slid that
+    lies at a breakpoint when it is touched [rad]; none for nowhere.
     """
     density = Density((rounded(layer),))
     if local is not None:
@@ -285,18 +269,11 @@ def _with_loads(
 
 def load_points(
     plan: MeshPlan,
-    geometry: SkinGeometry,
-    loads: Sequence[LineLoad],
-    touched: Sequence[Lanes] = (),
+    geometry: SkinGeometry,  # dimensions, with a lane axis
+    loads: Sequence[LineLoad],  # line loads, in the order of the plan
+    touched: Sequence[Lanes] = (),  # where bodies come in [rad], likewise
 ) -> tuple[Float[Array, "station lane"], LoadPoints]:
-    """Stations and load points of a plan for the inputs at hand.
-
-    Args:
-        plan: the mesh.
-        geometry: dimensions, with a lane axis.
-        loads: line loads, in the order of the plan.
-        touched: where bodies come in [rad], likewise.
-    """
+    """Stations and load points of a plan for the inputs at hand."""
     section = geometry.section
     values = jnp.stack(jnp.broadcast_arrays(*breakpoints(section, loads, touched)))
     values = values + jnp.asarray(plan.slid)[:, None]

@@ -16,20 +16,15 @@ from suas_jax.skin.section import AbstractSection
 
 def plan_section(
     scene: SceneSpec,
-    elements: int,
-    decay: float,
-    local: tuple[float, float] | None = None,
+    elements: int,  # along the whole arc
+    decay: float,  # length over which boundary layers fade, as an angle [rad]
+    local: tuple[float, float] | None = None,  # see `plan_mesh`
     slid: Sequence[float] = (),
 ) -> MeshPlan:
     """Mesh of the whole arc for the line loads of a scene.
 
-    Args:
-        scene: the scene.
-        elements: along the whole arc.
-        decay: length over which boundary layers fade, as an angle [rad].
-        local: see `plan_mesh`.
-        slid: angle from where each body comes in to the material that it touches, in the order
-            of the file [rad]; none for nowhere.
+    `slid`: angle from where each body comes in to the material that it touches, in the order of
+    the file [rad]; none for nowhere.
     """
     spread = [load.spread is not None for load in scene.loads if isinstance(load, LineLoadSpec)]
     found = measures(scene)
@@ -44,21 +39,14 @@ def plan_section(
 
 
 class Measures(NamedTuple):
-    """What a mesh needs to know of a scene's section, as plain numbers.
+    """What a mesh needs to know of a scene's section, as plain numbers."""
 
-    Attributes:
-        angles: of the breakpoints in the order of a plan [rad].
-        places: angles of the dead loads and bodies, in the order of the file [rad].
-        half_angle: of the right clamp [rad].
-        size: length of the mid-line per angle [m].
-        symmetric: whether the section is its own mirror image.
-    """
-
-    angles: tuple[float, ...]
+    angles: tuple[float, ...]  # of the breakpoints in the order of a plan [rad]
+    # angles of the dead loads and bodies, in the order of the file [rad]
     places: tuple[float, ...]
-    half_angle: float
-    size: float
-    symmetric: bool
+    half_angle: float  # of the right clamp [rad]
+    size: float  # length of the mid-line per angle [m]
+    symmetric: bool  # whether the section is its own mirror image
 
 
 @functools.lru_cache(maxsize=64)

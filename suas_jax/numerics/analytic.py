@@ -28,11 +28,8 @@ def asinh_sqrt_squared(s: Float[Array, "..."]) -> Float[Array, "..."]:
     With s = sinh² η, halving η by sinh²(η/2) = s / (2 (1 + √(1 + s))) shrinks the
     argument until a short series holds.
 
-    Args:
-        s: any shape; to rounding error up to s = 100, to 1e-13 up to s = 2500.
-
-    Returns:
-        η², of the shape of s.
+    `s`: any shape; to rounding error up to s = 100, to 1e-13 up to s = 2500.
+    Returns η², of the shape of s.
     """
     for _ in range(_HALVINGS):
         s = 0.5 * s / (1.0 + jnp.sqrt(1.0 + s))
@@ -44,11 +41,7 @@ def cosh_sqrt_minus_1(z: Float[Array, "..."]) -> Float[Array, "..."]:
 
     Halved like its companion; doubled by cosh 2x − 1 = 2c (c + 2) with c = cosh x − 1.
 
-    Args:
-        z: any shape; to rounding error up to √z = 24.
-
-    Returns:
-        Array of the shape of z.
+    `z`: any shape; to rounding error up to √z = 24.
     """
     z = z / 4.0**_HALVINGS
     c = z * _polynomial(z, _COSH_SERIES)

@@ -34,18 +34,15 @@ _Column: TypeAlias = tuple[Array, Array]
 
 
 class Factors(NamedTuple):
-    """Factors A = F S F^T of a block-banded system.
+    """Factors A = F S F^T of a block-banded system."""
 
-    Attributes:
-        inverse: inverses of F's blocks on the diagonal, lower triangular.
-        below: F's blocks below the diagonal, those of a column on top of each other.
-        pivots: of the elimination unknown by unknown; S holds their signs.
-        smallest_pivot: smallest ratio of a pivot's magnitude to its diagonal entry.
-    """
-
+    # inverses of F's blocks on the diagonal, lower triangular
     inverse: Float[Array, "lane station dof dof"]
+    # F's blocks below the diagonal, those of a column on top of each other
     below: Float[Array, "lane station 3*dof dof"]
+    # of the elimination unknown by unknown; S holds their signs
     pivots: Float[Array, "lane station dof"]
+    # smallest ratio of a pivot's magnitude to its diagonal entry
     smallest_pivot: Float[Array, " lane"]
 
     @property
@@ -55,20 +52,17 @@ class Factors(NamedTuple):
 
 
 class BlockBanded(AbstractTangent):
-    """A symmetric operator that couples a station to the next three.
+    """A symmetric operator that couples a station to the next three."""
 
-    Attributes:
-        bands: block o of station i couples the equations of station i + o to the unknowns
-            of station i, so that the four blocks of a station are one column of the lower
-            triangle; blocks beyond the last station are ignored (but must be finite).
-        free: which unknowns are free, station by station; the equations of the others are
-            replaced by those of the identity. All are free if None.
-        multipliers: unknowns among them that each bring a negative eigenvalue whatever the
-            state is; not counted.
-    """
-
+    # block o of station i couples the equations of station i + o to the unknowns of station i,
+    # so that the four blocks of a station are one column of the lower triangle; blocks beyond
+    # the last station are ignored (but must be finite)
     bands: Bands
+    # which unknowns are free, station by station; the equations of the others are replaced by
+    # those of the identity. All are free if None.
     free: tuple[tuple[bool, ...], ...] | None = eqx.field(static=True, default=None)
+    # unknowns among them that each bring a negative eigenvalue
+    # whatever the state is; not counted
     multipliers: int = eqx.field(static=True, default=0)
 
     @property
@@ -121,9 +115,8 @@ def solve_with(
 ) -> Float[Array, "dof right station lane"]:
     """Solve with factorised systems, for any number of right-hand sides.
 
-    Args:
-        factors: of one system for all lanes, or of one a lane.
-        right: right-hand sides; one lane is taken for every system.
+    `factors`: of one system for all lanes, or of one a lane. `right`: right-hand sides; one
+    lane is taken for every system.
     """
     systems = factors.pivots.shape[0]
     if systems == 1:  # the lanes are so many more right-hand sides
@@ -136,19 +129,12 @@ def solve_with(
 
 
 def refined(
-    tangent: BlockBanded,
-    factors: Factors,
+    tangent: BlockBanded,  # the system
+    factors: Factors,  # its own, or those of a neighbouring system (a chord step)
     right: Float[Array, "dof right station #lane"],
-    solution: Float[Array, "dof right station lane"],
+    solution: Float[Array, "dof right station lane"],  # of which the residual is taken
 ) -> Float[Array, "dof right station lane"]:
-    """One step of iterative refinement towards the solution of a system.
-
-    Args:
-        tangent: the system.
-        factors: its own, or those of a neighbouring system (a chord step).
-        right: right-hand sides.
-        solution: of which the residual is taken.
-    """
+    """One step of iterative refinement towards the solution of a system."""
     product = jax.vmap(tangent.mv, 1, 1)(solution)
     return solution + solve_with(factors, right - product)
 
@@ -204,9 +190,8 @@ def _factorised(
 def _substituted(system: tuple[Array, ...]) -> Float[Array, "station right dof"]:
     """Substitute forwards, then backwards, in one factorised system.
 
-    Args:
-        system: inverses, blocks below, pivots and right-hand sides, which are rows
-            [station, right, dof].
+    `system`: inverses, blocks below, pivots and right-hand sides, which are rows [station,
+    right, dof].
     """
     inverse, below, pivots, right = system
     _, count, dof = right.shape

@@ -60,13 +60,10 @@ def _stacked(rows: list[list[Array]]) -> Matrices:
 def symmetric_inverse(a: Matrices) -> tuple[Matrices, Float[Array, "*batch row"]]:
     """Invert symmetric matrices by halves, for large batches.
 
-    Args:
-        a: matrices whose leading minors don't vanish: order the unknowns so that definite
-            ones come before the multipliers of their constraints.
-
-    Returns:
-        The inverses, and the pivots of the LDL^T factorisation, whose signs are those of
-        the eigenvalues (Sylvester).
+    `a`: matrices whose leading minors don't vanish: order the unknowns so that definite ones
+    come before the multipliers of their constraints.
+    Returns the inverses, and the pivots of the LDL^T factorisation, whose signs are those of
+    the eigenvalues (Sylvester).
     """
     n = a.shape[-1]
     if n <= 3:
@@ -110,20 +107,15 @@ class Factors(NamedTuple):
 
     The right half, reversed, rides along as further lanes, which halves the number of
     steps that wait for each other.
-
-    Attributes:
-        inverse: of the outer stations' blocks when their turn came [step, 2 lane, ...].
-        coupling: of each outer station to its inner neighbour.
-        middle: inverse of the middle block [lane, ...].
-        pivots: of the outer stations [step, 2 lane, row].
-        middle_pivots: of the middle station [lane, row].
     """
 
+    # of the outer stations' blocks when their turn came [step, 2 lane, ...]
     inverse: Float[Array, "step lanes row column"]
+    # of each outer station to its inner neighbour
     coupling: Float[Array, "step lanes row column"]
-    middle: Float[Array, "lane row column"]
-    pivots: Float[Array, "step lanes row"]
-    middle_pivots: Float[Array, "lane row"]
+    middle: Float[Array, "lane row column"]  # inverse of the middle block [lane, ...]
+    pivots: Float[Array, "step lanes row"]  # of the outer stations [step, 2 lane, row]
+    middle_pivots: Float[Array, "lane row"]  # of the middle station [lane, row]
 
 
 def _halves(left: Array, right: Array, fill: Array) -> Array:
@@ -136,14 +128,12 @@ def _halves(left: Array, right: Array, fill: Array) -> Array:
 
 
 def factorise(
-    diagonal: Float[Array, "station lane row column"],
+    diagonal: Float[Array, "station lane row column"],  # blocks on the diagonal
     upper: Float[Array, "element lane row column"],
 ) -> Factors:
     """Factorise symmetric block-tridiagonal systems.
 
-    Args:
-        diagonal: blocks on the diagonal.
-        upper: block i couples the equations of station i to the unknowns of i + 1.
+    `upper`: block i couples the equations of station i to the unknowns of i + 1.
     """
     stations, lanes, n, _ = diagonal.shape
     half = stations // 2

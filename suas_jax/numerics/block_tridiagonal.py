@@ -36,18 +36,13 @@ def product(
 
 
 class Sweep(NamedTuple):
-    """Solutions of a tangent's linear system and what its pivots say.
+    """Solutions of a tangent's linear system and what its pivots say."""
 
-    Attributes:
-        solution: one column per right-hand side.
-        negative: number of negative eigenvalues, those not counted that multipliers of
-            the mechanics' own constraints bring with them.
-        smallest_pivot: smallest ratio of a pivot's magnitude to its diagonal entry.
-    """
-
-    solution: Float[Array, "dof right station lane"]
+    solution: Float[Array, "dof right station lane"]  # one column per right-hand side
+    # number of negative eigenvalues, those not counted that multipliers of the mechanics' own
+    # constraints bring with them
     negative: LaneCounts
-    smallest_pivot: Lanes
+    smallest_pivot: Lanes  # smallest ratio of a pivot's magnitude to its diagonal entry
 
 
 class AbstractTangent(eqx.Module):
@@ -68,15 +63,10 @@ class AbstractTangent(eqx.Module):
 
 
 class BlockTridiagonal(AbstractTangent):
-    """Blocks of few unknowns, given as they are.
+    """Blocks of few unknowns, given as they are."""
 
-    Attributes:
-        diagonal: blocks on the diagonal, symmetric.
-        upper: block i couples the equations of station i to the unknowns of i + 1.
-    """
-
-    diagonal: Diagonal
-    upper: OffDiagonal
+    diagonal: Diagonal  # blocks on the diagonal, symmetric
+    upper: OffDiagonal  # block i couples the equations of station i to the unknowns of i + 1
 
     @property
     def structure(self) -> jax.ShapeDtypeStruct:
@@ -108,8 +98,7 @@ def _ldl_solve(
     spend its time in pivot search. Indefinite blocks are welcome: beyond the point
     where the membrane alone would buckle, the trapped oil still holds it.
 
-    Returns:
-        The solutions and the pivots.
+    Returns the solutions and the pivots.
     """
     n = a.shape[0]
     lower: dict[tuple[int, int], Array] = {}

@@ -39,18 +39,12 @@ class BorderedBlockTridiagonal(lx.AbstractLinearOperator):
     """A symmetric block-tridiagonal operator with an optional border.
 
     The border is symmetric too unless its row is given apart from its column.
-
-    Attributes:
-        tangent: the block-tridiagonal part.
-        column: the border's column, equal to its row, or None.
-        corner: the border's diagonal entry, or None.
-        row: the border's row where it differs from the column.
     """
 
-    tangent: AbstractTangent
-    column: StationVector | None
-    corner: Lanes | None
-    row: StationVector | None = None
+    tangent: AbstractTangent  # the block-tridiagonal part
+    column: StationVector | None  # the border's column, equal to its row, or None
+    corner: Lanes | None  # the border's diagonal entry, or None
+    row: StationVector | None = None  # the border's row where it differs from the column
 
     def border(self) -> tuple[StationVector, StationVector, Lanes]:
         """Column, row and corner of an operator that has a border."""
@@ -125,20 +119,15 @@ for _transform in (lx.linearise, lx.materialise, lx.conj):
 
 
 class Elimination(NamedTuple):
-    """Solutions of a bordered system and what its pivots say.
+    """Solutions of a bordered system and what its pivots say."""
 
-    Attributes:
-        solution: unknowns, shaped like the right-hand side.
-        negative: number of negative eigenvalues of the whole bordered operator, by
-            Sylvester's law of inertia (meaningless where row and column differ). With the
-            oil's constraint as border, an equilibrium is stable on the constraint surface
-            if and only if it is one (without border: none).
-        smallest_pivot: smallest ratio of a pivot's magnitude to its diagonal entry.
-    """
-
-    solution: BorderedVector
+    solution: BorderedVector  # unknowns, shaped like the right-hand side
+    # number of negative eigenvalues of the whole bordered operator, by Sylvester's law of
+    # inertia (meaningless where row and column differ). With the oil's constraint as border, an
+    # equilibrium is stable on the constraint surface if and only if it is one (without border:
+    # none).
     negative: LaneCounts
-    smallest_pivot: Lanes
+    smallest_pivot: Lanes  # smallest ratio of a pivot's magnitude to its diagonal entry
 
 
 def eliminate(operator: BorderedBlockTridiagonal, right: BorderedVector) -> Elimination:
@@ -146,12 +135,8 @@ def eliminate(operator: BorderedBlockTridiagonal, right: BorderedVector) -> Elim
 
     One sweep carries the right-hand side and the border's column together.
 
-    Args:
-        operator: the system.
-        right: right-hand side.
-
-    Returns:
-        The solution with the number of negative eigenvalues and the smallest pivot.
+    `operator`: the system.
+    Returns the solution with the number of negative eigenvalues and the smallest pivot.
     """
     if right.border is None:
         sweep = operator.tangent.solve(right.stations[:, None])
@@ -193,21 +178,15 @@ def solve_bordered(operator: BorderedBlockTridiagonal, right: BorderedVector) ->
 
 
 def solve_near(
-    rest: Callable[[BorderedVector], BorderedVector],
-    operator: BorderedBlockTridiagonal,
-    right: BorderedVector,
+    rest: Callable[[BorderedVector], BorderedVector],  # product of N with a vector
+    operator: BorderedBlockTridiagonal,  # K
+    right: BorderedVector,  # b
 ) -> BorderedVector:
     """Solve (K + N) x = b, with a bordered K that N changes little, in either mode.
 
     By Neumann's series: x = s_0 + s_1 + ..., K s_0 = b, K s_(k+1) = -N s_k.
 
-    Args:
-        rest: product of N with a vector.
-        operator: K.
-        right: b.
-
-    Returns:
-        x; not a number where the series does not converge.
+    Returns x; not a number where the series does not converge.
     """
     flat, unravel = ravel_pytree(right)
 

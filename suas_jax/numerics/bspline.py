@@ -28,12 +28,8 @@ def bernstein(
 ) -> list[Float[Array | np.ndarray, "*points"]]:
     """The four cubic Bernstein polynomials, or a derivative by xi, at points in [0, 1].
 
-    Args:
-        xi: local coordinate.
-        derivative: order of differentiation, 0 to 3.
-
-    Returns:
-        Four values, each shaped like xi.
+    `xi`: local coordinate. `derivative`: order of differentiation, 0 to 3.
+    Returns four values, each shaped like xi.
     """
     x, y = xi, 1 - xi
     if derivative == 0:
@@ -52,25 +48,19 @@ class SplineAxis:
     The first and the last control value never are unknowns: at an open end they are the
     values there, which a clamp fixes at zero; at a mirrored end they are images. What is
     left are the *stations*.
-
-    Attributes:
-        elements: number of elements.
-        left: how the interval ends at its first breakpoint.
-        right: how it ends at its last breakpoint.
-        multiplicity: of the knots between elements: 1 for two continuous derivatives, 2
-            for one; None stands for 1 everywhere.
     """
 
-    elements: int
-    left: End = "open"
-    right: End = "open"
+    elements: int  # number of elements
+    left: End = "open"  # how the interval ends at its first breakpoint
+    right: End = "open"  # how it ends at its last breakpoint
+    # of the knots between elements: 1 for two continuous derivatives, 2 for one; None stands
+    # for 1 everywhere
     multiplicity: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
         """Reject what has no meaning.
 
-        Raises:
-            ValueError: too few elements, or multiplicities that don't fit them.
+        Raises ValueError: too few elements, or multiplicities that don't fit them.
         """
         mirrored = "mirror" in (self.left, self.right)
         fewest = 3 if mirrored else 1
@@ -136,8 +126,7 @@ class SplineAxis:
     def joined(self) -> "SplineAxis":
         """Pairs of elements joined, the opposite of `halved`.
 
-        Raises:
-            ValueError: elements don't come in pairs.
+        Raises ValueError: elements don't come in pairs.
         """
         if self.elements % 2 or self.multiplicity is not None:
             raise ValueError(f"{self.elements} elements are no pairs")
@@ -169,10 +158,8 @@ class SplineAxis:
         Rows of control values that are no stations are zero; an image's row is added to
         that of its station.
 
-        Args:
-            breakpoints: ascending.
-            parity: 1 where the mirror image has the same sign, -1 where the opposite one;
-                None for rows of all control values as they are.
+        `breakpoints`: ascending. `parity`: 1 where the mirror image has the same sign, -1 where
+        the opposite one; None for rows of all control values as they are.
         """
         knots = self.knots(breakpoints)
         at = self._first + DEGREE
@@ -194,10 +181,8 @@ class SplineAxis:
     ) -> Float[Array, "4 4 element"]:
         """Rows of all control values with images added to their stations, the rest zero.
 
-        Args:
-            extraction: rows of all control values as they are.
-            parity: see `extraction`.
-            held: whether the value at an open end is zero; else it is that of the next station.
+        `extraction`: rows of all control values as they are. `parity`: see `extraction`.
+        `held`: whether the value at an open end is zero; else it is that of the next station.
         """
         element = np.arange(self.elements)
         first, last = element == 0, element == self.elements - 1

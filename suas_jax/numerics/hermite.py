@@ -19,12 +19,9 @@ def hermite(
 ) -> list[Float[Array | np.ndarray, "*points"]]:
     """The four shape functions, or a derivative with respect to xi, at points in [0, 1].
 
-    Args:
-        xi: local coordinate, 0 at the left station and 1 at the right one.
-        derivative: order of differentiation, 0 to 3.
-
-    Returns:
-        Values for left value, left slope, right value, right slope; each shaped like xi.
+    `xi`: local coordinate, 0 at the left station and 1 at the right one. `derivative`: order of
+    differentiation, 0 to 3.
+    Returns values for left value, left slope, right value, right slope; each shaped like xi.
     """
     shapes = []
     for row in _HERMITE:

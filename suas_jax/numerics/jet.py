@@ -29,21 +29,16 @@ class Jet(NamedTuple):
 def second_order(
     fn: Callable[[Array, Array], Array],
     x: Float[Array, "*shape"],
-    y: Float[Array, "*shape"],
+    y: Float[Array, "*shape"],  # second input, of the same shape
     *,
     once: bool = False,
 ) -> Jet:
     """Expand an elementwise function of two inputs to second order.
 
-    Args:
-        fn: function whose output at a point depends on the inputs at that point alone.
-        x: first input.
-        y: second input, of the same shape.
-        once: whether the function takes so many operations that what uses its derivatives
-            must not compute them anew, see `staged`.
-
-    Returns:
-        The expansion, each entry of the shape of the inputs.
+    `fn`: function whose output at a point depends on the inputs at that point alone. `once`:
+    whether the function takes so many operations that what uses its derivatives must not
+    compute them anew, see `staged`.
+    Returns the expansion, each entry of the shape of the inputs.
     """
     one, zero = jnp.ones_like(x), jnp.zeros_like(x)
 

@@ -27,10 +27,8 @@ def number(lane: ArrayLike) -> float:
 def in_chunks(solve: Callable[[Arguments], Result], arguments: Arguments, chunk: int) -> Result:
     """Call a function of lanes for all lanes, a chunk at a time.
 
-    Args:
-        solve: takes and returns pytrees of arrays that end in a lane axis.
-        arguments: its argument; a lane axis of length one is shared by all lanes.
-        chunk: most lanes in one call.
+    `solve`: takes and returns pytrees of arrays that end in a lane axis. `arguments`: its
+    argument; a lane axis of length one is shared by all lanes. `chunk`: most lanes in one call.
     """
 
     @jax.custom_batching.custom_vmap
@@ -79,9 +77,8 @@ def in_halves(call: Callable[..., Result], *arguments: Any) -> Result:
 
     Its loops over few lanes hardly use a second core by themselves.
 
-    Args:
-        call: takes and returns pytrees of arrays that end in a lane axis.
-        arguments: known numbers; a lane axis of length one is shared by all lanes.
+    `call`: takes and returns pytrees of arrays that end in a lane axis. `arguments`: known
+    numbers; a lane axis of length one is shared by all lanes.
     """
     lanes = lane_count(arguments)
     size = -(-lanes // 2)  # of both, so that one program serves them
@@ -101,21 +98,16 @@ def in_halves(call: Callable[..., Result], *arguments: Any) -> Result:
 
 def for_some(
     solve: Callable[[Arguments], Result],
-    arguments: Arguments,
-    needed: Bool[Array, " lane"],
-    rest: Result,
-    width: int,
+    arguments: Arguments,  # of `solve`; a lane axis of length one is shared by all lanes
+    needed: Bool[Array, " lane"],  # which lanes
+    rest: Result,  # what the others have
+    width: int,  # lanes in one call
 ) -> Result:
     """Call a function of lanes for those that need it: the others cost nothing.
 
     Without derivatives in reverse mode.
 
-    Args:
-        solve: takes and returns pytrees of arrays that end in a lane axis.
-        arguments: its argument; a lane axis of length one is shared by all lanes.
-        needed: which lanes.
-        rest: what the others have.
-        width: lanes in one call.
+    `solve`: takes and returns pytrees of arrays that end in a lane axis.
     """
     lanes = needed.shape[-1]
     order, count = jnp.argsort(~needed), jnp.sum(needed)
@@ -150,13 +142,9 @@ def lane_count(tree: Any) -> int:
 def by_lane(module: Any, function: Callable[..., Any], *arguments: Array) -> Any:
     """Call a function of one lane's module and arguments, lane after lane.
 
-    Args:
-        module: its arrays have a lane axis at the end.
-        function: of the module, its lane axes of length one, and of arguments without lanes.
-        arguments: with a lane axis at the end.
-
-    Returns:
-        What the function returns, with a lane axis at the end.
+    `module`: its arrays have a lane axis at the end. `function`: of the module, its lane axes
+    of length one, and of arguments without lanes. `arguments`: with a lane axis at the end.
+    Returns what the function returns, with a lane axis at the end.
     """
     lanes = lane_count((module, arguments))
     arrays, static = eqx.partition((module, arguments), eqx.is_array)

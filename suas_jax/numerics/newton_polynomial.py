@@ -13,9 +13,7 @@ def power_coefficients(
 
     Newton's divided differences, then Horner's scheme on polynomials.
 
-    Args:
-        t: where the samples are, all different.
-        values: of the function there.
+    `t`: where the samples are, all different. `values`: of the function there.
     """
     n = t.shape[0]
     table = list(values)
@@ -33,9 +31,7 @@ def power_coefficients(
 def polynomial(powers: Sequence[Array], t: Array) -> Array:
     """Value of a polynomial by Horner's scheme.
 
-    Args:
-        powers: coefficients in ascending powers.
-        t: where.
+    `powers`: coefficients in ascending powers. `t`: where.
     """
     value = powers[-1]
     for power in powers[-2::-1]:

@@ -9,13 +9,7 @@ def gauss_legendre(
 ) -> tuple[Float[np.ndarray, " {n}"], Float[np.ndarray, " {n}"]]:
     """Points and weights that integrate polynomials up to degree 2n - 1 exactly.
 
-    Args:
-        n: number of points.
-        lower: lower end of the interval.
-        upper: upper end of the interval.
-
-    Returns:
-        Points in ascending order and their weights, which sum to ``upper - lower``.
+    Returns points in ascending order and their weights, which sum to ``upper - lower``.
     """
     points, weights = np.polynomial.legendre.leggauss(n)
     half = (upper - lower) / 2
@@ -25,8 +19,7 @@ def gauss_legendre(
 def lagrange_slopes(points: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:
     """Derivatives at points of the polynomial through values there [point, value].
 
-    Args:
-        points: all different.
+    `points`: all different.
     """
     n = len(points)
     apart = points[:, None] - points + np.eye(n)

@@ -42,14 +42,10 @@ def trace_function(
 ) -> Float[Array, "*batch"]:
     """Return tr f(A) = Σ f(a_i) over the eigenvalues of A.
 
-    Args:
-        fn: f(parameters, a), elementwise, analytic for a > −1.
-        parameters: arrays of shape [*batch] on which f depends; differentiable.
-        matrix: A, symmetric, shape [3, 3, *batch].
-
-    Returns:
-        Array [*batch], with exact first and second derivatives in A and derivatives of
-        every order in the parameters.
+    `fn`: f(parameters, a), elementwise, analytic for a > −1. `parameters`: arrays of shape
+    [*batch] on which f depends; differentiable. `matrix`: A, symmetric, shape [3, 3, *batch].
+    Returns an array [*batch], with exact first and second derivatives in A and derivatives of
+    every order in the parameters.
     """
     eigenvalues, _ = _decompose(matrix)
     return jnp.sum(fn(parameters, eigenvalues), axis=0)
@@ -61,13 +57,9 @@ def matrix_function(
 ) -> Float[Array, "3 3 *batch"]:
     """Return f(A) = V diag(f(a)) Vᵀ.
 
-    Args:
-        fn: f(parameters, a), elementwise, analytic for a > −1.
-        parameters: arrays of shape [*batch] on which f depends; differentiable.
-        matrix: A, symmetric, shape [3, 3, *batch].
-
-    Returns:
-        Array [3, 3, *batch], with an exact first derivative in A.
+    `fn`: f(parameters, a), elementwise, analytic for a > −1. `parameters`: arrays of shape
+    [*batch] on which f depends; differentiable. `matrix`: A, symmetric, shape [3, 3, *batch].
+    Returns an array [3, 3, *batch], with an exact first derivative in A.
     """
     eigenvalues, vectors = _decompose(matrix)
     return jnp.einsum("ik...,k...,jk...->ij...", vectors, fn(parameters, eigenvalues), vectors)
@@ -160,14 +152,8 @@ def divided_difference(
 ) -> Float[Array, "..."]:
     """Return (f(a) − f(b)) / (a − b), and f′(a) where the two meet, to rounding error.
 
-    Args:
-        fn: f(parameters, a), elementwise, analytic for a > −1.
-        parameters: what else f depends on.
-        a: first argument, above −1.
-        b: second argument, above −1.
-
-    Returns:
-        The divided difference, elementwise.
+    `fn`: f(parameters, a), elementwise, analytic for a > −1. `a`: first argument, above −1.
+    `b`: second argument, above −1.
     """
     near = jnp.maximum(1.0 + a, 1.0 + b) < _NEAR * jnp.minimum(1.0 + a, 1.0 + b)
     # The quotient's untaken branch must stay finite for its derivatives' sake.

@@ -14,9 +14,8 @@ from jaxtyping import Array, Float
 def staged(rows: Sequence[Float[Array, "*shape"]]) -> list[Float[Array, "*shape"]]:
     """The same arrays, computed before anything that uses them.
 
-    Args:
-        rows: a few dozen arrays of the same shape, which are multiplied by the unit matrix;
-            none may hold infinities.
+    `rows`: a few dozen arrays of the same shape, which are multiplied by the unit matrix; none
+    may hold infinities.
     """
     stacked = jnp.stack(jnp.broadcast_arrays(*rows))
     flat = stacked.reshape(len(rows), -1)

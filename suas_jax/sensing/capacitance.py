@@ -29,17 +29,12 @@ TaxelValues = Float[Array, "taxel #lane"]
 
 
 class Dielectric(NamedTuple):
-    """What lies between electrodes and membrane.
+    """What lies between electrodes and membrane."""
 
-    Attributes:
-        permittivity: relative, of the oil.
-        layers: sum of thickness over relative permittivity of what else lies there [m].
-        wall_curvature: of the wall that carries the electrodes [1/m].
-    """
-
-    permittivity: TaxelValues | Lanes
+    permittivity: TaxelValues | Lanes  # relative, of the oil
+    # sum of thickness over relative permittivity of what else lies there [m]
     layers: TaxelValues | Lanes | float
-    wall_curvature: TaxelValues | Lanes
+    wall_curvature: TaxelValues | Lanes  # of the wall that carries the electrodes [1/m]
 
 
 class AbstractCapacitance(eqx.Module):

@@ -23,39 +23,27 @@ EIGHT_BIT_LSB = 2.88e-15
 
 
 class Sample(NamedTuple):
-    """Simulated readings [frame, taxel].
+    """Simulated readings [frame, taxel]."""
 
-    Attributes:
-        counts: whole counts.
-        saturated: where the input lies outside the converter's range.
-        repeated: frames polled before the converter had refreshed [frame]: their counts
-            are those of the frame before.
-    """
-
-    counts: NDArray[np.int64]
-    saturated: NDArray[np.bool_]
+    counts: NDArray[np.int64]  # whole counts
+    saturated: NDArray[np.bool_]  # where the input lies outside the converter's range
+    # frames polled before the converter had refreshed [frame]:
+    # their counts are those of the frame before
     repeated: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Converter:
-    """Settings of a converter.
+    """Settings of a converter."""
 
-    Attributes:
-        lsb: capacitance of one count [F].
-        bits: of its result; 16 or 8 in the paper.
-        offset: capacitance that the offset DAC takes off [F].
-        noise: standard deviation of a reading [counts].
-        drift: standard deviation, over the taxels, of a baseline's steady drift [counts/s].
-        refresh: time between new results [s]; polled faster, the last result comes again.
-            None: a new result at every poll.
-    """
-
-    lsb: float = PAPER_LSB
-    bits: int = 16
-    offset: float = 0.0
-    noise: float = 0.0
+    lsb: float = PAPER_LSB  # capacitance of one count [F]
+    bits: int = 16  # of its result; 16 or 8 in the paper
+    offset: float = 0.0  # capacitance that the offset DAC takes off [F]
+    noise: float = 0.0  # standard deviation of a reading [counts]
+    # standard deviation, over the taxels, of a baseline's steady drift [counts/s]
     drift: float = 0.0
+    # time between new results [s]; polled faster, the last result comes again. None: a new
+    # result at every poll.
     refresh: float | None = None
 
     def __post_init__(self) -> None:
@@ -85,16 +73,13 @@ class Converter:
     def sample(
         self,
         capacitance: NDArray[np.float64],
-        time: NDArray[np.float64],
-        random: np.random.Generator,
+        time: NDArray[np.float64],  # of the frames, ascending [s]
+        random: np.random.Generator,  # source of noise and drift
     ) -> Sample:
         """Simulate readings.
 
-        Args:
-            capacitance: [frame, taxel] [F]; NaN where membrane and electrode touch, a short
-                circuit that reads full scale.
-            time: of the frames, ascending [s].
-            random: source of noise and drift.
+        `capacitance`: [frame, taxel] [F]; NaN where membrane and electrode touch, a short
+        circuit that reads full scale.
         """
         frames, taxels = capacitance.shape
         continuous = self.counts(capacitance)

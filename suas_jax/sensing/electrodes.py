@@ -25,20 +25,16 @@ CAPACITANCES = model_classes(
 
 
 class Readings(NamedTuple):
-    """What the taxels read.
+    """What the taxels read."""
 
-    Attributes:
-        gap: along the ray through a taxel's centre [m].
-        capacitance: stray included [F]; NaN where nothing parts membrane and electrode, or
-            where `touching` is all that is known.
-        so: continuous sensor output, C / lsb [counts]: no noise, rounding or saturation.
-        touching: whether the membrane reaches the wall somewhere over the footprint, or
-            folds over: no capacitance can be told there.
-    """
-
-    gap: Float[Array, "taxel lane"]
+    gap: Float[Array, "taxel lane"]  # along the ray through a taxel's centre [m]
+    # stray included [F]; NaN where nothing parts membrane and electrode, or where `touching` is
+    # all that is known
     capacitance: Float[Array, "taxel lane"]
+    # continuous sensor output, C / lsb [counts]: no noise, rounding or saturation
     so: Float[Array, "taxel lane"]
+    # whether the membrane reaches the wall somewhere over the footprint, or folds over: no
+    # capacitance can be told there
     touching: Bool[Array, "taxel lane"]
 
 
@@ -46,25 +42,16 @@ class Electrodes(eqx.Module):
     """Taxels on the wall under a film of oil, and the scale of their converter.
 
     Permittivity, stray, layers and lsb may also be given taxel by taxel [taxel, lane].
-
-    Attributes:
-        taxels: where they are.
-        geometry: of the skin.
-        permittivity: relative, of the oil.
-        stray: capacitance in parallel with each taxel [F].
-        layers: sum of thickness over relative permittivity of further dielectrics [m].
-        lsb: capacitance of one count [F].
-        model: of the capacitance.
-        height: of the electrodes above the wall, towards the membrane [m].
     """
 
-    taxels: Taxels
-    geometry: SkinGeometry
-    permittivity: Lanes
-    stray: Lanes
-    layers: Lanes
-    lsb: Lanes
-    model: AbstractCapacitance
+    taxels: Taxels  # where they are
+    geometry: SkinGeometry  # of the skin
+    permittivity: Lanes  # relative, of the oil
+    stray: Lanes  # capacitance in parallel with each taxel [F]
+    layers: Lanes  # sum of thickness over relative permittivity of further dielectrics [m]
+    lsb: Lanes  # capacitance of one count [F]
+    model: AbstractCapacitance  # of the capacitance
+    # of the electrodes above the wall, towards the membrane [m]
     height: Float[Array, "taxel #lane"] | float = 0.0
 
     @property
@@ -79,9 +66,7 @@ class Electrodes(eqx.Module):
         C = C_stray + the model's capacitance, and SO = C / lsb (Eqs. 1 and 2 of the paper
         without noise).
 
-        Args:
-            mechanics: the membrane on the whole arc.
-            q: its unknowns.
+        `mechanics`: the membrane on the whole arc.
         """
         face = mechanics.face(q)
         return self.read_face(face, held=mechanics.wall is not None)
@@ -89,10 +74,8 @@ class Electrodes(eqx.Module):
     def read_face(self, face: AbstractFace, *, held: bool = False) -> Readings:
         """Readings under a deformed inner face; see `read`.
 
-        Args:
-            face: the inner face.
-            held: whether the wall holds the membrane: where they touch, the film is gone
-                and further dielectrics remain. If there are none, it is a short circuit.
+        `held`: whether the wall holds the membrane: where they touch, the film is gone and
+        further dielectrics remain. If there are none, it is a short circuit.
         """
         taxels, geometry = self.taxels, self.geometry
         footprint = DISC if face.varies_along_axis else CHORDS
@@ -117,8 +100,7 @@ class Electrodes(eqx.Module):
 
         With the skin's oil gap these are the readings at rest.
 
-        Args:
-            gap: between wall and inner face [m].
+        `gap`: between wall and inner face [m].
         """
         film = jnp.broadcast_to(gap - self.height, self.taxels.area.shape[:1] + gap.shape[-1:])
         own = self.model.capacitance([film], EVEN, self.taxels, self.between)
@@ -127,12 +109,9 @@ class Electrodes(eqx.Module):
     def even_film(self, so: Float[Array, "taxel lane"]) -> Float[Array, "taxel lane"]:
         """Gap of the even film that gives a sensor output: inverse of `read_even_film` [m].
 
-        Args:
-            so: sensor output [counts]; a lane a frame.
-
-        Returns:
-            Zero where the capacitance is that of a closed film or more; NaN where the output
-            is missing, or not above the stray capacitance.
+        `so`: sensor output [counts]; a lane a frame.
+        Returns zero where the capacitance is that of a closed film or more; NaN where the
+        output is missing, or not above the stray capacitance.
         """
         own = so * self.lsb - self.stray
         known = own > 0
@@ -146,28 +125,22 @@ def warmed_permittivity(permittivity: Lanes, growth: Lanes) -> Lanes:
     Molecules without a permanent dipole, as mineral and silicone oils have, keep their
     polarisability, so (e - 1)/(e + 2) goes with the density.
 
-    Args:
-        permittivity: e, before.
-        growth: logarithm of the volume over what it was.
+    `permittivity`: e, before. `growth`: logarithm of the volume over what it was.
     """
     share = (permittivity - 1) / (permittivity + 2) * jnp.exp(-growth)
     return (1 + 2 * share) / (1 - share)
 
 
 def electrodes_of(
-    spec: SkinSpec,
-    numbers: Mapping[str, Any],
+    spec: SkinSpec,  # says which layout and formula
+    numbers: Mapping[str, Any],  # SI values by TOML path
     geometry: SkinGeometry,
     warmed: Lanes | None = None,
 ) -> Electrodes | None:
     """Electrodes of a skin from its numbers by TOML path; None if nothing is sensed.
 
-    Args:
-        spec: says which layout and formula.
-        numbers: SI values by TOML path.
-        geometry: of the skin.
-        warmed: logarithm of the volume that the oil has grown to by warmth, since it had the
-            permittivity of the file; None where it has not.
+    `warmed`: logarithm of the volume that the oil has grown to by warmth, since it had the
+    permittivity of the file; None where it has not.
     """
     if spec.electrodes is None:
         return None

@@ -36,23 +36,20 @@ _ELEMENTS = 720
 
 
 class Film(NamedTuple):
-    """The section of the film between two angles.
+    """The section of the film between two angles."""
 
-    Attributes:
-        angle: of the stations [rad].
-        gap: between wall and inner face there, linear in between [m].
-        wall_radius: length of the wall per angle, one or one a station [m].
-        turn: of the wall's normal per angle, likewise; 1 on a circle.
-    """
-
+    # of the stations [rad]
     angle: Float[Array, "station #lane"]
+    # between wall and inner face there, linear in between [m]
     gap: Float[Array, "station lane"]
+    # length of the wall per angle, one or one a station [m]
     wall_radius: Float[Array, "*#station #lane"]
+    # of the wall's normal per angle, likewise; 1 on a circle
     turn: Float[Array, "*#station #lane"] | float = 1.0
 
 
 def wall_charge(
-    film: Film,
+    film: Film,  # the section
     driven: Bool[Array, "station #lane"] | Bool[np.ndarray, " station"],
     degree: int = _DEGREE,
 ) -> Float[Array, "station lane"]:
@@ -60,14 +57,10 @@ def wall_charge(
 
     The consistent nodal charges, whose weighted sums converge twice as fast as the field.
 
-    Args:
-        film: the section.
-        driven: stations at one volt; the others' potential is free (a bare wall).
-        degree: of the polynomial across the film. An electrode's edge on a bare wall is a
-            singularity: it wants 12 or more.
-
-    Returns:
-        Charge divided by eps0 eps_r, dimensionless; zero on a bare wall.
+    `driven`: stations at one volt; the others' potential is free (a bare wall). `degree`: of
+    the polynomial across the film. An electrode's edge on a bare wall is a singularity: it
+    wants 12 or more.
+    Returns the charge divided by eps0 eps_r, dimensionless; zero on a bare wall.
     """
     driven = jnp.reshape(jnp.asarray(driven), (film.angle.shape[0], -1))
     # The last node across the film is the membrane's, at zero.
@@ -89,21 +82,15 @@ def wall_charge(
 
 
 def field_capacitance(
-    electrodes: Electrodes,
-    mechanics: AbstractMechanics,
+    electrodes: Electrodes,  # taxels, geometry and permittivity
+    mechanics: AbstractMechanics,  # the membrane on the whole arc
     q: StationVector,
-    elements: int = _ELEMENTS,
+    elements: int = _ELEMENTS,  # of the film along the arc
 ) -> Float[Array, "taxel lane"]:
     """Capacitance of every taxel, guarded, from the field instead of a formula [F].
 
     Takes some milliseconds where the formulas take microseconds; stray capacitance is
     added as there. NaN for all taxels where the membrane touches the wall or folds.
-
-    Args:
-        electrodes: taxels, geometry and permittivity.
-        mechanics: the membrane on the whole arc.
-        q: its unknowns.
-        elements: of the film along the arc.
     """
     face = section_of(mechanics).face(q)
     return field_capacitance_under(electrodes, face, elements)
@@ -114,9 +101,8 @@ def field_capacitance_under(
 ) -> Float[Array, "taxel lane"]:
     """Capacitance of every taxel under a deformed inner face; see `field_capacitance`.
 
-    Raises:
-        ValueError: the electrodes have no guard, or layers of their own; or the gap varies
-            along the skin.
+    Raises ValueError: the electrodes have no guard, or layers of their own; or the gap varies
+    along the skin.
     """
     if electrodes.geometry.gap_along is not None:
         raise ValueError(
@@ -171,20 +157,15 @@ def _even_along_wall(geometry: SkinGeometry, elements: int) -> tuple[Array, Arra
 
 
 def chords(
-    place: Float[Array, " station"],
-    centre: Float[Array, " taxel"],
-    diameter: Float[Array, " taxel"],
+    place: Float[Array, " station"],  # of the stations along the wall, evenly spaced [m]
+    centre: Float[Array, " taxel"],  # of the discs [m]
+    diameter: Float[Array, " taxel"],  # of the discs [m]
 ) -> Float[Array, "taxel station"]:
     """Chords of discs at the stations over their diameters, projected on linear elements.
 
     A chord has a vertical tangent at the disc's edge: plain values at the stations would
     miss some of its area. Each is the mean over the station's two elements, weighed by its
     shape function, in closed form.
-
-    Args:
-        place: of the stations along the wall, evenly spaced [m].
-        centre: of the discs [m].
-        diameter: of the discs [m].
     """
     step = place[1] - place[0]
 

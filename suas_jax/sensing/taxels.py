@@ -39,17 +39,11 @@ thermal pads, which lie under no taxel and are no counts of a log."""
 
 
 class Footprint(NamedTuple):
-    """Quadrature over a disc of unit radius.
+    """Quadrature over a disc of unit radius."""
 
-    Attributes:
-        places: along the arc and along the axis [ray, 2].
-        weights: of the places, their sum one [ray].
-        centre: position of the disc's centre among the places.
-    """
-
-    places: np.ndarray
-    weights: np.ndarray
-    centre: int
+    places: np.ndarray  # along the arc and along the axis [ray, 2]
+    weights: np.ndarray  # of the places, their sum one [ray]
+    centre: int  # position of the disc's centre among the places
 
     def average(self, values: Iterable[Float[Array, "taxel lane"]]) -> Array:
         """Mean over the footprints [taxel, lane] of values on the rays, ray by ray."""
@@ -100,21 +94,16 @@ def module_places() -> Float[np.ndarray, "place 2"]:
 
 
 class Taxels(eqx.Module):
-    """Round electrodes on the wall.
+    """Round electrodes on the wall."""
 
-    Attributes:
-        angle: of the centres, from the symmetry axis [rad].
-        axial: of the centres, from mid-width [m].
-        diameter: [m].
-        module: which module a taxel belongs to, from 0.
-        number: of the taxel in its module, from 1.
-    """
-
+    # of the centres, from the symmetry axis [rad]
     angle: Float[Array, "taxel #lane"]
+    # of the centres, from mid-width [m]
     axial: Float[Array, "taxel #lane"]
+    # [m]
     diameter: Float[Array, "taxel #lane"]
-    module: tuple[int, ...] = eqx.field(static=True)
-    number: tuple[int, ...] = eqx.field(static=True)
+    module: tuple[int, ...] = eqx.field(static=True)  # which module a taxel belongs to, from 0
+    number: tuple[int, ...] = eqx.field(static=True)  # of the taxel in its module, from 1
 
     @property
     def area(self) -> Float[Array, "taxel #lane"]:
@@ -126,9 +115,7 @@ class Taxels(eqx.Module):
     ) -> Float[Array, "taxel 3"]:
         """The centres in space: x towards growing angles, y to the crown, z along the axis [m].
 
-        Args:
-            geometry: of the skin whose wall they lie on.
-            height: above the wall [m].
+        `geometry`: of the skin whose wall they lie on. `height`: above the wall [m].
         """
         section = geometry.section
         below = geometry.gap(self.angle, self.axial) - height
@@ -138,9 +125,8 @@ class Taxels(eqx.Module):
     def rays(self, footprint: Footprint, geometry: SkinGeometry) -> list[tuple[Array, Array]]:
         """Angle [rad] and axial position [m] of the taxels' rays, [taxel, lane] each.
 
-        Args:
-            footprint: where the gap is taken to average over an electrode.
-            geometry: of the skin whose wall they lie on.
+        `footprint`: where the gap is taken to average over an electrode. `geometry`: of the
+        skin whose wall they lie on.
         """
         radius = self.diameter / 2
         return [
@@ -161,10 +147,8 @@ def taxels_of(
 ) -> Taxels:
     """Taxels of [electrodes], ordered by module and number.
 
-    Args:
-        electrodes: says which layout; its numbers are not used.
-        numbers: SI values by TOML path.
-        geometry: of the skin.
+    `electrodes`: says which layout; its numbers are not used. `numbers`: SI values by TOML
+    path.
     """
 
     def column(table: str, count: int, key: str) -> Array:
@@ -215,15 +199,8 @@ def taxel_places(
 ) -> dict[tuple[int, int], tuple[float, float]]:
     """Places of the taxels' centres on the unrolled wall, along arc and axis [m].
 
-    Args:
-        electrodes: the layout.
-        geometry: of the skin.
-
-    Returns:
-        Places by module (from 0) and number in it (from 1).
-
-    Raises:
-        ConfigError: one of them is beyond the clamped edges.
+    Returns places by module (from 0) and number in it (from 1).
+    Raises ConfigError: one of them is beyond the clamped edges.
     """
     own, half = _along_wall(geometry, _centres(electrodes))
     places, found = [], []

@@ -21,31 +21,19 @@ PITCH_PER_EDGE = 6.533 / 30.0
 
 
 class Triangle(NamedTuple):
-    """Where a module lies.
+    """Where a module lies."""
 
-    Attributes:
-        angle: of its centroid, from the symmetry axis [rad].
-        axial: of its centroid, from mid-width [m].
-        rotation: about its centroid [rad].
-    """
-
-    angle: float
-    axial: float
-    rotation: float
+    angle: float  # of its centroid, from the symmetry axis [rad]
+    axial: float  # of its centroid, from mid-width [m]
+    rotation: float  # about its centroid [rad]
 
 
 class PadLayout(NamedTuple):
-    """Triangles of one size.
+    """Triangles of one size."""
 
-    Attributes:
-        edge: of the triangles [m].
-        pitch: between neighbouring taxels [m].
-        triangles: row by row along the axis, each towards +angle.
-    """
-
-    edge: float
-    pitch: float
-    triangles: tuple[Triangle, ...]
+    edge: float  # of the triangles [m]
+    pitch: float  # between neighbouring taxels [m]
+    triangles: tuple[Triangle, ...]  # row by row along the axis, each towards +angle
 
 
 def pad_layout(
@@ -53,15 +41,10 @@ def pad_layout(
 ) -> PadLayout:
     """Rows of triangles, as large as the pad's wall allows.
 
-    Args:
-        rows: along the axis.
-        columns: triangles of a row, along the arc.
-        wall_radius: of the wall that carries them [m].
-        half_angle: from the symmetry axis to an edge of the wall [rad].
-        width: of the pad, along the axis [m].
-
-    Raises:
-        ValueError: no rows or columns.
+    `rows`: along the axis. `columns`: triangles of a row, along the arc. `wall_radius`: of the
+    wall that carries them [m]. `half_angle`: from the symmetry axis to an edge of the wall
+    [rad]. `width`: of the pad, along the axis [m].
+    Raises ValueError: no rows or columns.
     """
     if rows < 1 or columns < 1:
         raise ValueError(f"{rows}x{columns}: at least one row and one column are needed")
@@ -75,32 +58,22 @@ def pad_layout(
 def tiled_modules(
     geometry: GeometrySpec,
     *,
-    rows: int = 4,
-    columns: int = 8,
-    edge: float = PAPER_EDGE,
+    rows: int = 4,  # of triangles along the axis
+    columns: int = 8,  # triangles in a row
+    edge: float = PAPER_EDGE,  # of a triangle on the unrolled wall [m]
     pitch: float | None = None,
-    **module: Any,
+    **module: Any,  # further keys of every module: diameter [m], numbering
 ) -> tuple[ModuleSpec, ...]:
     """Cover the wall, whatever its section, with triangles of a given size.
 
     The tiling is centred on the wall, the triangles of a row even along it. By default four
     rows of eight: the 32 triangles (320 taxels) of a half-cylinder, a row a bus.
 
-    Args:
-        geometry: of the skin.
-        rows: of triangles along the axis.
-        columns: triangles in a row.
-        edge: of a triangle on the unrolled wall [m].
-        pitch: between neighbouring taxels [m]; by default the measured 6.533 mm of an
-            iCub's triangle of 30 mm, scaled to the edge, so that taxels of neighbouring
-            triangles don't meet in the corners.
-        **module: further keys of every module: diameter [m], numbering.
-
-    Returns:
-        Modules row by row from -axial, each row from -angle.
-
-    Raises:
-        ValueError: the tiling is larger than the wall; the message says by how much.
+    `pitch`: between neighbouring taxels [m]; by default the measured 6.533 mm of an iCub's
+    triangle of 30 mm, scaled to the edge, so that taxels of neighbouring triangles don't meet
+    in the corners.
+    Returns modules row by row from -axial, each row from -angle.
+    Raises ValueError: the tiling is larger than the wall; the message says by how much.
     """
     skin = plain_geometry(geometry)
     first, last = (float(skin.wall_arc(side * skin.half_angle)[0]) for side in (-1, 1))

@@ -14,15 +14,13 @@ class Along(eqx.Module):
 
     Two continuous derivatives; not-a-knot at the ends. It is linear in the values, so that
     the places alone make its matrix.
-
-    Attributes:
-        at: the fractions, from 0 at the left clamp to 1 at the right one.
-        values: there [place, lane].
-        mirrored: whether the right half is the mirror image of the left one.
     """
 
+    # the fractions, from 0 at the left clamp to 1 at the right one
     at: tuple[float, ...] = eqx.field(static=True)
+    # there [place, lane]
     values: Float[Array, "place #lane"]
+    # whether the right half is the mirror image of the left one
     mirrored: bool = eqx.field(static=True, default=False)
 
     def __call__(self, fraction: Float[Array, "*shape #lane"]) -> Float[Array, "*shape lane"]:
@@ -40,18 +38,14 @@ class Along(eqx.Module):
 
 
 class Sheet(eqx.Module):
-    """The product of two cubic splines, along the arc and along the axis; see `Along`.
+    """The product of two cubic splines, along the arc and along the axis; see `Along`."""
 
-    Attributes:
-        at: fractions of the inner face's arc, and of the length along the axis.
-        values: there [place along the arc, place along the axis, lane].
-        width: the length along the axis [m].
-        mirrored: whether the right half is the mirror image of the left one.
-    """
-
+    # fractions of the inner face's arc, and of the length along the axis
     at: tuple[tuple[float, ...], tuple[float, ...]] = eqx.field(static=True)
+    # there [place along the arc, place along the axis, lane]
     values: Float[Array, "arc axial #lane"]
-    width: Lanes
+    width: Lanes  # the length along the axis [m]
+    # whether the right half is the mirror image of the left one
     mirrored: bool = eqx.field(static=True, default=False)
 
     def __call__(

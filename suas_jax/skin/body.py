@@ -74,17 +74,12 @@ class AbstractShape(eqx.Module):
 
 
 class Round(AbstractShape):
-    """A sphere, or a cylinder: what lies within a radius of a point, or of a line.
+    """A sphere, or a cylinder: what lies within a radius of a point, or of a line."""
 
-    Attributes:
-        radius: [m].
-        endless: whether the line is the second axis, or, in plane strain, across the plane.
-        length: of the line [m]; None for a point, or where it is endless.
-    """
-
-    radius: Lanes
+    radius: Lanes  # [m]
+    # whether the line is the second axis, or, in plane strain, across the plane
     endless: bool = eqx.field(static=True)
-    length: Lanes | None = None
+    length: Lanes | None = None  # of the line [m]; None for a point, or where it is endless
 
     def _beside(self, across: Float[Array, "component *point"]) -> Float[Array, "*point"]:
         """Square of the distance from the line, across the approach."""
@@ -133,15 +128,10 @@ class Plate(AbstractShape):
 
 
 class Wedge(AbstractShape):
-    """Two planes that meet in a round tip.
+    """Two planes that meet in a round tip."""
 
-    Attributes:
-        radius: of the tip [m].
-        opening: angle between the planes [rad].
-    """
-
-    radius: Lanes
-    opening: Lanes
+    radius: Lanes  # of the tip [m]
+    opening: Lanes  # angle between the planes [rad]
 
     def distance(self, place: Float[Array, "component *point"]) -> Float[Array, "*point"]:
         """See the base class."""
@@ -171,15 +161,10 @@ class Wedge(AbstractShape):
 
 
 class Box(AbstractShape):
-    """A rectangle across the approach whose edges are round.
+    """A rectangle across the approach whose edges are round."""
 
-    Attributes:
-        size: of the rectangle, edges included [m].
-        edge: radius of the edges [m].
-    """
-
-    size: tuple[Lanes, Lanes]
-    edge: Lanes
+    size: tuple[Lanes, Lanes]  # of the rectangle, edges included [m]
+    edge: Lanes  # radius of the edges [m]
 
     def distance(self, place: Float[Array, "component *point"]) -> Float[Array, "*point"]:
         """See the base class."""
@@ -207,65 +192,46 @@ class Box(AbstractShape):
 
 
 class Grip(NamedTuple):
-    """How friction holds the points of a face to a body.
+    """How friction holds the points of a face to a body."""
 
-    Attributes:
-        bound: largest force of friction of a point [N]; in plane strain per width [N/m].
-        normal: of the body's surface there, away from the body.
-    """
-
+    # largest force of friction of a point [N]; in plane strain per width [N/m]
     bound: Float[Array, "*point"]
-    normal: Float[Array, "component *point"]
+    normal: Float[Array, "component *point"]  # of the body's surface there, away from the body
 
 
 class Body(eqx.Module):
-    """A rigid body on its way into the skin.
+    """A rigid body on its way into the skin."""
 
-    Attributes:
-        shape: its surface.
-        angle: of the reference point, as sections define it [rad].
-        axial: of the reference point, from the middle of the pad [m]; None in plane strain.
-        travel: beyond first touch at full load [m].
-        origin: where its tip is at first touch [m].
-        frame: its axes, row by row: along the arc, along the pad, away from the skin.
-        law: pressure over gap.
-        drag: travel across the approach at full load [m]; None for none.
-        friction: Coulomb's coefficient; None for none.
-        stick: slip by which friction is as good as fully mobilised [m].
-        grip: of friction on the points of the face; None for that of the state at hand.
-        soft: whether the law is softer than the body's own; None where it never is.
-    """
-
-    shape: AbstractShape
-    angle: Lanes
+    shape: AbstractShape  # its surface
+    angle: Lanes  # of the reference point, as sections define it [rad]
+    # of the reference point, from the middle of the pad [m]; None in plane strain
     axial: Lanes | None
-    travel: Lanes
-    origin: Float[Array, "component lane"]
+    travel: Lanes  # beyond first touch at full load [m]
+    origin: Float[Array, "component lane"]  # where its tip is at first touch [m]
+    # its axes, row by row: along the arc, along the pad, away from the skin
     frame: Float[Array, "component component lane"]
-    law: AbstractPressureGap
+    law: AbstractPressureGap  # pressure over gap
+    # travel across the approach at full load [m]; None for none
     drag: Float[Array, "component lane"] | None = None
-    friction: Lanes | None = None
-    stick: Lanes | None = None
+    friction: Lanes | None = None  # Coulomb's coefficient; None for none
+    stick: Lanes | None = None  # slip by which friction is as good as fully mobilised [m]
+    # of friction on the points of the face; None for that of the state at hand
     grip: Grip | None = None
+    # whether the law is softer than the body's own; None where it never is
     soft: Bool[Array, "..."] | None = None
 
     @classmethod
     def of(
         cls,
-        spec: BodyLoadSpec,
-        section: AbstractSection,
+        spec: BodyLoadSpec,  # says which shape
+        section: AbstractSection,  # what it is pressed on
         places: tuple[Lanes, Lanes | None],
-        value: Callable[[str], Lanes],
-        law: AbstractPressureGap,
+        value: Callable[[str], Lanes],  # gives the body's numbers by key, with a lane axis [SI]
+        law: AbstractPressureGap,  # of its contact
     ) -> "Body":
         """A body of a scene.
 
-        Args:
-            spec: says which shape.
-            section: what it is pressed on.
-            places: angle of the reference point [rad], and on a pad its axial position [m].
-            value: gives the body's numbers by key, with a lane axis [SI].
-            law: of its contact.
+        `places`: angle of the reference point [rad], and on a pad its axial position [m].
         """
         angle, axial = places
         shape = _shape(spec, value, flat=axial is None)
@@ -324,16 +290,11 @@ class Body(eqx.Module):
 
 
 class PlacedBody(eqx.Module):
-    """A body after some of its travel.
+    """A body after some of its travel."""
 
-    Attributes:
-        body: at first touch.
-        travel: so far [m].
-        drag: so far across the approach [m]; None for none.
-    """
-
-    body: Body
-    travel: Lanes
+    body: Body  # at first touch
+    travel: Lanes  # so far [m]
+    # so far across the approach [m]; None for none
     drag: Float[Array, "component lane"] | None = None
 
     @property
@@ -363,9 +324,7 @@ class PlacedBody(eqx.Module):
     ) -> Grip:
         """What friction can hold of points of a face where they are.
 
-        Args:
-            position: of the points [m].
-            area: of the undeformed face that a point stands for.
+        `position`: of the points [m]. `area`: of the undeformed face that a point stands for.
         """
 
         def gap(position: Array) -> Array:
@@ -377,17 +336,13 @@ class PlacedBody(eqx.Module):
 
     def work_of_slip(
         self,
-        moved: Float[Array, "component *point"],
-        normal: Float[Array, "component *point"],
+        moved: Float[Array, "component *point"],  # displacement of points of the face [m]
+        normal: Float[Array, "component *point"],  # of the body's surface there
     ) -> Float[Array, "*point"]:
         """Work against friction of a unit bound [m]: the slip, but for a short one.
 
         With the slip s from first touch to the state at hand, whatever the way, and a short
         length e the force is s / sqrt(s^2 + e^2) of the bound.
-
-        Args:
-            moved: displacement of points of the face [m].
-            normal: of the body's surface there.
         """
         body, drag = self.body, 0.0 if self.drag is None else self.drag
         way = drag - self.travel * body.frame[-1]

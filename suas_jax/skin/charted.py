@@ -79,36 +79,26 @@ the mid-line, thickness, position of the inner face."""
 
 
 class ChartedSection(AbstractSection):
-    """A curve with a thickness along it.
+    """A curve with a thickness along it."""
 
-    Attributes:
-        curve: the inner face.
-        mean_thickness: of the membrane [m].
-        half_angle: a quarter turn: the mid-line's length sets the size [rad].
-        mid_length: of the mid-line [m].
-        ends: angles of the ends of the pieces.
-        table: of every piece, `_FIELDS` by ascending powers of a coordinate that runs from
-            -1 to 1 on it.
-        kinks: which ends of pieces the curvature jumps at.
-        mirrored: whether the right half is the mirror image of the left one.
-    """
-
-    curve: AbstractCurve
-    mean_thickness: Lanes
-    half_angle: Lanes
-    mid_length: Lanes
-    ends: Float[Array, "edge lane"]
+    curve: AbstractCurve  # the inner face
+    mean_thickness: Lanes  # of the membrane [m]
+    half_angle: Lanes  # a quarter turn: the mid-line's length sets the size [rad]
+    mid_length: Lanes  # of the mid-line [m]
+    ends: Float[Array, "edge lane"]  # angles of the ends of the pieces
+    # of every piece, `_FIELDS` by ascending powers of a coordinate that runs from -1 to 1 on it
     table: Float[Array, "piece field power lane"]
+    # which ends of pieces the curvature jumps at
     kinks: tuple[int, ...] = eqx.field(static=True)
+    # whether the right half is the mirror image of the left one
     mirrored: bool = eqx.field(static=True)
 
     @classmethod
     def of(cls, curve: AbstractCurve, thickness: Lanes | Along) -> Self:
         """Describe a curve by the arc length of its mid-line.
 
-        Args:
-            curve: the inner face.
-            thickness: of the membrane, one for all or along the inner face's arc [m].
+        `curve`: the inner face. `thickness`: of the membrane, one for all or along the inner
+        face's arc [m].
         """
         edges = curve.edges()
         each = -(-_PIECES // (edges.shape[0] - 1))

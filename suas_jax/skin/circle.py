@@ -8,17 +8,11 @@ from suas_jax.skin.section import AbstractSection, outward
 
 
 class Circle(AbstractSection):
-    """A membrane of one thickness around an axis; its angle is the one of scenes.
+    """A membrane of one thickness around an axis; its angle is the one of scenes."""
 
-    Attributes:
-        inner_radius: of the inner face [m].
-        mean_thickness: of the membrane [m].
-        half_angle: from the symmetry axis to a clamped edge [rad].
-    """
-
-    inner_radius: Lanes
-    mean_thickness: Lanes
-    half_angle: Lanes
+    inner_radius: Lanes  # of the inner face [m]
+    mean_thickness: Lanes  # of the membrane [m]
+    half_angle: Lanes  # from the symmetry axis to a clamped edge [rad]
 
     @property
     def symmetric(self) -> bool:

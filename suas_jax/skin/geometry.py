@@ -20,23 +20,17 @@ _INTERVALS, _GAUSS = 64, 4  # of integrals over the whole arc
 
 
 class SkinGeometry(eqx.Module):
-    """Undeformed dimensions of a skin.
+    """Undeformed dimensions of a skin."""
 
-    Attributes:
-        section: the membrane across its axis.
-        width: extent along the axis [m].
-        oil_gap: from the inner face to the rigid wall, its mean where it varies [m].
-        gap_along: the gap over the arc, or over arc and axis; None where it is even.
-        relief: of the outer face: the thickness beyond its mean over the axis [m]; None
-            where it is the same all along.
-        growth: free size of the membrane over that of its seat; None where it fits.
-    """
-
-    section: AbstractSection
-    width: Lanes
-    oil_gap: Lanes
+    section: AbstractSection  # the membrane across its axis
+    width: Lanes  # extent along the axis [m]
+    oil_gap: Lanes  # from the inner face to the rigid wall, its mean where it varies [m]
+    # the gap over the arc, or over arc and axis; None where it is even
     gap_along: Along | Sheet | None = None
+    # of the outer face: the thickness beyond its mean over the axis
+    # [m]; None where it is the same all along
     relief: Sheet | None = None
+    # free size of the membrane over that of its seat; None where it fits
     growth: Growth | None = None
 
     @property
@@ -84,9 +78,7 @@ class SkinGeometry(eqx.Module):
     def gap(self, angle: Array, axial: Array | None = None) -> Array:
         """From the inner face to the wall along the normal [m].
 
-        Args:
-            angle: where [rad].
-            axial: position along the axis [m]; by default a mean along it.
+        `angle`: where [rad]. `axial`: position along the axis [m]; by default a mean along it.
         """
         along = self.gap_along
         if along is None:
@@ -166,11 +158,9 @@ def thickness_beyond_mean(
 ) -> Array | float:
     """Thickness of a membrane beyond its mean over the axis, on the outer face [m].
 
-    Args:
-        section: of the mean thickness.
-        relief: over fraction of the arc and axial position; None where there is none.
-        angle: where [rad].
-        axial: position along the axis [m]; None for the mean.
+    `section`: of the mean thickness. `relief`: over fraction of the arc and axial position;
+    None where there is none. `angle`: where [rad]. `axial`: position along the axis [m]; None
+    for the mean.
     """
     if relief is None or axial is None:
         return 0.0

@@ -15,10 +15,8 @@ from suas_jax.skin.section import AbstractSection, outward
 def angle_of(spec: Any, section: AbstractSection, value: Callable[[str], Lanes]) -> Lanes:
     """Where a load, a taxel or a module is, as sections define angles [rad].
 
-    Args:
-        spec: says whether the place is told by angle or by arc.
-        section: what it lies on.
-        value: gives its numbers by key, with a lane axis [SI].
+    `spec`: says whether the place is told by angle or by arc. `section`: what it lies on.
+    `value`: gives its numbers by key, with a lane axis [SI].
     """
     if spec.arc is not None:
         return section.from_arc(value("arc"))
@@ -26,23 +24,18 @@ def angle_of(spec: Any, section: AbstractSection, value: Callable[[str], Lanes])
 
 
 class LineLoad(eqx.Module):
-    """A dead force on the outer face, even over the width, at an angle or around it.
+    """A dead force on the outer face, even over the width, at an angle or around it."""
 
-    Attributes:
-        angle: of the point of application, or of the middle of the loaded arc [rad]; as
-            sections define it.
-        force: total over the width; negative pulls outwards [N].
-        turn: counter-clockwise rotation of the force from the inward normal [rad]; not
-            used by a vertical load.
-        spread: arc of the undeformed outer face over which the force is even [m], or None
-            for a line.
-        vertical: whether the force points down instead.
-    """
-
+    # of the point of application, or of the middle of the loaded
+    # arc [rad]; as sections define it
     angle: Lanes
-    force: Lanes
+    force: Lanes  # total over the width; negative pulls outwards [N]
+    # counter-clockwise rotation of the force from the inward normal
+    # [rad]; not used by a vertical load
     turn: Lanes
+    # arc of the undeformed outer face over which the force is even [m], or None for a line
     spread: Lanes | None = None
+    # whether the force points down instead
     vertical: bool = eqx.field(static=True, default=False)
 
     @classmethod
@@ -51,10 +44,8 @@ class LineLoad(eqx.Module):
     ) -> "LineLoad":
         """A load of a scene.
 
-        Args:
-            spec: says which kind of direction and of place.
-            section: what it lies on.
-            value: gives the load's numbers by key, with a lane axis [SI].
+        `spec`: says which kind of direction and of place. `section`: what it lies on. `value`:
+        gives the load's numbers by key, with a lane axis [SI].
         """
         angle = angle_of(spec, section, value)
         free = not isinstance(spec.direction, str)
@@ -85,14 +76,11 @@ class LineLoad(eqx.Module):
 
 
 class LoadPoints(eqx.Module):
-    """Dead forces at points of the outer face, the form every mechanics takes loads in.
+    """Dead forces at points of the outer face, the form every mechanics takes loads in."""
 
-    Attributes:
-        select: one where a point lies in an element, else zero.
-        xi: local coordinate in that element, 0 to 1.
-        force: Cartesian components per width [N/m].
-    """
-
+    # one where a point lies in an element, else zero
     select: Float[Array, "element point #lane"]
+    # local coordinate in that element, 0 to 1
     xi: Float[Array, "point #lane"]
+    # Cartesian components per width [N/m]
     force: Float[Array, "2 point #lane"]

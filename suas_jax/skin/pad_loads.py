@@ -17,45 +17,34 @@ class PadLoad(eqx.Module):
     """A dead force, even over a part of the undeformed outer face.
 
     The part is a rectangle, a disc or a line along the axis: what is given says which.
-
-    Attributes:
-        angle: of its centre [rad].
-        axial: of its centre, from the middle of the pad [m].
-        force: total; negative pulls outwards [N].
-        turn: counter-clockwise rotation of the force from the inward radial in the section's
-            plane [rad]; not used by a vertical load.
-        tilt: of the force out of that plane towards +axial [rad].
-        arc: extent of a rectangle along the arc of the outer face [m]; None for others.
-        length: extent of a rectangle or of a line along the axis [m]; None for a disc.
-        diameter: of a disc [m]; None for others.
-        vertical: whether the force, before its tilt, points down.
     """
 
-    angle: Lanes
-    axial: Lanes
-    force: Lanes
+    angle: Lanes  # of its centre [rad]
+    axial: Lanes  # of its centre, from the middle of the pad [m]
+    force: Lanes  # total; negative pulls outwards [N]
+    # counter-clockwise rotation of the force from the inward radial in the section's plane
+    # [rad]; not used by a vertical load
     turn: Lanes
-    tilt: Lanes
+    tilt: Lanes  # of the force out of that plane towards +axial [rad]
+    # extent of a rectangle along the arc of the outer face [m]; None for others
     arc: Lanes | None = None
+    # extent of a rectangle or of a line along the axis [m]; None for a disc
     length: Lanes | None = None
-    diameter: Lanes | None = None
+    diameter: Lanes | None = None  # of a disc [m]; None for others
+    # whether the force, before its tilt, points down
     vertical: bool = eqx.field(static=True, default=False)
 
     @classmethod
     def of(
         cls,
-        spec: LineLoadSpec | PatchLoadSpec,
-        angle: Lanes,
+        spec: LineLoadSpec | PatchLoadSpec,  # says which shape and kind of direction
+        angle: Lanes,  # of its centre, as sections define it [rad]
         value: Callable[[str], ArrayLike],
-        width: ArrayLike,
+        width: ArrayLike,  # of the pad, the length of a line that states none [m]
     ) -> "PadLoad":
         """A load of a scene.
 
-        Args:
-            spec: says which shape and kind of direction.
-            angle: of its centre, as sections define it [rad].
-            value: gives the load's numbers by key (``axial``, ``size.0`` ...) [SI].
-            width: of the pad, the length of a line that states none [m].
+        `value`: gives the load's numbers by key (``axial``, ``size.0`` ...) [SI].
         """
 
         def lane(x: ArrayLike) -> Lanes:
@@ -85,8 +74,7 @@ class PadLoad(eqx.Module):
     def __check_init__(self) -> None:
         """Reject a shape that is none.
 
-        Raises:
-            ValueError: not exactly one of rectangle, disc and line is described.
+        Raises ValueError: not exactly one of rectangle, disc and line is described.
         """
         if (self.diameter is None) == (self.length is None) or (
             self.diameter is not None and self.arc is not None
@@ -120,14 +108,11 @@ DeadLoad: TypeAlias = LineLoad | PadLoad
 
 
 class PadLoadPoints(eqx.Module):
-    """Dead forces at points of the outer face, the form the pad's mechanics takes loads in.
+    """Dead forces at points of the outer face, the form the pad's mechanics takes loads in."""
 
-    Attributes:
-        angle: reference angle [rad].
-        axial: reference position along the axis [m].
-        force: Cartesian components [N].
-    """
-
+    # reference angle [rad]
     angle: Float[Array, "point #lane"]
+    # reference position along the axis [m]
     axial: Float[Array, "point #lane"]
+    # Cartesian components [N]
     force: Float[Array, "3 point #lane"]

@@ -29,34 +29,22 @@ _COARSE = 8  # of which every so many make the polygons whose sides may not cros
 
 
 class Samples(NamedTuple):
-    """A section at even angles, in one lane.
+    """A section at even angles, in one lane."""
 
-    Attributes:
-        arc: along the inner face from its middle [m].
-        thickness: of the membrane [m].
-        gap: to the wall [m].
-        curvature: of the inner face [1/m].
-        inner: its positions [2, point] [m].
-        wall: positions of the wall.
-        outer: positions of the outer face.
-    """
-
-    arc: Any
-    thickness: Any
-    gap: Any
-    curvature: Any
-    inner: Any
-    wall: Any
-    outer: Any
+    arc: Any  # along the inner face from its middle [m]
+    thickness: Any  # of the membrane [m]
+    gap: Any  # to the wall [m]
+    curvature: Any  # of the inner face [1/m]
+    inner: Any  # its positions [2, point] [m]
+    wall: Any  # positions of the wall
+    outer: Any  # positions of the outer face
 
 
 @eqx.filter_jit
 def samples(geometry: SkinGeometry, share: ArrayLike = 0.0) -> Samples:
     """Sample a section from clamp to clamp.
 
-    Args:
-        geometry: with numbers.
-        share: position along the axis from its middle over its length.
+    `geometry`: with numbers. `share`: position along the axis from its middle over its length.
     """
     section = geometry.section
     angle = jnp.linspace(-1.0, 1.0, _POINTS)[:, None] * section.half_angle
@@ -78,11 +66,8 @@ def samples(geometry: SkinGeometry, share: ArrayLike = 0.0) -> Samples:
 def check_section(geometry: SkinGeometry) -> None:
     """Refuse a section that can't be.
 
-    Args:
-        geometry: with numbers.
-
-    Raises:
-        ConfigError: names the key, the place and what is wrong there.
+    `geometry`: with numbers.
+    Raises ConfigError: names the key, the place and what is wrong there.
     """
     shares = np.linspace(-0.5, 0.5, _ALONG) if geometry.varies_along_axis else [0.0]
     for share in shares:
@@ -197,11 +182,7 @@ def charted(spec: GeometrySpec) -> bool:
 def plain_geometry(spec: GeometrySpec) -> SkinGeometry:
     """The dimensions, in one lane: a circle's are NumPy arrays, which need no program.
 
-    Args:
-        spec: the [geometry] table.
-
-    Raises:
-        ConfigError: the section can't be; the message says where and why.
+    Raises ConfigError: the section can't be; the message says where and why.
     """
     known = {**dict(structure(spec)), **continuous_inputs(spec)}
     numbers: Any = {k: np.array([v]) for k, v in known.items() if isinstance(v, float | int)}
@@ -216,12 +197,9 @@ def plain_geometry(spec: GeometrySpec) -> SkinGeometry:
 def clamped_edge(section: AbstractSection, by_arc: bool) -> tuple[float, str]:
     """Where a section ends on the right, as its scenes state places.
 
-    Args:
-        section: of plain numbers.
-        by_arc: as an arc length from its middle [m]; else as the angle [rad] that it knows.
-
-    Returns:
-        The number, and what a person reads.
+    `section`: of plain numbers. `by_arc`: as an arc length from its middle [m]; else as the
+    angle [rad] that it knows.
+    Returns the number, and what a person reads.
     """
     half = section.half_angle
     with jax.ensure_compile_time_eval():  # also while a caller is traced
@@ -232,10 +210,7 @@ def clamped_edge(section: AbstractSection, by_arc: bool) -> tuple[float, str]:
 def angles_at(spec: GeometrySpec, name: str, places: np.ndarray) -> np.ndarray:
     """Where places on a section are, as sections define angles [rad].
 
-    Args:
-        spec: the [geometry] table.
-        name: "angle" or "arc".
-        places: as scenes state them [rad or m], of any shape.
+    `name`: "angle" or "arc". `places`: as scenes state them [rad or m], of any shape.
     """
     section = plain_geometry(spec).section
     found = section.from_arc if name == "arc" else section.from_given_angle
@@ -246,12 +221,8 @@ def angles_at(spec: GeometrySpec, name: str, places: np.ndarray) -> np.ndarray:
 def check_places(spec: GeometrySpec, places: dict[str, Any]) -> None:
     """Refuse what lies off a section that is no plain circle, whose table is checked alone.
 
-    Args:
-        spec: the [geometry] table.
-        places: loads, taxels and modules by their keys.
-
-    Raises:
-        ConfigError: names what lies off the skin, and how far it may lie.
+    `places`: loads, taxels and modules by their keys.
+    Raises ConfigError: names what lies off the skin, and how far it may lie.
     """
     if spec.is_circle:
         return

@@ -26,16 +26,11 @@ class Growth(eqx.Module):
 
     Logarithms g of the stretches along the arc, along the axis and across the thickness, the
     same everywhere: such a membrane is free of stress on a seat as much longer and wider.
-
-    Attributes:
-        hoop: along the arc.
-        axial: along the axis.
-        radial: across the thickness.
     """
 
-    hoop: Lanes
-    axial: Lanes
-    radial: Lanes
+    hoop: Lanes  # along the arc
+    axial: Lanes  # along the axis
+    radial: Lanes  # across the thickness
 
     @property
     def volume(self) -> Lanes:
@@ -57,16 +52,11 @@ class ContainedOil(AbstractOil):
 
     At a pressure p above ambient it takes c V(p + dP), where V is the volume that its model
     gives to a film that it just fills.
-
-    Attributes:
-        oil: the model.
-        excess: log c: of its stress-free volume over the film's.
-        ambient: dP, ambient pressure now less that when the skin was closed [Pa].
     """
 
-    oil: AbstractOil
-    excess: Lanes
-    ambient: Lanes
+    oil: AbstractOil  # the model
+    excess: Lanes  # log c: of its stress-free volume over the film's
+    ambient: Lanes  # dP, ambient pressure now less that when the skin was closed [Pa]
 
     @property
     def trapped(self) -> bool:
@@ -85,31 +75,23 @@ class ContainedOil(AbstractOil):
 
 
 class Prestress(eqx.Module):
-    """Changes of stress-free size since a skin was closed; None for what does not change.
+    """Changes of stress-free size since a skin was closed; None for what does not change."""
 
-    Attributes:
-        seat: logarithm of the linear size of the wall, and with it of the clamps.
-        growth: of the membrane against it.
-        fill: logarithm of the oil's volume over the film's when it was closed.
-        warmed: logarithm of the volume that the oil grows to by warmth.
-        warmth: absolute temperature over that when it was closed.
-        ambient: rise of the ambient pressure, where the oil feels it [Pa].
-    """
-
+    # logarithm of the linear size of the wall, and with it of the clamps
     seat: Lanes | None = None
-    growth: Growth | None = None
+    growth: Growth | None = None  # of the membrane against it
+    # logarithm of the oil's volume over the film's when it was closed
     fill: Lanes | None = None
-    warmed: Lanes | None = None
-    warmth: Lanes | None = None
-    ambient: Lanes | None = None
+    warmed: Lanes | None = None  # logarithm of the volume that the oil grows to by warmth
+    warmth: Lanes | None = None  # absolute temperature over that when it was closed
+    ambient: Lanes | None = None  # rise of the ambient pressure, where the oil feels it [Pa]
 
     @classmethod
     def of(cls, spec: SkinSpec, number: Callable[[str], Lanes]) -> "Prestress":
         """That of a skin in its environment.
 
-        Args:
-            spec: says what there is: what it doesn't name costs nothing.
-            number: gives values by TOML path, with a lane axis [SI].
+        `spec`: says what there is: what it doesn't name costs nothing. `number`: gives values
+        by TOML path, with a lane axis [SI].
         """
         environment = spec.environment
         warming = rise = None

@@ -40,10 +40,9 @@ def build_geometry(
 ) -> SkinGeometry:
     """Build the dimensions of a [geometry] table.
 
-    Args:
-        spec: says which section, and what varies along it.
-        value: gives its numbers by key, with a lane axis [SI].
-        prestress: how large seat and membrane have become; None where they are as written.
+    `spec`: says which section, and what varies along it. `value`: gives its numbers by key,
+    with a lane axis [SI]. `prestress`: how large seat and membrane have become; None where they
+    are as written.
     """
     if prestress is not None:
         scale = prestress.scale
@@ -90,9 +89,7 @@ def _scaled(value: Callable[[str], Array], scale: Array, key: str) -> Array:
 def build_oil(oil: OilSpec, value: Callable[[str], Array]) -> AbstractOil:
     """Build the model of an [oil] table.
 
-    Args:
-        oil: says which model.
-        value: its constants by their keys, with a lane axis.
+    `oil`: says which model. `value`: its constants by their keys, with a lane axis.
     """
     keys = type(oil).model_fields.keys() - OilSpec.model_fields.keys()
     return OILS[oil.model](**{key: value(key) for key in sorted(keys)})

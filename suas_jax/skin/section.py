@@ -38,21 +38,13 @@ def tangent(direction: Float[Array, "*shape"]) -> Float[Array, "2 *shape"]:
 
 
 class Frame(NamedTuple):
-    """The undeformed mid-line at angles.
+    """The undeformed mid-line at angles."""
 
-    Attributes:
-        angle: where [rad].
-        tangent: unit vector along it.
-        normal: outward unit vector.
-        curvature: of the mid-line [1/m].
-        thickness: of the membrane [m].
-    """
-
-    angle: Array
-    tangent: Float[Array, "2 *shape"]
-    normal: Float[Array, "2 *shape"]
-    curvature: Array
-    thickness: Array
+    angle: Array  # where [rad]
+    tangent: Float[Array, "2 *shape"]  # unit vector along it
+    normal: Float[Array, "2 *shape"]  # outward unit vector
+    curvature: Array  # of the mid-line [1/m]
+    thickness: Array  # of the membrane [m]
 
 
 class AbstractSection(eqx.Module):

@@ -59,22 +59,17 @@ class RigidLimit(AbstractPressureGap):
 
     The onset b makes the tangent a continuous function of the state: Newton's method
     converges quadratically, and derivatives of the solution don't jump from point to point.
-
-    Attributes:
-        stiffness: k [Pa/m].
-        onset: b [m].
     """
 
-    stiffness: Lanes
-    onset: Lanes
+    stiffness: Lanes  # k [Pa/m]
+    onset: Lanes  # b [m]
 
     @classmethod
     def of(cls, modulus: Lanes, thickness: Lanes) -> "RigidLimit":
         """Stiff compared with a membrane.
 
-        Args:
-            modulus: small-strain shear modulus of the membrane [Pa].
-            thickness: of the membrane [m].
+        `modulus`: small-strain shear modulus of the membrane [Pa]. `thickness`: of the membrane
+        [m].
         """
         stiffness = _RIGID * modulus / thickness
         return cls(stiffness, _ONSET * modulus / stiffness)
@@ -97,16 +92,11 @@ class SoftLayer(AbstractPressureGap):
         p_c = E d / h
 
     until the rigid wall beneath takes over at d = h.
-
-    Attributes:
-        thickness: h [m].
-        stiffness: pressure per strain, E [Pa].
-        beneath: the rigid wall.
     """
 
-    thickness: Lanes
-    stiffness: Lanes
-    beneath: RigidLimit
+    thickness: Lanes  # h [m]
+    stiffness: Lanes  # pressure per strain, E [Pa]
+    beneath: RigidLimit  # the rigid wall
 
     def energy(self, gap: Array) -> Array:
         """That of the layer and of the wall beneath; see the base class."""
@@ -134,37 +124,28 @@ class Obstacle(Protocol):
     ) -> Float[Array, "*point"]:
         """Distance of points from the surface, negative inside it [m].
 
-        Args:
-            position: x and y first, then along the axis.
-            near: angles close to theirs, such as those of the material [rad].
+        `position`: x and y first, then along the axis. `near`: angles close to theirs, such as
+        those of the material [rad].
         """
         ...
 
 
 class Wall(eqx.Module):
-    """A surface parallel to the undeformed inner face, and its law of contact.
+    """A surface parallel to the undeformed inner face, and its law of contact."""
 
-    Attributes:
-        geometry: says where its surface is, a soft layer's where there is one.
-        law: pressure over gap.
-    """
-
-    geometry: SkinGeometry
-    law: AbstractPressureGap
+    geometry: SkinGeometry  # says where its surface is, a soft layer's where there is one
+    law: AbstractPressureGap  # pressure over gap
 
     @classmethod
     def of(
         cls,
         geometry: SkinGeometry,
-        modulus: Lanes,
+        modulus: Lanes,  # small-strain shear modulus of its membrane [Pa]
         layer: tuple[Lanes, Lanes] | None = None,
     ) -> "Wall":
         """The wall of a skin.
 
-        Args:
-            geometry: dimensions of the skin.
-            modulus: small-strain shear modulus of its membrane [Pa].
-            layer: thickness [m] and stiffness [Pa] of a soft layer, if there is one.
+        `layer`: thickness [m] and stiffness [Pa] of a soft layer, if there is one.
         """
         rigid = RigidLimit.of(modulus, geometry.thickness)
         return cls(geometry, rigid if layer is None else SoftLayer(*layer, rigid))

@@ -43,17 +43,12 @@ _UNDER_WAY, _IN_FRONT, _THERE = 0, 1, 2
 
 
 class Diaphragm(NamedTuple):
-    """An inflated diaphragm.
+    """An inflated diaphragm."""
 
-    Attributes:
-        pressure: p [Pa], positive on the concave side.
-        apex_height: height of the apex above the rim [m].
-        rim_slope: angle between membrane and clamping plane at the rim [rad]; beyond
-            π/2 the bulge overhangs its rim.
-    """
-
-    pressure: Float[Array, "..."]
-    apex_height: Float[Array, "..."]
+    pressure: Float[Array, "..."]  # p [Pa], positive on the concave side
+    apex_height: Float[Array, "..."]  # height of the apex above the rim [m]
+    # angle between membrane and clamping plane at the rim [rad];
+    # beyond π/2 the bulge overhangs its rim
     rim_slope: Float[Array, "..."]
 
 
@@ -62,17 +57,13 @@ def inflated_diaphragm(
 ) -> Diaphragm:
     """Inflate a flat circular membrane, clamped at its rim, to a given apex stretch.
 
-    Args:
-        law: the material, without lanes (use `jax.vmap` for many).
-        apex_stretch: λ₀ > 1, equibiaxial stretch at the apex, any shape.
-        radius: R₀ [m], radius of the undeformed membrane, broadcasts.
-        thickness: H [m], undeformed thickness, broadcasts.
-
-    Returns:
-        Pressure, apex height and rim slope in the broadcast shape, differentiable in
-        every argument. Not a number where λ₀ ≤ 1, where the law has no rim for this
-        apex (it loses stability on the way), or where vertical equilibrium of the
-        bulge, 2τ₁ sin φ = X λ₁ λ₂², fails at the rim by more than 1e-9.
+    `law`: the material, without lanes (use `jax.vmap` for many). `apex_stretch`: λ₀ > 1,
+    equibiaxial stretch at the apex, any shape. `radius`: R₀ [m], radius of the undeformed
+    membrane, broadcasts. `thickness`: H [m], undeformed thickness, broadcasts.
+    Returns the pressure, apex height and rim slope in the broadcast shape, differentiable in
+    every argument. Not a number where λ₀ ≤ 1, where the law has no rim for this apex (it loses
+    stability on the way), or where vertical equilibrium of the bulge, 2τ₁ sin φ = X λ₁ λ₂²,
+    fails at the rim by more than 1e-9.
     """
     stretch, R0, H = jnp.broadcast_arrays(
         constant(apex_stretch), constant(radius), constant(thickness)

@@ -23,41 +23,25 @@ from suas_jax.constitutive.deformation import LogStretches, PlaneStrain
 
 
 class Stress(NamedTuple):
-    """Stress in one direction, two measures of it.
+    """Stress in one direction, two measures of it."""
 
-    Attributes:
-        nominal: first Piola-Kirchhoff stress P [Pa] (Eq. 8).
-        cauchy: Cauchy stress σ = λP [Pa] (Eq. 19).
-    """
-
-    nominal: Float[Array, "..."]
-    cauchy: Float[Array, "..."]
+    nominal: Float[Array, "..."]  # first Piola-Kirchhoff stress P [Pa] (Eq. 8)
+    cauchy: Float[Array, "..."]  # Cauchy stress σ = λP [Pa] (Eq. 19)
 
 
 class ShearStress(NamedTuple):
-    """Stress in simple shear, with the stress on the plane of shear's own face free.
+    """Stress in simple shear, with the stress on the plane of shear's own face free."""
 
-    Attributes:
-        shear: σ₁₂ [Pa]; the nominal shear stress is the same.
-        along: σ₁₁, Cauchy, in the direction of sliding [Pa].
-        across: σ₂₂, Cauchy, on the sliding faces [Pa].
-    """
-
-    shear: Float[Array, "..."]
-    along: Float[Array, "..."]
-    across: Float[Array, "..."]
+    shear: Float[Array, "..."]  # σ₁₂ [Pa]; the nominal shear stress is the same
+    along: Float[Array, "..."]  # σ₁₁, Cauchy, in the direction of sliding [Pa]
+    across: Float[Array, "..."]  # σ₂₂, Cauchy, on the sliding faces [Pa]
 
 
 class Mode(NamedTuple):
-    """A one-parameter test: e₁ = h, e₂ = ratio × h with h = log stretch.
+    """A one-parameter test: e₁ = h, e₂ = ratio × h with h = log stretch."""
 
-    Attributes:
-        ratio: e₂/e₁.
-        directions: how many directions carry the reported stress.
-    """
-
-    ratio: float
-    directions: int
+    ratio: float  # e₂/e₁
+    directions: int  # how many directions carry the reported stress
 
     def state(self, log_stretch: Float[Array, "..."]) -> LogStretches:
         """The deformation at h = log stretch, any shape."""
@@ -84,12 +68,8 @@ def uniaxial(law: AbstractLaw, stretch: ArrayLike) -> Stress:
 
     For Ogden, σ = Σ μ_p (λ^α_p − λ^(−α_p/2)).
 
-    Args:
-        law: the material.
-        stretch: λ > 0, any shape.
-
-    Returns:
-        Stress along the load [Pa].
+    `stretch`: λ > 0, any shape.
+    Returns the stress along the load [Pa].
     """
     return MODES["uniaxial"].stress(law, stretch)
 
@@ -99,12 +79,8 @@ def equibiaxial(law: AbstractLaw, stretch: ArrayLike) -> Stress:
 
     For Ogden, σ = Σ μ_p (λ^α_p − λ^(−2α_p)).
 
-    Args:
-        law: the material.
-        stretch: λ > 0, any shape.
-
-    Returns:
-        Stress in each of the two directions [Pa].
+    `stretch`: λ > 0, any shape.
+    Returns the stress in each of the two directions [Pa].
     """
     return MODES["equibiaxial"].stress(law, stretch)
 
@@ -114,13 +90,9 @@ def planar(law: AbstractLaw, stretch: ArrayLike) -> Stress:
 
     For Ogden, σ = Σ μ_p (λ^α_p − λ^−α_p). Not to be confused with simple shear.
 
-    Args:
-        law: the material.
-        stretch: λ > 0, any shape.
-
-    Returns:
-        Stress along the extension [Pa]; the width is held and carries a stress too,
-        which `biaxial(law, stretch, 1.0)` gives.
+    `stretch`: λ > 0, any shape.
+    Returns the stress along the extension [Pa]; the width is held and carries a stress too,
+    which `biaxial(law, stretch, 1.0)` gives.
     """
     return MODES["planar"].stress(law, stretch)
 
@@ -132,13 +104,8 @@ def biaxial(
 
     For Ogden, σ_i = Σ μ_p (λ_i^α_p − (λ₁λ₂)^−α_p).
 
-    Args:
-        law: the material.
-        stretch_1: λ₁ > 0, any shape.
-        stretch_2: λ₂ > 0, of a shape that broadcasts with λ₁.
-
-    Returns:
-        Stress in the first and in the second direction [Pa].
+    `stretch_1`: λ₁ > 0, any shape. `stretch_2`: λ₂ > 0, of a shape that broadcasts with λ₁.
+    Returns the stress in the first and in the second direction [Pa].
     """
     first = constant(stretch_1)
     second = constant(stretch_2)
@@ -154,12 +121,8 @@ def simple_shear(law: AbstractLaw, shear: ArrayLike) -> ShearStress:
     Mooney-Rivlin (C₃ = 0) they are σ₁₁ = 2C₁γ² and σ₂₂ = −2C₂γ². They are of second
     order in γ, and near rest accurate relative to σ₁₂ rather than to themselves.
 
-    Args:
-        law: the material.
-        shear: amount of shear γ, any shape.
-
-    Returns:
-        Shear and normal stresses [Pa].
+    `shear`: amount of shear γ, any shape.
+    Returns shear and normal stresses [Pa].
     """
     gamma = constant(shear)
     # The plane's distortion is γ² exactly: no root, no logarithm, smooth through zero.
@@ -175,13 +138,8 @@ def kirchhoff(
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """Kirchhoff stresses τ₁ = ∂Ψ̃/∂e₁ and τ₂ = ∂Ψ̃/∂e₂ with the third stress free.
 
-    Args:
-        law: the material.
-        e1: log λ₁, any shape.
-        e2: log λ₂, of a shape that broadcasts with e₁.
-
-    Returns:
-        τ₁ and τ₂ [Pa].
+    `e1`: log λ₁, any shape. `e2`: log λ₂, of a shape that broadcasts with e₁.
+    Returns τ₁ and τ₂ [Pa].
     """
     e1, e2 = jnp.broadcast_arrays(e1, e2)
     return (

@@ -22,17 +22,12 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
 
 
 class TubeResponse(NamedTuple):
-    """What holds a tube inflated and stretched.
+    """What holds a tube inflated and stretched."""
 
-    Attributes:
-        pressure: internal over external pressure p [Pa].
-        reduced_axial_force: N − πa²p [N], the pull on a tube with closed ends.
-        axial_force: N [N], the resultant of axial stress over the wall.
-    """
-
-    pressure: Float[Array, "..."]
+    pressure: Float[Array, "..."]  # internal over external pressure p [Pa]
+    # N − πa²p [N], the pull on a tube with closed ends
     reduced_axial_force: Float[Array, "..."]
-    axial_force: Float[Array, "..."]
+    axial_force: Float[Array, "..."]  # N [N], the resultant of axial stress over the wall
 
 
 def balloon_pressure(
@@ -44,13 +39,8 @@ def balloon_pressure(
     p = 2 (H/R) Σ μ_p (λ^(α_p − 3) − λ^(−2α_p − 3)). Soft laws have a limit point: the
     pressure is a function of the stretch, not the other way round.
 
-    Args:
-        law: the material.
-        stretch: λ = r/R > 0, any shape.
-        thickness_ratio: H/R, undeformed thickness over radius.
-
-    Returns:
-        Internal over external pressure [Pa].
+    `stretch`: λ = r/R > 0, any shape. `thickness_ratio`: H/R, undeformed thickness over radius.
+    Returns the internal over the external pressure [Pa].
     """
     stretches = constant(stretch)
     cauchy = equibiaxial(law, stretches).cauchy
@@ -59,10 +49,10 @@ def balloon_pressure(
 
 def tube(
     law: AbstractLaw,
-    inner_stretch: ArrayLike,
-    axial_stretch: ArrayLike,
-    inner_radius: ArrayLike,
-    outer_radius: ArrayLike,
+    inner_stretch: ArrayLike,  # λ_a = a/A > 0, any shape
+    axial_stretch: ArrayLike,  # λ_z > 0; all four arguments broadcast
+    inner_radius: ArrayLike,  # A [m]
+    outer_radius: ArrayLike,  # B > A [m]; up to ten times A the result is exact to rounding
 ) -> TubeResponse:
     """Thick-walled circular tube under internal pressure and axial stretch.
 
@@ -74,15 +64,7 @@ def tube(
     has the slopes p = ∂U/∂v = ∫ λ ∂Ψ/∂λ dR / (λ_z λ² R) and N − πa²p = ∂U/∂λ_z. The
     integral runs over log R, where nothing is singular, the undeformed tube included.
 
-    Args:
-        law: the material.
-        inner_stretch: λ_a = a/A > 0, any shape.
-        axial_stretch: λ_z > 0; all four arguments broadcast.
-        inner_radius: A [m].
-        outer_radius: B > A [m]; up to ten times A the result is exact to rounding.
-
-    Returns:
-        Pressure and axial forces, in the broadcast shape.
+    Returns the pressure and axial forces, in the broadcast shape.
     """
     a_stretch, z_stretch, A, B = jnp.broadcast_arrays(
         constant(inner_stretch),

@@ -14,23 +14,15 @@ class ContactState(NamedTuple):
     """The inner face at the points where it may touch the wall.
 
     Arrays are [point, element, lane] along a section, [arc, axial, lane] over a pad.
-
-    Attributes:
-        angle: reference angle [rad].
-        polar_angle: angle of the normal of the undeformed section through the point [rad].
-        gap: to the wall's surface, negative inside it [m].
-        pressure: of the wall on the face, per area of the undeformed face [Pa].
-        area: of the undeformed face that a point stands for [m^2]; in plane strain per
-            width [m].
-        axial: current position along the axis [m]; None in plane strain.
     """
 
-    angle: Array
-    polar_angle: Array
-    gap: Array
-    pressure: Array
+    angle: Array  # reference angle [rad]
+    polar_angle: Array  # angle of the normal of the undeformed section through the point [rad]
+    gap: Array  # to the wall's surface, negative inside it [m]
+    pressure: Array  # of the wall on the face, per area of the undeformed face [Pa]
+    # of the undeformed face that a point stands for [m^2]; in plane strain per width [m]
     area: Array
-    axial: Array | None = None
+    axial: Array | None = None  # current position along the axis [m]; None in plane strain
 
 
 class BodyContact(NamedTuple):
@@ -38,48 +30,29 @@ class BodyContact(NamedTuple):
 
     Arrays are [point, element, lane] along a section, [arc, axial, lane] over a pad; components
     lead.
-
-    Attributes:
-        angle: reference angle [rad].
-        position: current position [m].
-        gap: to the body's surface, negative inside it [m].
-        pressure: on the face, per area of the undeformed face [Pa].
-        force: on the body [N]; in plane strain per width [N/m].
-        area: of the undeformed face that a point stands for [m^2]; in plane strain per
-            width [m].
-        axial: reference position along the axis [m]; None in plane strain.
     """
 
-    angle: Array
-    position: Array
-    gap: Array
-    pressure: Array
-    force: Array
+    angle: Array  # reference angle [rad]
+    position: Array  # current position [m]
+    gap: Array  # to the body's surface, negative inside it [m]
+    pressure: Array  # on the face, per area of the undeformed face [Pa]
+    force: Array  # on the body [N]; in plane strain per width [N/m]
+    # of the undeformed face that a point stands for [m^2]; in plane strain per width [m]
     area: Array
-    axial: Array | None = None
+    axial: Array | None = None  # reference position along the axis [m]; None in plane strain
 
     @classmethod
     def of(
         cls,
         body: PlacedBody,
-        angle: Array,
-        position: Array,
-        rest: Array | None,
-        area: Array,
-        axial: Array | None,
-        shift: Array | float = 0.0,
+        angle: Array,  # reference angle of the points [rad]
+        position: Array,  # of the points [m]
+        rest: Array | None,  # where they were at rest [m]; None without friction
+        area: Array,  # of the undeformed face that a point stands for
+        axial: Array | None,  # see the attribute
+        shift: Array | float = 0.0,  # added to the gaps [m]
     ) -> "BodyContact":
-        """What a face's points say about a body; a shift adds to the gaps that they see.
-
-        Args:
-            body: where it is.
-            angle: reference angle of the points [rad].
-            position: of the points [m].
-            rest: where they were at rest [m]; None without friction.
-            area: of the undeformed face that a point stands for.
-            axial: see the attribute.
-            shift: added to the gaps [m].
-        """
+        """What a face's points say about a body; a shift adds to the gaps that they see."""
         gap = body.gap(position) + shift
         pressure = contact_pressure(body.law, gap)
         force = push(body, position, angle, area, shift, rest)
@@ -101,14 +74,8 @@ class BodyContact(NamedTuple):
 
 
 class Strip(NamedTuple):
-    """The strip that a body touches, as a continuum does where a shell touches along lines.
+    """The strip that a body touches, as a continuum does where a shell touches along lines."""
 
-    Attributes:
-        half: half its width [m].
-        pressure: the largest on it [Pa].
-        told: whether both are good to a tenth.
-    """
-
-    half: Lanes
-    pressure: Lanes
-    told: Bool[Array, " lane"]
+    half: Lanes  # half its width [m]
+    pressure: Lanes  # the largest on it [Pa]
+    told: Bool[Array, " lane"]  # whether both are good to a tenth

@@ -24,28 +24,20 @@ from suas_jax.skin.wall import AbstractPressureGap, Obstacle
 
 
 class Gap(NamedTuple):
-    """The gap at points and its derivatives by their local inputs.
+    """The gap at points and its derivatives by their local inputs."""
 
-    Attributes:
-        value: [m].
-        first: derivatives.
-        second: second derivatives.
-    """
-
-    value: Float[Array, "*point"]
-    first: Float[Array, "input *point"]
-    second: Float[Array, "input input *point"]
+    value: Float[Array, "*point"]  # [m]
+    first: Float[Array, "input *point"]  # derivatives
+    second: Float[Array, "input input *point"]  # second derivatives
 
 
 def expanded(
     gap: Callable[[Float[Array, "input *point"]], Float[Array, "*point"]],
-    inputs: Float[Array, "input *point"],
+    inputs: Float[Array, "input *point"],  # leading axis over the inputs
 ) -> Gap:
     """Differentiate a gap twice by its inputs, each point on its own.
 
-    Args:
-        gap: function whose value at a point depends on the inputs at that point alone.
-        inputs: leading axis over the inputs.
+    `gap`: function whose value at a point depends on the inputs at that point alone.
     """
     unit = jnp.eye(inputs.shape[0], dtype=inputs.dtype)
     unit = unit.reshape(*unit.shape, *(1,) * (inputs.ndim - 1))
@@ -69,17 +61,11 @@ def expanded(
 
 
 class ContactTerms(NamedTuple):
-    """What a mechanics adds to its energy, residual and tangent.
+    """What a mechanics adds to its energy, residual and tangent."""
 
-    Attributes:
-        energy: at every point, weight included [J/m of width].
-        force: its derivatives by the local inputs.
-        stiffness: its second derivatives.
-    """
-
-    energy: Float[Array, "*point"]
-    force: Float[Array, "input *point"]
-    stiffness: Float[Array, "input input *point"]
+    energy: Float[Array, "*point"]  # at every point, weight included [J/m of width]
+    force: Float[Array, "input *point"]  # its derivatives by the local inputs
+    stiffness: Float[Array, "input input *point"]  # its second derivatives
 
 
 def contact_terms(
@@ -87,10 +73,8 @@ def contact_terms(
 ) -> ContactTerms:
     """Energy of contact and its derivatives.
 
-    Args:
-        law: of the obstacle.
-        gap: at the points.
-        weight: quadrature weights times the undeformed area that a unit covers.
+    `law`: of the obstacle. `gap`: at the points. `weight`: quadrature weights times the
+    undeformed area that a unit covers.
     """
 
     def slope(g: Array) -> tuple[Array, Array]:
@@ -110,15 +94,12 @@ def contact_terms(
 
 def grip_of(
     obstacle: Obstacle,
-    position: Float[Array, "component *point"],
+    position: Float[Array, "component *point"],  # of the points [m]
     area: Float[Array, "*#point"],
 ) -> Grip | None:
     """How friction holds points of a face; None without friction.
 
-    Args:
-        obstacle: what they touch.
-        position: of the points [m].
-        area: of the undeformed face that a point stands for.
+    `area`: of the undeformed face that a point stands for.
     """
     if not isinstance(obstacle, PlacedBody) or obstacle.body.friction is None:
         return None
@@ -127,23 +108,18 @@ def grip_of(
 
 
 def held_terms(
-    terms: ContactTerms,
-    obstacle: Obstacle,
+    terms: ContactTerms,  # of contact without friction
+    obstacle: Obstacle,  # what the points touch
     moved: Callable[[Float[Array, "input *point"]], Float[Array, "component *point"]],
-    inputs: Float[Array, "input *point"],
-    grip: Grip | None,
+    inputs: Float[Array, "input *point"],  # leading axis over the inputs
+    grip: Grip | None,  # of friction; None without
 ) -> ContactTerms:
     """Terms of contact with those of friction at a known bound.
 
     Coulomb's law has no potential, as the bound changes with the pressure. The stiffness is
     that at a given bound, which is symmetric.
 
-    Args:
-        terms: of contact without friction.
-        obstacle: what the points touch.
-        moved: displacement of the points of the face by their inputs [m].
-        inputs: leading axis over the inputs.
-        grip: of friction; None without.
+    `moved`: displacement of the points of the face by their inputs [m].
     """
     if grip is None:
         return terms
@@ -176,21 +152,16 @@ def by_travel(terms: ContactTerms, body: Body) -> Float[Array, "input *point"]:
 
 def push(
     obstacle: Obstacle,
-    position: Float[Array, "component *point"],
+    position: Float[Array, "component *point"],  # of the points [m]
     near: Float[Array, "*#point"],
     area: Float[Array, "*#point"],
-    shift: Array | float = 0.0,
+    shift: Array | float = 0.0,  # added to the gaps [m]
     rest: Float[Array, "component *point"] | None = None,
 ) -> Float[Array, "component *point"]:
     """Force of points of a face on an obstacle [N], in plane strain per width [N/m].
 
-    Args:
-        obstacle: what they touch.
-        position: of the points [m].
-        near: angles close to theirs [rad].
-        area: of the undeformed face that a point stands for.
-        shift: added to the gaps [m].
-        rest: where the points were at rest, from where they slide on a body [m].
+    `near`: angles close to theirs [rad]. `area`: of the undeformed face that a point stands
+    for. `rest`: where the points were at rest, from where they slide on a body [m].
     """
     grip = None if rest is None else grip_of(obstacle, position, area)
 

@@ -78,30 +78,19 @@ def _shapes(
 
 
 class ContactFace:
-    """One lane's inner or outer face at its contact points [point, element].
+    """One lane's inner or outer face at its contact points [point, element]."""
 
-    Args:
-        net: the control net.
-        obstacle: what it may touch.
-        side: -1 for the inner face, 1 for the outer one.
-        section: the undeformed membrane across the axis.
-        qe: Bernstein coefficients of the displacement.
-        growth: of the membrane; None where it fits its seat.
-
-    Attributes:
-        kinds_of: kinds of derivatives that the place of a face's point depends on, by side.
-    """
-
+    # kinds of derivatives that the place of a face's point depends on, by side
     kinds_of: ClassVar[dict[int, tuple[tuple[int, int], ...]]] = {-1: KINDS, 1: KINDS[:3]}
 
     def __init__(
         self,
         net: Net,
-        obstacle: Obstacle,
-        side: int,
-        section: AbstractSection,
-        qe: ElementVector,
-        growth: Growth | None,
+        obstacle: Obstacle,  # what it may touch
+        side: int,  # -1 for the inner face, 1 for the outer one
+        section: AbstractSection,  # the undeformed membrane across the axis
+        qe: ElementVector,  # Bernstein coefficients of the displacement
+        growth: Growth | None,  # of the membrane; None where it fits its seat
     ) -> None:
         if isinstance(obstacle, PlacedBody) and obstacle.body.grip is not None:
             grip = Grip(*(x[..., 0] for x in obstacle.body.grip))
@@ -141,10 +130,8 @@ class ContactFace:
     def position(self, z: Float[Array, "input *point"], angle: Array, axial: Array) -> Array:
         """Current positions of the face [m].
 
-        Args:
-            z: displacement and its derivatives, in the order of `KINDS`.
-            angle: reference angles [rad].
-            axial: reference positions along the axis [m].
+        `z`: displacement and its derivatives, in the order of `KINDS`. `angle`: reference
+        angles [rad]. `axial`: reference positions along the axis [m].
         """
         if self.side > 0:
             return self._on_rigid_normal(z, angle, axial)
@@ -184,12 +171,9 @@ class ContactFace:
     def element_terms(self, body: Body | None = None) -> tuple[Array, Upper]:
         """First derivatives of the energy by the element unknowns, second ones as bands.
 
-        Args:
-            body: whose travel the first derivatives are differentiated by as well.
-
-        Returns:
-            First derivatives, and theirs by a factor on the travel: two element vectors. The
-            bands.
+        `body`: whose travel the first derivatives are differentiated by as well.
+        Returns the first derivatives and theirs by a factor on the travel, two element vectors;
+        and the bands.
         """
         lowest, grip = jnp.min(self.gap(), 0), self.grip()
         if grip is not None:  # which holds what was touched before

@@ -14,27 +14,19 @@ from suas_jax.skin.prestress import Growth
 
 
 class Faces(NamedTuple):
-    """The deformed pad at points of its undeformed mid-surface; lanes come last.
+    """The deformed pad at points of its undeformed mid-surface; lanes come last."""
 
-    Attributes:
-        angle: reference angle [rad].
-        axial: reference position along the axis [m].
-        mid_displacement: of the mid-surface [m], Cartesian components leading.
-        inner_displacement: of the inner face's material point at the same place [m].
-        outer_displacement: of the outer face's [m].
-        inner_strain: C - 1 of the inner face by unit vectors along arc and axis, entries
-            (11, 22, 12).
-        outer_strain: of the outer face.
-        energy_density: strain energy per volume, mean over the thickness [J/m^3].
-    """
-
-    angle: Float[Array, "*point"]
-    axial: Float[Array, "*point"]
+    angle: Float[Array, "*point"]  # reference angle [rad]
+    axial: Float[Array, "*point"]  # reference position along the axis [m]
+    # of the mid-surface [m], Cartesian components leading
     mid_displacement: Float[Array, "3 *point"]
+    # of the inner face's material point at the same place [m]
     inner_displacement: Float[Array, "3 *point"]
-    outer_displacement: Float[Array, "3 *point"]
+    outer_displacement: Float[Array, "3 *point"]  # of the outer face's [m]
+    # C - 1 of the inner face by unit vectors along arc and axis, entries (11, 22, 12)
     inner_strain: Float[Array, "3 *point"]
-    outer_strain: Float[Array, "3 *point"]
+    outer_strain: Float[Array, "3 *point"]  # of the outer face
+    # strain energy per volume, mean over the thickness [J/m^3]
     energy_density: Float[Array, "*point"]
 
 
@@ -47,13 +39,9 @@ def face_displacement(
     membrane below it kept. The cubic term is small: one step of Newton's method from the
     quadratic's root accounts for it.
 
-    Args:
-        s: the mid-surface at points.
-        offset: Z [m].
-        growth: of the membrane; None where it fits its seat.
-
-    Returns:
-        Displacement [m] and zeta [m].
+    `s`: the mid-surface at points. `offset`: Z [m]. `growth`: of the membrane; None where it
+    fits its seat.
+    Returns the displacement [m] and zeta [m].
     """
     square = s.m[0] ** 2 + s.m[1] ** 2 + s.m[2] ** 2
     size = jnp.sqrt(square)
@@ -75,18 +63,11 @@ def face_displacement(
 
 def faces(
     law: AbstractLaw,
-    s: Surface,
-    place: tuple[Array, Array],
-    fibres: Layers,
+    s: Surface,  # the mid-surface at points
+    place: tuple[Array, Array],  # reference angle and axial position of the points
+    fibres: Layers,  # through the thickness, for the energy
 ) -> Faces:
-    """The deformed pad around its mid-surface, normals staying normal.
-
-    Args:
-        law: the material.
-        s: the mid-surface at points.
-        place: reference angle and axial position of the points.
-        fibres: through the thickness, for the energy.
-    """
+    """The deformed pad around its mid-surface, normals staying normal."""
     thickness, curvature, growth = s.rest.thickness, s.rest.curvature, fibres.growth
 
     def strain(offset: Array) -> Array:

@@ -48,21 +48,17 @@ def _determinant(x: Sequence[Array]) -> Scalar:
 
 
 class Layers(NamedTuple):
-    """Fibres through the thickness, one a layer.
+    """Fibres through the thickness, one a layer."""
 
-    Attributes:
-        weight: of a layer in the energy per area of the mid-surface [m].
-        lever: M = Z + Z^2 / (2R) [m].
-        stretch: 1 + Z/R, the length of the fibre along the arc relative to the mid-line.
-        growth: of the membrane; None where it fits its seat.
-        response: of a material with a past, its rest by entries (11, 22, 12, 33) [Pa]; None
-            of an elastic one.
-    """
-
+    # of a layer in the energy per area of the mid-surface [m]
     weight: Float[Array, "layer #lane"]
+    # M = Z + Z^2 / (2R) [m]
     lever: Float[Array, "layer #lane"]
+    # 1 + Z/R, the length of the fibre along the arc relative to the mid-line
     stretch: Float[Array, "layer #lane"]
-    growth: Growth | None = None
+    growth: Growth | None = None  # of the membrane; None where it fits its seat
+    # of a material with a past, its rest by entries (11, 22, 12,
+    # 33) [Pa]; None of an elastic one
     response: Response | None = None
 
     def grown(self, growth: Growth | None) -> "Layers":
@@ -86,9 +82,8 @@ def layers(count: int, rest: Rest, growth: Growth | None) -> Layers:
 def fibre_strains(s: Surface, fibres: Layers) -> tuple[Vector, Scalar, Scalar]:
     """Strains of all fibres, and what they are made of.
 
-    Returns:
-        C - 1 by unit vectors at rest, entries (11, 22, 12), each [layer, *point]; 1/J^2 and
-        det h / J^6.
+    Returns C - 1 by unit vectors at rest, entries (11, 22, 12), each [layer, *point]; 1/J^2 and
+    det h / J^6.
     """
     area = s.metric[0] + s.metric[1] + _determinant(s.metric)
     inverse = 1 / (1 + area)
@@ -191,15 +186,10 @@ def deviator(law: AbstractLaw, s: Surface, fibres: Layers) -> Float[Array, "4 la
 
 
 class Resultants(NamedTuple):
-    """Derivatives of the energy density by the six numbers a_11 a_22 a_12 h_11 h_22 h_12.
+    """Derivatives of the energy density by the six numbers a_11 a_22 a_12 h_11 h_22 h_12."""
 
-    Attributes:
-        first: gradient.
-        second: Hessian.
-    """
-
-    first: list[Scalar]
-    second: list[list[Scalar]]
+    first: list[Scalar]  # gradient
+    second: list[list[Scalar]]  # Hessian
 
 
 def _moments(fibres: Layers, terms: list[Array]) -> Array:

@@ -27,20 +27,14 @@ from suas_jax.skin.section import AbstractSection, Frame
 
 
 class Spots(NamedTuple):
-    """Places on the pad: elements, and the Bernstein polynomials there.
+    """Places on the pad: elements, and the Bernstein polynomials there."""
 
-    Attributes:
-        element: index along the long direction and across [2, point].
-        shapes: polynomials by kind of derivative, by arc length and along the axis: itself,
-            by s, by z [kind, 4 * 4, point].
-        rest: the undeformed section there.
-        above: distance of the outer face from the mid-surface [m].
-    """
-
-    element: Int[Array, "2 point"]
+    element: Int[Array, "2 point"]  # index along the long direction and across [2, point]
+    # polynomials by kind of derivative, by arc length and along the axis: itself, by s, by z
+    # [kind, 4 * 4, point]
     shapes: Float[Array, "kind 16 point"]
-    rest: Frame
-    above: Array
+    rest: Frame  # the undeformed section there
+    above: Array  # distance of the outer face from the mid-surface [m]
 
 
 def locate(
@@ -56,17 +50,13 @@ def locate(
 
 def spots(
     net: Net,
-    section: AbstractSection,
-    at: tuple[Array, Array],
+    section: AbstractSection,  # the undeformed membrane across the axis
+    at: tuple[Array, Array],  # reference angles [rad] and axial positions [m]
     kinds: tuple[tuple[int, int], ...] = ((0, 0), (1, 0), (0, 1)),
 ) -> Spots:
     """Find places on the pad.
 
-    Args:
-        net: the control net.
-        section: the undeformed membrane across the axis.
-        at: reference angles [rad] and axial positions [m].
-        kinds: orders of differentiation by arc length and along the axis.
+    `kinds`: orders of differentiation by arc length and along the axis.
     """
     i, xi, span = locate(net.angles, at[0])
     k, eta, length = locate(net.axial, at[1])
@@ -106,10 +96,8 @@ def _edges(spots: Spots, moved: Array) -> tuple[Array, Array]:
 def load_work(points: PadLoadPoints, spots: Spots, moved: Array) -> Array:
     """Work of the loads at unit factor [J].
 
-    Args:
-        points: the loads, without lanes.
-        spots: where they are.
-        moved: displacement and its first derivatives there.
+    `points`: the loads, without lanes. `spots`: where they are. `moved`: displacement and its
+    first derivatives there.
     """
     edges, n = _edges(spots, moved)
     arm = jnp.stack(_arm(edges)) - n

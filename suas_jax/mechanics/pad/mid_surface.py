@@ -56,22 +56,14 @@ class Rest(NamedTuple):
     """The undeformed mid-surface at points.
 
     Of a membrane whose thickness varies along the axis it is the one of the mean along it.
-
-    Attributes:
-        angle: as sections define it [rad].
-        place: x and y [m].
-        normal: x and y of the outward unit vector.
-        curvature: of the section [1/m].
-        below: distance of the inner face [m].
-        above: distance of the outer face [m].
     """
 
-    angle: Scalar
-    place: tuple[Scalar, Scalar]
-    normal: tuple[Scalar, Scalar]
-    curvature: Array
-    below: Array
-    above: Array
+    angle: Scalar  # as sections define it [rad]
+    place: tuple[Scalar, Scalar]  # x and y [m]
+    normal: tuple[Scalar, Scalar]  # x and y of the outward unit vector
+    curvature: Array  # of the section [1/m]
+    below: Array  # distance of the inner face [m]
+    above: Array  # distance of the outer face [m]
 
     @property
     def thickness(self) -> Array:
@@ -82,10 +74,8 @@ class Rest(NamedTuple):
     def of(cls, section: AbstractSection, angle: Scalar, relief: Array | float = 0.0) -> "Rest":
         """That of a section's angles.
 
-        Args:
-            section: the membrane across the axis, its mean where it varies along it.
-            angle: reference angles [rad].
-            relief: how much further the outer face lies out there [m].
+        `section`: the membrane across the axis, its mean where it varies along it. `angle`:
+        reference angles [rad]. `relief`: how much further the outer face lies out there [m].
         """
         x, y = section.mid_line(angle)
         direction = section.direction(angle)
@@ -95,39 +85,25 @@ class Rest(NamedTuple):
 
 
 class Surface(NamedTuple):
-    """The deformed mid-surface at points.
+    """The deformed mid-surface at points."""
 
-    Attributes:
-        u: displacement.
-        rest: the undeformed mid-surface.
-        n: reference normal, outwards.
-        rs: r,s.
-        rz: r,z.
-        second: r,ss  r,zz  r,sz.
-        m: r,s x r,z, inwards.
-        spin: m less its value at rest, -n.
-        metric: a less the unit matrix, entries (11, 22, 12).
-        bending: h less its value at rest, (1/R, 0, 0).
-    """
-
-    u: Vector
-    rest: Rest
-    n: Vector
-    rs: Vector
-    rz: Vector
-    second: tuple[Vector, Vector, Vector]
-    m: Vector
-    spin: Vector
-    metric: Vector
-    bending: Vector
+    u: Vector  # displacement
+    rest: Rest  # the undeformed mid-surface
+    n: Vector  # reference normal, outwards
+    rs: Vector  # r,s
+    rz: Vector  # r,z
+    second: tuple[Vector, Vector, Vector]  # r,ss  r,zz  r,sz
+    m: Vector  # r,s x r,z, inwards
+    spin: Vector  # m less its value at rest, -n
+    metric: Vector  # a less the unit matrix, entries (11, 22, 12)
+    bending: Vector  # h less its value at rest, (1/R, 0, 0)
 
 
 def surface(derivatives: Iterable[Iterable[Array]], rest: Rest) -> Surface:
     """The mid-surface from the displacement and its derivatives.
 
-    Args:
-        derivatives: of the displacement, in the order of `KINDS`, components leading.
-        rest: the undeformed mid-surface there.
+    `derivatives`: of the displacement, in the order of `KINDS`, components leading. `rest`: the
+    undeformed mid-surface there.
     """
     u, us, uz, uss, uzz, usz = (components(x) for x in derivatives)
     sine, cosine = jnp.broadcast_arrays(*rest.normal, u[0])[:2]

@@ -45,8 +45,7 @@ def image_in_part(
 ) -> tuple[Float[Array, "3 lane"], Lanes, Lanes]:
     """The place of the modelled part that moves as a place of the whole pad does.
 
-    Returns:
-        Signs of the displacement's components; angle [rad] and axial position [m].
+    Returns the signs of the displacement's components; angle [rad] and axial position [m].
     """
     sign = jnp.ones((3, *angle.shape))
     if planes[0]:

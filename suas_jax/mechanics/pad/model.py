@@ -37,18 +37,14 @@ _STRAIGHT = 1e-12  # rounding of a body's place, or turn
 
 
 class PadMesh(AbstractPlan):
-    """Elements along the arc and along the axis.
-
-    Attributes:
-        plan: where they lie.
-        part: of a symmetric plan of the whole pad, the half or quarter that is solved.
-        degree: through the thickness of a solid; None of a shell.
-    """
+    """Elements along the arc and along the axis."""
 
     dimension: ClassVar[int] = 3
     solves_long: ClassVar[bool] = True
-    plan: PadPlan
+    plan: PadPlan  # where they lie
+    # of a symmetric plan of the whole pad, the half or quarter that is solved
     part: PadPlan | None = None
+    # through the thickness of a solid; None of a shell
     degree: int | None = eqx.field(static=True, default=None)
 
     @property

@@ -27,17 +27,12 @@ ElementVector = Float[Array, "width 4 4 long across"]
 
 @dataclasses.dataclass(frozen=True)
 class NetTopology:
-    """What is static about a control net.
+    """What is static about a control net."""
 
-    Attributes:
-        arc: splines along the arc; mirrored at the crown of half a pad.
-        axial: splines along the axis; mirrored at the middle, and where ends may slide.
-        degree: of the displacement's polynomials through the thickness of a solid; None of a
-            shell.
-    """
-
-    arc: SplineAxis
+    arc: SplineAxis  # splines along the arc; mirrored at the crown of half a pad
+    # splines along the axis; mirrored at the middle, and where ends may slide
     axial: SplineAxis
+    # of the displacement's polynomials through the thickness of a solid; None of a shell
     degree: int | None = None
 
     @property
@@ -126,21 +121,14 @@ class NetTopology:
 
 @dataclasses.dataclass(frozen=True)
 class Tables:
-    """Constants of one element on the unit square.
+    """Constants of one element on the unit square."""
 
-    Attributes:
-        xi: Gauss points on the unit interval.
-        weights: their weights there.
-        values: of the Bernstein polynomials by kind of derivative [kind * gauss * gauss, 16].
-        long: by order of differentiation [order, gauss, 4].
-        across: weighed products by pair of kinds [pair, gauss, 16].
-    """
-
-    xi: np.ndarray
-    weights: np.ndarray
+    xi: np.ndarray  # Gauss points on the unit interval
+    weights: np.ndarray  # their weights there
+    # of the Bernstein polynomials by kind of derivative [kind * gauss * gauss, 16]
     values: np.ndarray
-    long: np.ndarray
-    across: np.ndarray
+    long: np.ndarray  # by order of differentiation [order, gauss, 4]
+    across: np.ndarray  # weighed products by pair of kinds [pair, gauss, 16]
 
 
 @functools.cache
@@ -149,10 +137,8 @@ def tables(
 ) -> Tables:
     """Tables for a number of quadrature points.
 
-    Args:
-        gauss: points in each direction.
-        kinds: orders of differentiation (long, across).
-        pairs: pairs of kinds, row and column.
+    `gauss`: points in each direction. `kinds`: orders of differentiation (long, across).
+    `pairs`: pairs of kinds, row and column.
     """
     xi, w = gauss_legendre(gauss)
     shapes = np.stack([np.stack(bernstein(xi, order), 1) for order in range(3)])
@@ -169,43 +155,33 @@ class Net(eqx.Module):
     They are worked out once for a pad: every other thing asks for them, and each time they
     are traced anew costs time to compile. Made by `Net.of` all arrays end in a lane axis;
     methods are those of one lane's net, without that axis (`Net.lane`).
-
-    Attributes:
-        angles: breakpoints along the arc [rad].
-        axial: breakpoints along the axis [m].
-        frames: unit vectors (tangential, normal, axial) of the arc's columns.
-        matrices: Bernstein coefficients by Cartesian component from stations' values, along
-            the stations and across.
-        along: extraction matrices of all control values along.
-        across: extraction matrices by component of the stations across.
-        topology: what is static.
     """
 
-    angles: Float[Array, "breakpoint *lane"]
-    axial: Float[Array, "breakpoint *lane"]
+    angles: Float[Array, "breakpoint *lane"]  # breakpoints along the arc [rad]
+    axial: Float[Array, "breakpoint *lane"]  # breakpoints along the axis [m]
+    # unit vectors (tangential, normal, axial) of the arc's columns
     frames: Float[Array, "local 3 column *lane"]
+    # Bernstein coefficients by Cartesian component from stations'
+    # values, along the stations and across
     matrices: tuple[
         Float[Array, "width 4 long row *lane"], Float[Array, "width 4 across column *lane"]
     ]
-    along: Float[Array, "4 4 long *lane"]
+    along: Float[Array, "4 4 long *lane"]  # extraction matrices of all control values along
+    # extraction matrices by component of the stations across
     across: Float[Array, "width 4 4 across *lane"]
-    topology: NetTopology = eqx.field(static=True)
+    topology: NetTopology = eqx.field(static=True)  # what is static
 
     @classmethod
     def of(
         cls,
-        topology: NetTopology,
-        section: AbstractSection,
+        topology: NetTopology,  # what is static
+        section: AbstractSection,  # says which way columns of control values face
         angles: Float[Array, "breakpoint #lane"],
         axial: Float[Array, "breakpoint #lane"],
     ) -> "Net":
         """Work out the maps.
 
-        Args:
-            topology: what is static.
-            section: says which way columns of control values face.
-            angles: breakpoints along the arc [rad].
-            axial: breakpoints along the axis [m].
+        `angles`: breakpoints along the arc [rad]. `axial`: breakpoints along the axis [m].
         """
         rows = angles, axial, section.direction(topology.arc.abscissae(angles))
         lanes = jnp.broadcast_shapes(*(x.shape[-1:] for x in rows))

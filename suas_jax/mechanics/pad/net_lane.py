@@ -30,43 +30,26 @@ Kinds = tuple[tuple[int, int], ...]
 
 
 class LaneParts(NamedTuple):
-    """What a lane is made of.
+    """What a lane is made of."""
 
-    Attributes:
-        law: the membrane's material.
-        net: control values.
-        section: the undeformed membrane across the axis.
-        points: the loads.
-        quadrature: points along either side of an element, and through the thickness.
-        growth: of the membrane; None where it fits its seat.
-        relief: of its outer face; None where it is the same all along.
-    """
-
-    law: AbstractLaw
-    net: Net
-    section: AbstractSection
-    points: PadLoadPoints
+    law: AbstractLaw  # the membrane's material
+    net: Net  # control values
+    section: AbstractSection  # the undeformed membrane across the axis
+    points: PadLoadPoints  # the loads
+    # points along either side of an element, and through the thickness
     quadrature: tuple[int, int]
-    growth: Growth | None
-    relief: Sheet | None
+    growth: Growth | None  # of the membrane; None where it fits its seat
+    relief: Sheet | None  # of its outer face; None where it is the same all along
 
 
 class Sums(NamedTuple):
-    """The membrane's share of a system, before contact.
+    """The membrane's share of a system, before contact."""
 
-    Attributes:
-        internal: derivatives of the potential by the unknowns.
-        gradient: of the enclosed volume.
-        load: of the loads' work at unit factor.
-        upper: bands of the tangent.
-        volume: enclosed volume less its value at rest [m^3].
-    """
-
-    internal: ElementVector
-    gradient: ElementVector
-    load: ElementVector
-    upper: Upper
-    volume: Array
+    internal: ElementVector  # derivatives of the potential by the unknowns
+    gradient: ElementVector  # of the enclosed volume
+    load: ElementVector  # of the loads' work at unit factor
+    upper: Upper  # bands of the tangent
+    volume: Array  # enclosed volume less its value at rest [m^3]
 
 
 class AbstractLane(abc.ABC):

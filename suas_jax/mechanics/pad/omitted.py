@@ -39,15 +39,10 @@ _LOAD_NORMAL, _LOAD_MOMENT = 1 / 12, 1 / 4
 
 
 class Forces(NamedTuple):
-    """Resultants by entries (11, 22, 12) of arc and axis.
+    """Resultants by entries (11, 22, 12) of arc and axis."""
 
-    Attributes:
-        normal: membrane forces [N/m].
-        moment: moments [N].
-    """
-
-    normal: Float[Array, "3 *point"]
-    moment: Float[Array, "3 *point"]
+    normal: Float[Array, "3 *point"]  # membrane forces [N/m]
+    moment: Float[Array, "3 *point"]  # moments [N]
 
     @property
     def thinning(self) -> tuple[Array, Array]:
@@ -58,10 +53,7 @@ class Forces(NamedTuple):
 def forces_of(law: AbstractLaw, s: Surface, fibres: Layers) -> Forces:
     """Derivatives of the energy density by metric and curvature, as at small strain.
 
-    Args:
-        law: the material.
-        s: the mid-surface at points.
-        fibres: through the thickness.
+    `s`: the mid-surface at points. `fibres`: through the thickness.
     """
 
     def energy(metric: Vector, bending: Vector) -> Array:
@@ -74,39 +66,24 @@ def forces_of(law: AbstractLaw, s: Surface, fibres: Layers) -> Forces:
 
 
 class Elements(NamedTuple):
-    """Elements and their Gauss points, along the arc first.
+    """Elements and their Gauss points, along the arc first."""
 
-    Attributes:
-        xi: Gauss points on the unit interval.
-        weights: their weights there.
-        arc: lengths along the arc [m].
-        axial: along the axis [m].
-        clamped: whether the first and the last edge are, along the arc and along the axis.
-    """
-
-    xi: np.ndarray
-    weights: np.ndarray
-    arc: Float[Array, " arc"]
-    axial: Float[Array, " axial"]
+    xi: np.ndarray  # Gauss points on the unit interval
+    weights: np.ndarray  # their weights there
+    arc: Float[Array, " arc"]  # lengths along the arc [m]
+    axial: Float[Array, " axial"]  # along the axis [m]
+    # whether the first and the last edge are, along the arc and along the axis
     clamped: tuple[tuple[bool, bool], tuple[bool, bool]]
 
 
 def relaxed_energy(
-    at: Forces,
-    elements: Elements,
-    thickness: Float[Array, "gauss gauss arc axial"],
-    modulus: Array,
-    growth: Growth | None,
+    at: Forces,  # resultants at the Gauss points [3, gauss, gauss, arc, axial]
+    elements: Elements,  # where the Gauss points are
+    thickness: Float[Array, "gauss gauss arc axial"],  # of the membrane at them [m]
+    modulus: Array,  # small-strain shear modulus [Pa]
+    growth: Growth | None,  # of the membrane; None where it fits its seat
 ) -> Array:
-    """The part of E by which the membrane itself is softer [J].
-
-    Args:
-        at: resultants at the Gauss points [3, gauss, gauss, arc, axial].
-        elements: where they are.
-        thickness: of the membrane there [m].
-        modulus: small-strain shear modulus [Pa].
-        growth: of the membrane; None where it fits its seat.
-    """
+    """The part of E by which the membrane itself is softer [J]."""
     slope, weights = lagrange_slopes(elements.xi), elements.weights
     moment = at.moment
     by_arc = jnp.einsum("hg,cgkef->chkef", slope, moment) / elements.arc[:, None]
@@ -135,19 +112,16 @@ def with_sides_swapped(x: Array) -> Array:
 
 
 def _clamp(
-    edge: list[Array],
+    edge: list[Array],  # resultants and thickness in the elements along the edge
     at_end: tuple[int, int, Array, Array],
-    elements: Elements,
+    elements: Elements,  # all of them, with their Gauss points
     grown: Array | float,
 ) -> Array:
     """Integral along a clamped edge, times the shear modulus.
 
-    Args:
-        edge: resultants and thickness in the elements there.
-        at_end: direction across the edge, which end, and lengths of the elements across it and
-            along it.
-        elements: their Gauss points.
-        grown: membrane force over thickness of one that keeps its free thickness there [Pa].
+    `at_end`: direction across the edge, which end, and lengths of the elements across it and
+    along it. `grown`: membrane force over thickness of one that keeps its free thickness there
+    [Pa].
     """
     (way, index, length, beside), xi, weights = at_end, elements.xi, elements.weights
     side = 1.0 if index == 0 else -1.0
@@ -176,11 +150,8 @@ def thinning_work(
 ) -> Array:
     """The part of E that loads do where the membrane thins beneath them [J].
 
-    Args:
-        at: resultants under the loads.
-        inward: their components along the inward normal [N].
-        thickness: of the membrane there [m].
-        modulus: small-strain shear modulus [Pa].
+    `at`: resultants under the loads. `inward`: their components along the inward normal [N].
+    `thickness`: of the membrane there [m]. `modulus`: small-strain shear modulus [Pa].
     """
     normal, moment = at.thinning
     thinning = _LOAD_NORMAL * normal + _LOAD_MOMENT * moment / thickness

@@ -50,38 +50,25 @@ class Pad(AbstractMechanics):
 
     The unknowns of a station are the displacements of the control values across it, in the
     tangential, normal and axial directions of their column.
-
-    Attributes:
-        law: the membrane's material.
-        section: the undeformed membrane across the axis.
-        net: the control values between breakpoints along the arc and along the axis.
-        points: the loads as points on the outer face [N].
-        film_volume: volume of the undeformed oil film under the part covered [m^3].
-        wall: see the base class.
-        growth: see the base class.
-        bodies: see the base class.
-        mirrored_planes: whether the part ends at the crown's plane, and at the middle's.
-        gauss: quadrature points along either side of an element.
-        layers: quadrature points through the thickness.
-        relief: of the outer face; see `SkinGeometry`.
-        response: of a material with a past at the quadrature points, see `Layers`; None of an
-            elastic one.
     """
 
     per_width: ClassVar[bool] = False
     corrected: ClassVar[bool] = True
-    law: AbstractLaw
-    section: AbstractSection
-    net: Net
-    points: PadLoadPoints
-    film_volume: Lanes
+    law: AbstractLaw  # the membrane's material
+    section: AbstractSection  # the undeformed membrane across the axis
+    net: Net  # the control values between breakpoints along the arc and along the axis
+    points: PadLoadPoints  # the loads as points on the outer face [N]
+    film_volume: Lanes  # volume of the undeformed oil film under the part covered [m^3]
     wall: Wall | None
     growth: Growth | None
     bodies: tuple[Body, ...]
+    # whether the part ends at the crown's plane, and at the middle's
     mirrored_planes: tuple[bool, bool] = eqx.field(static=True, default=(False, False))
+    # quadrature points along either side of an element
     gauss: int = eqx.field(static=True, default=3)
-    layers: int = eqx.field(static=True, default=3)
-    relief: Sheet | None = None
+    layers: int = eqx.field(static=True, default=3)  # quadrature points through the thickness
+    relief: Sheet | None = None  # of the outer face; see `SkinGeometry`
+    # of a material with a past at the quadrature points, see `Layers`; None of an elastic one
     response: Response | None = None
 
     @property
@@ -225,21 +212,13 @@ class Pad(AbstractMechanics):
     @classmethod
     def build(
         cls,
-        geometry: SkinGeometry,
-        law: AbstractLaw,
+        geometry: SkinGeometry,  # dimensions, with a lane axis
+        law: AbstractLaw,  # material, its constants with a lane axis
         plan: PadPlan,
-        loads: Sequence[PadLoad],
-        degree: int | None = None,
+        loads: Sequence[PadLoad],  # in the order of the plan
+        degree: int | None = None,  # see `NetTopology`
     ) -> Self:
-        """Discretise a skin.
-
-        Args:
-            geometry: dimensions, with a lane axis.
-            law: material, its constants with a lane axis.
-            plan: the mesh.
-            loads: in the order of the plan.
-            degree: see `NetTopology`.
-        """
+        """Discretise a skin."""
         angles, axial = plan.breakpoints(geometry)
         parts = (1 + plan.mirrored[0]) * (1 + plan.mirrored[1])
         return cls(
@@ -306,22 +285,16 @@ class Pad(AbstractMechanics):
     ) -> Faces:
         """The deformed pad at places.
 
-        Args:
-            q: unknowns.
-            angle: reference angles, within the modelled part [rad].
-            axial: reference positions along the axis, likewise [m].
+        `angle`: reference angles, within the modelled part [rad]. `axial`: reference positions
+        along the axis, likewise [m].
         """
         return by_lane(self, lambda pad, *given: pad.one_lane().faces(*given), q, angle, axial)
 
     def sampled(self, q: StationVector, samples: int) -> Faces:
         """The deformed pad on a grid: evenly spaced points of every element.
 
-        Args:
-            q: unknowns.
-            samples: intervals an element is divided in, in each direction.
-
-        Returns:
-            Arrays [arc, axial, lane], components leading.
+        `samples`: intervals an element is divided in, in each direction.
+        Returns arrays [arc, axial, lane], components leading.
         """
         angle, axial = (_divided(x, samples) for x in (self.net.angles, self.net.axial))
         shape = (angle.shape[0], axial.shape[0])
@@ -337,16 +310,14 @@ class Pad(AbstractMechanics):
 
     def height_at(
         self,
-        q: StationVector,
+        q: StationVector,  # unknowns of the whole pad
         angle: Float[Array, "ray #lane"],
         axial: Float[Array, "ray #lane"],
     ) -> Float[Array, "ray lane"]:
         """Height of the deformed inner face over the undeformed one along rays [m].
 
-        Args:
-            q: unknowns of the whole pad.
-            angle: of the rays, normals of the undeformed section [rad].
-            axial: their current positions along the axis [m].
+        `angle`: of the rays, normals of the undeformed section [rad]. `axial`: their current
+        positions along the axis [m].
         """
         return by_lane(
             self, lambda pad, *given: pad.one_lane().height_at(*given), q, angle, axial
@@ -407,16 +378,11 @@ class Pad(AbstractMechanics):
 
 
 class PadFace(AbstractFace):
-    """The inner face of a deformed pad.
-
-    Attributes:
-        pad: the whole pad.
-        q: its unknowns.
-    """
+    """The inner face of a deformed pad."""
 
     varies_along_axis: ClassVar[bool] = True
-    pad: Pad
-    q: StationVector
+    pad: Pad  # the whole pad
+    q: StationVector  # its unknowns
 
     def gaps(
         self, rays: Sequence[tuple[Array, Array]], geometry: SkinGeometry

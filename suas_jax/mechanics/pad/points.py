@@ -47,8 +47,7 @@ def stress(s: Surface, first: list[Scalar]) -> list[Vector]:
 def tangent(s: Surface, found: Resultants, pressure: Array) -> Float[Array, "pair 3 3 *point"]:
     """Second derivatives of the energy less pressure times volume, per area.
 
-    Returns:
-        A block for each of `PAIRS`.
+    Returns a block for each of `PAIRS`.
     """
     first, second = found.first, found.second
     rs, rz, m = jnp.stack(s.rs), jnp.stack(s.rz), jnp.stack(s.m)

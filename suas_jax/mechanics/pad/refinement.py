@@ -24,11 +24,8 @@ def on_other_elements(
 ) -> Float[Array, "dof station"]:
     """The same deformation on elements half or twice as long in both directions.
 
-    Args:
-        net: one lane's control net.
-        section: the undeformed membrane across the axis.
-        q: unknowns.
-        finer: whether elements are halved; else pairs of halves are joined.
+    `net`: one lane's control net. `section`: the undeformed membrane across the axis. `finer`:
+    whether elements are halved; else pairs of halves are joined.
     """
     old, breaks = net.topology, (net.angles, net.axial)
     if finer:
@@ -57,20 +54,15 @@ def _halved(x: Float[Array, " breakpoint"]) -> Array:
 
 def _nearest(
     given: Float[Array, "width 4 element station"],
-    wanted: Float[Array, "width 4 element station"],
-    axis: SplineAxis,
-    parities: tuple[int, ...],
+    wanted: Float[Array, "width 4 element station"],  # coefficients on the other elements
+    axis: SplineAxis,  # the splines on the other elements
+    parities: tuple[int, ...],  # of the components
     *,
-    finer: bool,
+    finer: bool,  # whether the other elements are halves of the given ones; else pairs of them
 ) -> Float[Array, "width wanted given"]:
     """Stations' values on other elements from those on the given ones, by least squares.
 
-    Args:
-        given: Bernstein coefficients by component from the stations' values.
-        wanted: the same on the other elements.
-        axis: the splines on them.
-        parities: of the components.
-        finer: whether they are halves of the given ones; else pairs of them.
+    `given`: Bernstein coefficients by component from the stations' values.
     """
     halves = np.array([_SPLIT, _SPLIT[::-1, ::-1]])
 

@@ -28,12 +28,8 @@ Grid = Float[Array, "arc axial lane"]
 def peak(values: Grid, *companions: Array) -> tuple[Lanes, ...]:
     """Largest of a sampled field, neighbouring samples joined by a paraboloid.
 
-    Args:
-        values: the field.
-        companions: fields to evaluate at the same place.
-
-    Returns:
-        The largest value and each companion there, per lane.
+    `values`: the field. `companions`: fields to evaluate at the same place.
+    Returns the largest value and each companion there, per lane.
     """
     arc, axial, lanes = values.shape
     best = jnp.argmax(values.reshape(-1, lanes), 0)
@@ -67,13 +63,9 @@ def peak(values: Grid, *companions: Array) -> tuple[Lanes, ...]:
 
 
 class PadShape(AbstractShape):
-    """Samples of a deformed pad.
+    """Samples of a deformed pad."""
 
-    Attributes:
-        grid: both faces and the mid-surface on a grid [arc, axial, lane].
-    """
-
-    grid: Faces
+    grid: Faces  # both faces and the mid-surface on a grid [arc, axial, lane]
 
     def inner_face(self, section: AbstractSection) -> tuple[Grid, Grid, Grid]:
         """Height over rest [m], angle [rad] and axial position [m] of the inner face now."""

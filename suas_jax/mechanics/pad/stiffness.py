@@ -34,22 +34,15 @@ _ACROSS = range(-REACH, REACH + 1)
 
 def upper_bands(
     net: Net,
-    tables: Tables,
-    pairs: Sequence[tuple[int, int]],
-    orders: Sequence[int],
+    tables: Tables,  # constants, those of `both_ways` of the pairs
+    pairs: Sequence[tuple[int, int]],  # of kinds of derivatives
+    orders: Sequence[int],  # of differentiation along the stations, by kind
     blocks: Float[Array, "pair width width gauss gauss long across"],
-    lengths: Float[Array, " long"],
+    lengths: Float[Array, " long"],  # of the elements along the stations [m]
 ) -> Upper:
     """Sum the elements.
 
-    Args:
-        net: the control net.
-        tables: constants, those of `both_ways` of the pairs.
-        pairs: of kinds of derivatives.
-        orders: of differentiation along the stations, by kind.
-        blocks: second derivatives of a density by each pair, times powers of the lengths
-            across.
-        lengths: of the elements along the stations [m].
+    `blocks`: second derivatives of a density by each pair, times powers of the lengths across.
     """
     topology = net.topology
     mixed = np.array([k for k, (left, right) in enumerate(pairs) if left != right])
@@ -109,17 +102,14 @@ def no_blocks(net: Net) -> Blocks:
 
 def add_blocks(
     net: Net,
-    sum_so_far: Blocks,
+    sum_so_far: Blocks,  # the matrix
     element: tuple[Int[Array, " place"], Int[Array, " place"]],
     blocks: Float[Array, "slot place 4 4 3 3"],
 ) -> Blocks:
     """Add elements' blocks to a matrix.
 
-    Args:
-        net: the control net.
-        sum_so_far: the matrix.
-        element: index along the stations and across of every place.
-        blocks: by `SLOTS` along the stations, row and column across, components.
+    `element`: index along the stations and across of every place. `blocks`: by `SLOTS` along
+    the stations, row and column across, components.
     """
     topology = net.topology
     control = jnp.asarray(topology.long.first)[element[0]] + ROWS[:, None]
@@ -157,12 +147,9 @@ def _by_diagonal(k: Array, offset: int, across: SplineAxis) -> Array:
 def _summed(parts: list[Array], slots: range, axis: int, where: np.ndarray, size: int) -> Array:
     """Sum what elements give to their control values.
 
-    Args:
-        parts: one for each of `slots`, elements along an axis.
-        slots: which of an element's control values.
-        axis: which axis.
-        where: place of each element's control values [element, 4]; none if negative.
-        size: number of places.
+    `parts`: one for each of `slots`, elements along an axis. `slots`: which of an element's
+    control values. `where`: place of each element's control values [element, 4]; none if
+    negative. `size`: number of places.
     """
     count = len(where)
     even = np.all(np.diff(where[:, 1:3], axis=0) == 1)

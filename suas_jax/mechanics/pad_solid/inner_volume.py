@@ -15,26 +15,19 @@ from suas_jax.skin.section import AbstractSection
 
 
 class Swept(NamedTuple):
-    """Enclosed volume less that at rest, per area of the mid-surface.
+    """Enclosed volume less that at rest, per area of the mid-surface."""
 
-    Attributes:
-        more: the volume [m].
-        first: derivatives by u, u,s and u,z [component, place].
-        second: by pairs of these: zero where a pair is not what it depends on.
-    """
-
-    more: Float[Array, " place"]
-    first: list[Float[Array, "3 place"]]
+    more: Float[Array, " place"]  # the volume [m]
+    first: list[Float[Array, "3 place"]]  # derivatives by u, u,s and u,z [component, place]
+    # by pairs of these: zero where a pair is not what it depends on
     second: dict[tuple[int, int], Float[Array, "3 3 place"]]
 
 
 def swept(section: AbstractSection, angle: Array, moved: Float[Array, "3 3 place"]) -> Swept:
     """Volume and derivatives.
 
-    Args:
-        section: across the axis.
-        angle: of the places [rad].
-        moved: displacement of the inner face, by arc length, along the axis.
+    `section`: across the axis. `angle`: of the places [rad]. `moved`: displacement of the inner
+    face, by arc length, along the axis.
     """
 
     def face(angle: Array) -> Array:

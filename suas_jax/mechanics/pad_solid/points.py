@@ -41,30 +41,24 @@ KIND_OF = (1, 2, 0)
 
 
 class Geometry(NamedTuple):
-    """The undeformed membrane at points [eta, place].
+    """The undeformed membrane at points [eta, place]."""
 
-    Attributes:
-        inverse: gradients of s, z, eta in (t, n, z) [coordinate, component].
-        volume: per area of the mid-surface, the weight through the thickness included [m].
-    """
-
+    # gradients of s, z, eta in (t, n, z) [coordinate, component]
     inverse: Float[Array, "3 3 eta place"]
+    # per area of the mid-surface, the weight through the thickness included [m]
     volume: Float[Array, "eta place"]
 
 
 def geometry(
-    section: AbstractSection,
+    section: AbstractSection,  # across the axis; its mean where the thickness varies along it
     relief: Callable[[Array, Array], Array | float],
-    place: Sequence[Array],
+    place: Sequence[Array],  # angles [rad] and axial positions [m]
     through: tuple[np.ndarray, np.ndarray],
 ) -> Geometry:
     """Map of the undeformed membrane.
 
-    Args:
-        section: across the axis; its mean where the thickness varies along it.
-        relief: how much further the outer face lies out, over angle and axial position [m].
-        place: angles [rad] and axial positions [m].
-        through: eta of the points through the thickness, and their weights.
+    `relief`: how much further the outer face lies out, over angle and axial position [m].
+    `through`: eta of the points through the thickness, and their weights.
     """
     angle, axial = place
     at, eta = section.frame(angle), jnp.asarray(through[0])[:, None]
@@ -137,37 +131,22 @@ def swelling(L: Float[Array, "3 3 *point"], growth: Growth | None) -> Float[Arra
 
 
 class Terms(NamedTuple):
-    """Derivatives of the potential by u by the coordinates, volume weights included.
+    """Derivatives of the potential by u by the coordinates, volume weights included."""
 
-    Attributes:
-        stress: [coordinate, component, eta, place].
-        tangent: [coordinate, component, coordinate, component, eta, place].
-        cofactor: derivative of J [coordinate, component, eta, place].
-        swelling: J less its stress-free value, weighted [eta, place].
-    """
-
-    stress: Array
-    tangent: Array
-    cofactor: Array
-    swelling: Array
+    stress: Array  # [coordinate, component, eta, place]
+    tangent: Array  # [coordinate, component, coordinate, component, eta, place]
+    cofactor: Array  # derivative of J [coordinate, component, eta, place]
+    swelling: Array  # J less its stress-free value, weighted [eta, place]
 
 
 def terms(
     law: AbstractLaw,
-    at: Geometry,
+    at: Geometry,  # the undeformed membrane
     moved: Float[Array, "3 3 eta place"],
-    pressure: Float[Array, "eta place"],
-    growth: Growth | None,
+    pressure: Float[Array, "eta place"],  # multiplier of J = 1 [Pa]
+    growth: Growth | None,  # of the membrane; None where it fits its seat
 ) -> Terms:
-    """Stress and tangent.
-
-    Args:
-        law: the material.
-        at: the undeformed membrane.
-        moved: displacement by the coordinates [coordinate, component].
-        pressure: multiplier of J = 1 [Pa].
-        growth: of the membrane; None where it fits its seat.
-    """
+    """Stress and tangent. `moved`: displacement by the coordinates [coordinate, component]."""
     L, inverse = displacement_gradient(moved, at.inverse), at.inverse
     change = swelling(L, growth)
     first, second = _by_entries(law, green(L), growth)
@@ -252,16 +231,13 @@ def _second_of_volume(F: Array, inverse: Array) -> Array:
 
 
 def at_points(
-    shapes: Float[np.ndarray, "value eta"],
-    slopes: Float[np.ndarray, "value eta"],
+    shapes: Float[np.ndarray, "value eta"],  # of the displacement through the thickness
+    slopes: Float[np.ndarray, "value eta"],  # their derivatives by eta
     values: Float[Array, "kind value 3 place"],
 ) -> Float[Array, "3 3 eta place"]:
     """Displacement by the coordinates at the points [coordinate, component].
 
-    Args:
-        shapes: of the displacement through the thickness.
-        slopes: their derivatives by eta.
-        values: by kind of derivative and value through the thickness.
+    `values`: by kind of derivative and value through the thickness.
     """
     return jnp.stack(
         [

@@ -15,21 +15,13 @@ from suas_jax.numerics.quadrature import gauss_legendre
 
 
 class Thickness(NamedTuple):
-    """Tables at the quadrature points through the thickness, eta from -1 to 1.
+    """Tables at the quadrature points through the thickness, eta from -1 to 1."""
 
-    Attributes:
-        eta: the points.
-        weights: of the points.
-        shapes: of the displacement [value, point].
-        slopes: their derivatives by eta.
-        modes: of the pressure [mode, point].
-    """
-
-    eta: Float[np.ndarray, " point"]
-    weights: Float[np.ndarray, " point"]
-    shapes: Float[np.ndarray, "value point"]
-    slopes: Float[np.ndarray, "value point"]
-    modes: Float[np.ndarray, "mode point"]
+    eta: Float[np.ndarray, " point"]  # the points
+    weights: Float[np.ndarray, " point"]  # of the points
+    shapes: Float[np.ndarray, "value point"]  # of the displacement [value, point]
+    slopes: Float[np.ndarray, "value point"]  # their derivatives by eta
+    modes: Float[np.ndarray, "mode point"]  # of the pressure [mode, point]
 
 
 def levels(degree: int) -> Float[np.ndarray, " value"]:
@@ -52,10 +44,7 @@ def shapes_at(
 ) -> Float[np.ndarray, "value point"]:
     """The displacement's polynomials, or their derivatives, at places.
 
-    Args:
-        degree: of the polynomials.
-        eta: places.
-        derivative: order of differentiation.
+    `eta`: places. `derivative`: order of differentiation.
     """
     return np.stack([p.deriv(derivative)(eta) for p in _polynomials(degree)])
 
@@ -64,9 +53,7 @@ def shapes_at(
 def thickness(degree: int, points: int) -> Thickness:
     """Tables for a degree of the displacement.
 
-    Args:
-        degree: of the displacement.
-        points: of the quadrature.
+    `degree`: of the displacement. `points`: of the quadrature.
     """
     eta, weights = gauss_legendre(points, -1.0, 1.0)
     modes = np.stack([Legendre.basis(k)(eta) for k in range(degree)])

@@ -71,24 +71,18 @@ _RULES = {side: _Rule.of(side) for side in (-1, 1)}
 class ContactFace:
     """A face of a shell at the contact points of its elements.
 
-    Args:
-        obstacle: what it may touch.
-        side: -1 for the inner face, 1 for the outer one.
-        section: the undeformed membrane.
-        elements: angles where they start and which they span [rad].
-        qe: element unknowns [shape, component].
-        growth: of the membrane; None where it fits its seat.
-        there: one for every element, zero for a place that is empty.
+    `elements`: angles where they start and which they span [rad]. `there`: one for every
+    element, zero for a place that is empty.
     """
 
     def __init__(
         self,
-        obstacle: Obstacle,
-        side: int,
+        obstacle: Obstacle,  # what it may touch
+        side: int,  # -1 for the inner face, 1 for the outer one
         section: AbstractSection,
         elements: tuple[Float[Array, "element #lane"], Float[Array, "element #lane"]],
-        qe: ElementVector,
-        growth: Growth | None = None,
+        qe: ElementVector,  # element unknowns [shape, component]
+        growth: Growth | None = None,  # of the membrane; None where it fits its seat
         there: Float[Array, "element #lane"] | float = 1.0,
     ) -> None:
         self.elements, self.qe, self.growth = elements, qe, growth
@@ -135,8 +129,7 @@ class ContactFace:
     def position(self, z: Float[Array, "input *point"]) -> Float[Array, "2 *point"]:
         """Current positions of the face [m].
 
-        Args:
-            z: displacement of the mid-line and its derivatives by arc length.
+        `z`: displacement of the mid-line and its derivatives by arc length.
         """
         x1, y1, x2, y2 = self._tangents(z)
         far = self._reach(x1**2 + y1**2, x2 * y1 - y2 * x1)
@@ -295,8 +288,7 @@ class ContactFace:
     def state(self, change: Float[Array, "6 point element lane"] | None = None) -> ContactState:
         """Where the face is, and how the wall pushes it.
 
-        Args:
-            change: small change of the inputs that moves and turns normals, see `shifted`.
+        `change`: small change of the inputs that moves and turns normals, see `shifted`.
         """
         place = self.position(self.inputs)
         if change is not None:

@@ -27,8 +27,7 @@ EndMatrices = Float[Array, "4 4 end #lane"]
 def turn_matrices(t: Float[Array, "2 end #lane"]) -> EndMatrices:
     """From tangential and normal slopes to Cartesian ones; displacements stay.
 
-    Args:
-        t: tangents at the ends.
+    `t`: tangents at the ends.
     """
     zero, one = jnp.zeros_like(t[0]), jnp.ones_like(t[0])
     rows = [
@@ -52,11 +51,8 @@ def turn_blocks(
 ) -> tuple[Diagonal, OffDiagonal]:
     """Congruence transform of the end stations, then fix what is clamped.
 
-    Args:
-        diagonal: blocks on the diagonal.
-        upper: blocks above it.
-        matrices: for both ends.
-        free: mask of the unknowns that may move [dof, end, 1].
+    `diagonal`: blocks on the diagonal. `upper`: blocks above it. `matrices`: for both ends.
+    `free`: mask of the unknowns that may move [dof, end, 1].
     """
     turn = matrices * free
     ends = jnp.stack([diagonal[:, :, 0], diagonal[:, :, -1]], 2)
@@ -78,17 +74,12 @@ def _times(a: Array, b: Array) -> Array:
 
 
 class Elements(NamedTuple):
-    """The elements between stations.
+    """The elements between stations."""
 
-    Attributes:
-        angles: of the stations from the symmetry axis [rad].
-        section: the undeformed membrane.
-        symmetric: whether the last station is the crown of a symmetric arch.
-    """
-
+    # of the stations from the symmetry axis [rad]
     angles: Float[Array, "station #lane"]
-    section: AbstractSection
-    symmetric: bool
+    section: AbstractSection  # the undeformed membrane
+    symmetric: bool  # whether the last station is the crown of a symmetric arch
 
     @property
     def lengths(self) -> Float[Array, "element #lane"]:
@@ -145,9 +136,7 @@ class Elements(NamedTuple):
         The area under the mid-line is a quadratic form; the area under the inner face
         differs from it by the membrane's own lower half, which incompressibility keeps.
 
-        Args:
-            qe: element unknowns.
-            product: the antisymmetric area matrix times them.
+        `qe`: element unknowns. `product`: the antisymmetric area matrix times them.
         """
         x, w = gauss_legendre(4)
         n = self.reference(x).normal

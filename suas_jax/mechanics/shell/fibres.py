@@ -35,24 +35,17 @@ from suas_jax.skin.prestress import Growth
 
 
 class Fibres(eqx.Module):
-    """A membrane's material, integrated over its thickness.
+    """A membrane's material, integrated over its thickness."""
 
-    Attributes:
-        law: the material.
-        mid_curvature: of the undeformed mid-line, which broadcasts against the strains [1/m].
-        thickness: likewise [m].
-        layers: quadrature points through the thickness.
-        response: of a material with a past, its rest [2, layer, ...] along and across fibres;
-            None of an elastic one.
-        growth: of the membrane against its seat; None where it fits.
-    """
-
-    law: AbstractLaw
+    law: AbstractLaw  # the material
+    # of the undeformed mid-line, which broadcasts against the strains [1/m]
     mid_curvature: Array
-    thickness: Array
-    layers: int = eqx.field(static=True)
+    thickness: Array  # likewise [m]
+    layers: int = eqx.field(static=True)  # quadrature points through the thickness
+    # of a material with a past, its rest [2, layer, ...] along and
+    # across fibres; None of an elastic one
     response: Response | None = None
-    growth: Growth | None = None
+    growth: Growth | None = None  # of the membrane against its seat; None where it fits
 
     def _state(self, green: Array) -> AbstractDeformation:
         if self.growth is None:
@@ -62,9 +55,7 @@ class Fibres(eqx.Module):
     def energy(self, stretch: Array, curvature: Array) -> Array:
         """Strain energy per area of the mid-surface [J/m^2].
 
-        Args:
-            stretch: A = |r'|^2 - 1.
-            curvature: b = c / |r'|^2 - 1/R [1/m].
+        `stretch`: A = |r'|^2 - 1. `curvature`: b = c / |r'|^2 - 1/R [1/m].
         """
         weight, lever, square, free = self._layers()
         green = (stretch + lever * curvature + free) / square
@@ -86,9 +77,7 @@ class Fibres(eqx.Module):
     def deviator(self, stretch: Array, curvature: Array) -> Float[Array, "2 layer *shape"]:
         """Deviator of the law's stress, pulled back: along and across the fibres [Pa].
 
-        Args:
-            stretch: A = |r'|^2 - 1.
-            curvature: b = c / |r'|^2 - 1/R [1/m].
+        `stretch`: A = |r'|^2 - 1. `curvature`: b = c / |r'|^2 - 1/R [1/m].
         """
         _, lever, square, free = self._layers()
         green = (stretch + lever * curvature + free) / square

@@ -22,39 +22,24 @@ ElementVector = Float[Array, "4 2 element lane"]
 
 
 class Loaded(NamedTuple):
-    """The mid-line under the load points [..., point, lane].
+    """The mid-line under the load points [..., point, lane]."""
 
-    Attributes:
-        at: shape functions.
-        slope: their derivatives by arc length, per unit of the scaled unknowns [1/m].
-        displacement: of the mid-line [m].
-        r1: its current tangent r'(s).
-        normal: its reference normal.
-        half: half the thickness [m].
-    """
-
-    at: Float[Array, "4 point lane"]
+    at: Float[Array, "4 point lane"]  # shape functions
+    # their derivatives by arc length, per unit of the scaled unknowns [1/m]
     slope: Float[Array, "4 point lane"]
-    displacement: Float[Array, "2 point lane"]
-    r1: tuple[Array, Array]
-    normal: Float[Array, "2 point lane"]
-    half: Array
+    displacement: Float[Array, "2 point lane"]  # of the mid-line [m]
+    r1: tuple[Array, Array]  # its current tangent r'(s)
+    normal: Float[Array, "2 point lane"]  # its reference normal
+    half: Array  # half the thickness [m]
 
 
 def under(
-    points: LoadPoints,
-    qe: ElementVector,
+    points: LoadPoints,  # the loads
+    qe: ElementVector,  # element unknowns [shape, component]
     angles: Float[Array, "station #lane"],
     section: AbstractSection,
 ) -> Loaded:
-    """Evaluate the mid-line at the load points.
-
-    Args:
-        points: the loads.
-        qe: element unknowns [shape, component].
-        angles: of the stations [rad].
-        section: the undeformed membrane.
-    """
+    """Evaluate the mid-line at the load points. `angles`: of the stations [rad]."""
     start, span = _elements_of(points, angles)
     at = jnp.stack(hermite(points.xi))
     slope = jnp.stack(hermite(points.xi, 1)) / (section.size * span)

@@ -18,14 +18,10 @@ _STRICT = 2e-3  # tolerance that the smallest meshes rarely meet
 
 
 class ShellPlan(AbstractPlan):
-    """Elements along the arc.
-
-    Attributes:
-        arc: where they lie.
-    """
+    """Elements along the arc."""
 
     dimension: ClassVar[int] = 2
-    arc: MeshPlan
+    arc: MeshPlan  # where they lie
 
     @property
     def model(self) -> str:

@@ -63,9 +63,7 @@ class Resultants(NamedTuple):
 def resultants(points: Points, first: tuple[Array, Array]) -> Resultants:
     """Normal force and moment from the energy's derivatives by A = l^2 - 1, b = k l - 1/R.
 
-    Args:
-        points: the mid-line.
-        first: derivatives of the energy per length by A and b.
+    `points`: the mid-line. `first`: derivatives of the energy per length by A and b.
     """
     size = jnp.sqrt(1 + points.stretch)
     return Resultants(2 * size * first[0], size * first[1])
@@ -76,10 +74,8 @@ def resultants_transposed(
 ) -> tuple[Array, Array]:
     """Derivatives by A and b of what has given derivatives by the resultants.
 
-    Args:
-        by: the derivatives by normal force and moment.
-        points: the mid-line.
-        moments: first and second derivatives of the energy per length by A and b.
+    `by`: the derivatives by normal force and moment. `points`: the mid-line. `moments`: first
+    and second derivatives of the energy per length by A and b.
     """
     size = jnp.sqrt(1 + points.stretch)
     (by_a, by_b), (by_aa, by_ab, by_bb) = moments
@@ -113,26 +109,18 @@ class LinesOverElements(NamedTuple):
 
 
 def relaxed_energy(
-    at: Resultants,
-    xi: np.ndarray,
-    weights: np.ndarray,
+    at: Resultants,  # resultants at the Gauss points
+    xi: np.ndarray,  # local coordinates of the Gauss points
+    weights: np.ndarray,  # of the Gauss points
     lengths: Float[Array, "element #lane"],
     thickness: Float[Array, "#gauss #element #lane"],
-    modulus: Lanes,
-    clamped: tuple[bool, bool],
-    growth: Growth | None,
+    modulus: Lanes,  # small-strain shear modulus [Pa]
+    clamped: tuple[bool, bool],  # whether the first and the last station are
+    growth: Growth | None,  # of the membrane; None where it fits its seat
 ) -> Lanes:
     """The part of E by which the membrane itself is softer [J/m].
 
-    Args:
-        at: resultants at the Gauss points.
-        xi: local coordinates of the Gauss points.
-        weights: of the Gauss points.
-        lengths: of the elements [m].
-        thickness: of the membrane at the Gauss points [m].
-        modulus: small-strain shear modulus [Pa].
-        clamped: whether the first and the last station are.
-        growth: of the membrane; None where it fits its seat.
+    `lengths`: of the elements [m]. `thickness`: of the membrane at the Gauss points [m].
     """
     normal, moment = (LinesOverElements.through(x, xi, weights) for x in at)
     shear = moment.rise / lengths
@@ -152,24 +140,17 @@ def relaxed_energy(
 
 
 def thinning_work(
-    at: Resultants,
-    xi: np.ndarray,
-    weights: np.ndarray,
-    points: LoadPoints,
-    inward: Float[Array, "point lane"],
+    at: Resultants,  # resultants at the Gauss points
+    xi: np.ndarray,  # local coordinates of the Gauss points
+    weights: np.ndarray,  # of the Gauss points
+    points: LoadPoints,  # where the loads act
+    inward: Float[Array, "point lane"],  # radial components of the loads, per width [N/m]
     thickness: Float[Array, "#point #lane"],
-    modulus: Lanes,
+    modulus: Lanes,  # small-strain shear modulus [Pa]
 ) -> Lanes:
     """The part of E that loads do where the membrane thins beneath them [J/m].
 
-    Args:
-        at: resultants at the Gauss points.
-        xi: local coordinates of the Gauss points.
-        weights: of the Gauss points.
-        points: where the loads act.
-        inward: radial components of the loads, per width [N/m].
-        thickness: of the membrane under the points [m].
-        modulus: small-strain shear modulus [Pa].
+    `thickness`: of the membrane under the points [m].
     """
     normal, moment = (LinesOverElements.through(x, xi, weights).at_points(points) for x in at)
     thinning = _LOAD_NORMAL * normal + _LOAD_MOMENT * moment / thickness
@@ -177,24 +158,18 @@ def thinning_work(
 
 
 def thinning(
-    at: Resultants,
-    xi: np.ndarray,
-    weights: np.ndarray,
-    points: np.ndarray,
+    at: Resultants,  # resultants at the Gauss points
+    xi: np.ndarray,  # local coordinates of the Gauss points
+    weights: np.ndarray,  # of the Gauss points
+    points: np.ndarray,  # local coordinates of the points
     thickness: Float[Array, "#point #element #lane"],
-    modulus: Lanes,
+    modulus: Lanes,  # small-strain shear modulus [Pa]
 ) -> Float[Array, "point element lane"]:
     """How far the outer half of the membrane thins, at points of every element [m].
 
     The same as in `thinning_work`: what a body beneath which the membrane thins goes further.
 
-    Args:
-        at: resultants at the Gauss points.
-        xi: local coordinates of the Gauss points.
-        weights: of the Gauss points.
-        points: local coordinates of the points.
-        thickness: of the membrane there [m].
-        modulus: small-strain shear modulus [Pa].
+    `thickness`: of the membrane there [m].
     """
     normal, moment = (LinesOverElements.through(x, xi, weights).along(points) for x in at)
     return (_LOAD_NORMAL * normal + _LOAD_MOMENT * moment / thickness) / modulus
@@ -204,7 +179,7 @@ def strip(
     face: ContactFace,
     bend: Float[Array, "point element lane"],
     body: PlacedBody,
-    modulus: Lanes,
+    modulus: Lanes,  # small-strain shear modulus [Pa]
 ) -> Strip:
     """Where the continuum would be touched, from the shell's own zone and curvature.
 
@@ -218,11 +193,7 @@ def strip(
     forces. They are spread over about the thickness, and the zone reaches a quarter of it
     further: both from the solid.
 
-    Args:
-        face: the outer face.
-        bend: current curvature of the mid-line at its points [1/m].
-        body: that is pressed on it.
-        modulus: small-strain shear modulus [Pa].
+    `bend`: current curvature of the mid-line at its points [1/m].
     """
     share = face.shares(face.inputs)
     force = jnp.sum(share, (0, 1))
@@ -268,10 +239,7 @@ def indentation(face: ContactFace, touched: Strip, modulus: Lanes) -> Lanes:
 
     Its energy is half of that times f.
 
-    Args:
-        face: the outer face.
-        touched: the strip.
-        modulus: small-strain shear modulus [Pa].
+    `touched`: the strip. `modulus`: small-strain shear modulus [Pa].
     """
     force = jnp.sum(face.shares(face.inputs), (0, 1))
     thickness = face.section.mean_thickness

@@ -61,15 +61,12 @@ class Moments(NamedTuple):
 
 def kinematics(
     d: Float[Array, "gauss order component element lane"],
-    at: Frame,
+    at: Frame,  # the undeformed mid-line at the Gauss points
     length: Float[Array, "element #lane"],
 ) -> Points:
     """Strains from displacement.
 
-    Args:
-        d: first and second derivative of the displacement by xi.
-        at: the undeformed mid-line there.
-        length: of the elements [m].
+    `d`: first and second derivative of the displacement by xi. `length`: of the elements [m].
     """
     t, n, k = at.tangent, at.normal, at.curvature
     u1, u2 = d[:, 0] / length, d[:, 1] / length**2
@@ -84,18 +81,14 @@ def kinematics(
 
 
 def point_stress(
-    points: Points,
-    first: tuple[Array, Array],
-    curvature: Array,
+    points: Points,  # kinematics
+    first: tuple[Array, Array],  # derivatives of an energy density by A and b
+    curvature: Array,  # of the undeformed mid-line [1/m]
     length: Float[Array, "element #lane"],
 ) -> Float[Array, "gauss order component element lane"]:
     """Chain rule of a first derivative from (A, b) to r' and r''; see `point_terms`.
 
-    Args:
-        points: kinematics.
-        first: derivatives of an energy density by A and b.
-        curvature: of the undeformed mid-line [1/m].
-        length: of the elements [m].
+    `length`: of the elements [m].
     """
     by_a, by_b = first
     inverse = 1 / (1 + points.stretch)
@@ -119,9 +112,8 @@ def point_terms(
     that turn derivatives by xi into derivatives by arc length are applied here, which
     leaves constant matrices for the sums.
 
-    Returns:
-        Stress [gauss, order, component, ...] and tangent [gauss, order, order,
-        (xx, yy, xy), ...].
+    Returns the stress [gauss, order, component, ...] and tangent [gauss, order, order, (xx, yy,
+    xy), ...].
     """
     inverse = 1 / (1 + points.stretch)
     ratio = -(points.curvature + curvature) * inverse  # db/da; db/dc = inverse

@@ -19,34 +19,23 @@ CRUSHED = 1e-6
 
 
 class MidLine(NamedTuple):
-    """Displacement of the mid-line and its first two derivatives by arc length.
+    """Displacement of the mid-line and its first two derivatives by arc length."""
 
-    Attributes:
-        at: the undeformed mid-line.
-        u: displacement [m].
-        u1: its derivative.
-        u2: its second one [1/m].
-    """
-
-    at: Frame
-    u: tuple[Array, Array]
-    u1: tuple[Array, Array]
-    u2: tuple[Array, Array]
+    at: Frame  # the undeformed mid-line
+    u: tuple[Array, Array]  # displacement [m]
+    u1: tuple[Array, Array]  # its derivative
+    u2: tuple[Array, Array]  # its second one [1/m]
 
 
 def sampled(
-    qe: Float[Array, "4 2 element lane"],
+    qe: Float[Array, "4 2 element lane"],  # element unknowns [shape, component]
     angles: Float[Array, "station #lane"],
     section: AbstractSection,
-    samples: int,
+    samples: int,  # intervals an element is divided in
 ) -> MidLine:
     """The mid-line at evenly spaced points of every element.
 
-    Args:
-        qe: element unknowns [shape, component].
-        angles: of the stations [rad].
-        section: the undeformed membrane.
-        samples: intervals an element is divided in.
+    `angles`: of the stations [rad].
     """
     xi = np.linspace(0, 1, samples + 1)
     start, span = angles[:-1], angles[1:] - angles[:-1]
@@ -58,18 +47,14 @@ def sampled(
 
 
 def at(
-    qe: Float[Array, "4 2 element lane"],
+    qe: Float[Array, "4 2 element lane"],  # element unknowns [shape, component]
     angles: Float[Array, "station #lane"],
     section: AbstractSection,
-    angle: Lanes,
+    angle: Lanes,  # where [rad]
 ) -> MidLine:
     """The mid-line at one reference angle per lane; leading axes of length one.
 
-    Args:
-        qe: element unknowns [shape, component].
-        angles: of the stations [rad].
-        section: the undeformed membrane.
-        angle: where [rad].
+    `angles`: of the stations [rad].
     """
     start, end = angles[:-1], angles[1:]
     count = start.shape[0]
@@ -104,12 +89,9 @@ def reach(
     zeta solves l (zeta + k zeta^2 / 2) = m with l = sqrt(a), k = c / l^3. A membrane folded
     more sharply than its thickness allows has no solution: see CRUSHED.
 
-    Args:
-        size: a = |r'|^2.
-        curl: c = x'' y' - x' y''.
-        offset: of the fibre at rest, outwards [m].
-        curvature: of the undeformed mid-line [1/m].
-        growth: of the membrane; None where it fits its seat.
+    `size`: a = |r'|^2. `curl`: c = x'' y' - x' y''. `offset`: of the fibre at rest, outwards
+    [m]. `curvature`: of the undeformed mid-line [1/m]. `growth`: of the membrane; None where it
+    fits its seat.
     """
     m = lever(offset, curvature, growth)
     root = jnp.sqrt(jnp.maximum(1 + 2 * m * curl / size**2, CRUSHED**2))
@@ -117,39 +99,27 @@ def reach(
 
 
 def fibre_position(
-    r1: tuple[Array, Array],
-    r2: tuple[Array, Array],
-    offset: Array,
-    curvature: Array,
-    growth: Growth | None,
+    r1: tuple[Array, Array],  # tangent r'(s) of the current mid-line
+    r2: tuple[Array, Array],  # r''(s)
+    offset: Array,  # of the fibre at rest, outwards [m]
+    curvature: Array,  # of the undeformed mid-line [1/m]
+    growth: Growth | None,  # of the membrane; None where it fits its seat
 ) -> Float[Array, "2 ..."]:
-    """Current position of a fibre relative to the mid-line, along the normal [m]; see `reach`.
-
-    Args:
-        r1: tangent r'(s) of the current mid-line.
-        r2: r''(s).
-        offset: of the fibre at rest, outwards [m].
-        curvature: of the undeformed mid-line [1/m].
-        growth: of the membrane; None where it fits its seat.
-    """
+    """Position of a fibre from the current mid-line, along the normal [m]; see `reach`."""
     (x1, y1), (x2, y2) = r1, r2
     far = reach(x1**2 + y1**2, x2 * y1 - y2 * x1, offset, curvature, growth)
     return far * jnp.stack([-y1, x1])
 
 
 def recovered(
-    line: MidLine,
+    line: MidLine,  # the mid-line
     section: AbstractSection,
     energy: Callable[[Array, Array], Array],
-    growth: Growth | None,
+    growth: Growth | None,  # of the membrane; None where it fits its seat
 ) -> Profile:
     """The section around a mid-line, its normals staying normal.
 
-    Args:
-        line: the mid-line.
-        section: the undeformed membrane.
-        energy: strain energy per area of the mid-surface, from the two strains [J/m^2].
-        growth: of the membrane; None where it fits its seat.
+    `energy`: strain energy per area of the mid-surface, from the two strains [J/m^2].
     """
     t, n, k, thickness = line.at.tangent, line.at.normal, line.at.curvature, line.at.thickness
     x1, y1 = t[0] + line.u1[0], t[1] + line.u1[1]
@@ -205,10 +175,7 @@ def carried(
 def shifted(shape: Profile, line: MidLine, change: MidLine) -> Profile:
     """A section after a small change of its mid-line that bends and thins nothing.
 
-    Args:
-        shape: the section.
-        line: its mid-line.
-        change: of the mid-line.
+    `shape`: the section. `line`: its mid-line. `change`: of the mid-line.
     """
     t, n, thickness = line.at.tangent, line.at.normal, line.at.thickness
     angle = turn((t[0] + line.u1[0], t[1] + line.u1[1]), change.u1)
@@ -233,16 +200,13 @@ def mirrored(half: StationVector) -> StationVector:
 
 
 def prolonged(
-    q: StationVector,
-    qe: Float[Array, "4 2 element lane"],
+    q: StationVector,  # unknowns of the stations
+    qe: Float[Array, "4 2 element lane"],  # element unknowns [shape, component]
     lengths: Float[Array, "element #lane"],
 ) -> StationVector:
     """The same deformation on a mesh with every element divided in two.
 
-    Args:
-        q: unknowns of the stations.
-        qe: element unknowns [shape, component].
-        lengths: of the elements [m].
+    `lengths`: of the elements [m].
     """
     v0, s0, v1, s1 = qe
     middle = jnp.concatenate(

@@ -80,60 +80,39 @@ class Shell(AbstractPlaneStrain):
     The unknowns of a station are the displacement (x, y) and its derivative by arc
     length, in Cartesian components except at the two ends, where they are tangential and
     normal so that a clamp is a mask: position and normal fixed, stretch free.
-
-    Attributes:
-        law: the membrane's material.
-        section: the undeformed membrane.
-        angles: of the stations from the symmetry axis [rad].
-        points: the line loads as points on the outer face, per width [N/m].
-        film_volume: see the base class.
-        wall: see the base class.
-        growth: see the base class.
-        bodies: see the base class.
-        symmetric: whether the last station is the crown of a symmetric arch.
-        gauss: quadrature points along an element.
-        layers: quadrature points through the thickness.
-        equilibrium: see `around`; None for faces of the unknowns' own.
-        response: of a material with a past at the Gauss points, see `Fibres`; None of an
-            elastic one.
     """
 
     corrected: ClassVar[bool] = True
-    law: AbstractLaw
-    section: AbstractSection
+    law: AbstractLaw  # the membrane's material
+    section: AbstractSection  # the undeformed membrane
+    # of the stations from the symmetry axis [rad]
     angles: Float[Array, "station #lane"]
-    points: LoadPoints
+    points: LoadPoints  # the line loads as points on the outer face, per width [N/m]
     film_volume: Lanes
     wall: Wall | None
     growth: Growth | None
     bodies: tuple[Body, ...]
+    # whether the last station is the crown of a symmetric arch
     symmetric: bool = eqx.field(static=True)
-    gauss: int = eqx.field(static=True, default=3)
-    layers: int = eqx.field(static=True, default=3)
+    gauss: int = eqx.field(static=True, default=3)  # quadrature points along an element
+    layers: int = eqx.field(static=True, default=3)  # quadrature points through the thickness
+    # see `around`; None for faces of the unknowns' own
     equilibrium: StationVector | None = None
+    # of a material with a past at the Gauss points, see `Fibres`; None of an elastic one
     response: Response | None = None
 
     @classmethod
     def build(
         cls,
-        geometry: SkinGeometry,
-        law: AbstractLaw,
+        geometry: SkinGeometry,  # dimensions, with a lane axis
+        law: AbstractLaw,  # material, its constants with a lane axis
         angles: Float[Array, "station #lane"],
-        points: LoadPoints,
+        points: LoadPoints,  # loads on the elements between the stations
         *,
-        symmetric: bool,
-        wall: Wall | None = None,
+        symmetric: bool,  # whether the last station is the crown of a symmetric arch
+        wall: Wall | None = None,  # what holds the inner face; None for nothing
     ) -> "Shell":
-        """Discretise a skin.
-
-        Args:
-            geometry: dimensions, with a lane axis.
-            law: material, its constants with a lane axis.
-            angles: stations from clamp to clamp, or from clamp to crown.
-            points: loads on those elements.
-            symmetric: whether the last station is the crown of a symmetric arch.
-            wall: what holds the inner face; None for nothing.
-        """
+        """Discretise a skin. `angles`: stations from clamp to clamp, or from clamp to crown."""
         return cls(
             law=law,
             section=geometry.section,
@@ -233,9 +212,7 @@ class Shell(AbstractPlaneStrain):
     def omitted_energy(self, q: StationVector, factor: Lanes) -> Lanes:
         """Energy of shear, of loads where the membrane thins, and of clamped faces [J/m].
 
-        Args:
-            q: unknowns.
-            factor: on the loads.
+        `factor`: on the loads.
         """
         points, moments = self._at_gauss_points(q)
         return self._omitted_energy(resultants(points, moments.first), factor)

@@ -21,25 +21,16 @@ _CENTRE = 8  # among the nodes of an element
 
 
 class Condensed(NamedTuple):
-    """Condensed elements; node axes count the eight outer nodes.
+    """Condensed elements; node axes count the eight outer nodes."""
 
-    Attributes:
-        stiffness: [node, component, node, component, layer, element, lane].
-        mean: coupling of the displacements to the constant pressure.
-        follow: W, the centre's displacement that a displacement of the other nodes enforces.
-        coupling: of the centre to the others [2, node, component, ...].
-        centre: k, the centre's own stiffness.
-        inverse: B^-1 [component, mode, ...].
-        penalty: factor on the square of an element's change of volume.
-    """
-
-    stiffness: Array
-    mean: Array
+    stiffness: Array  # [node, component, node, component, layer, element, lane]
+    mean: Array  # coupling of the displacements to the constant pressure
+    # W, the centre's displacement that a displacement of the other nodes enforces
     follow: Array
-    coupling: Array
-    centre: Array
-    inverse: Array
-    penalty: Array
+    coupling: Array  # of the centre to the others [2, node, component, ...]
+    centre: Array  # k, the centre's own stiffness
+    inverse: Array  # B^-1 [component, mode, ...]
+    penalty: Array  # factor on the square of an element's change of volume
 
     @classmethod
     def of(
@@ -50,10 +41,9 @@ class Condensed(NamedTuple):
     ) -> "Condensed":
         """Eliminate the centres and the linear pressures; see `ElementTangent`.
 
-        Args:
-            stiffness: blocks (xx, yy, xy) of the nine nodes' matrix.
-            constraint: derivative of the pressures' equations by the displacements.
-            penalty: factor on the square of an element's change of volume.
+        `stiffness`: blocks (xx, yy, xy) of the nine nodes' matrix. `constraint`: derivative of
+        the pressures' equations by the displacements. `penalty`: factor on the square of an
+        element's change of volume.
         """
         k, v = stiffness, constraint
         xx, yy, xy = (k[:, :, i] for i in range(3))
@@ -94,13 +84,10 @@ class Condensed(NamedTuple):
     def reduced(self, force: Array, pressure: Array) -> tuple[Array, Array]:
         """What the elimination does to right-hand sides.
 
-        Args:
-            force: right-hand sides of the centres [component, right, layer, element, lane].
-            pressure: those of the pressures [mode, right, ...].
-
-        Returns:
-            The centres' displacements while the outer nodes are held, and what the outer
-            nodes' equations lose [node, component, right, ...].
+        `force`: right-hand sides of the centres [component, right, layer, element, lane].
+        `pressure`: those of the pressures [mode, right, ...].
+        Returns the centres' displacements while the outer nodes are held, and what the outer
+        nodes' equations lose [node, component, right, ...].
         """
         fixed = _dot(self.inverse[:, :, None], pressure[1:])
         held = force - _dot(self.centre[:, :, None], fixed)
@@ -116,10 +103,8 @@ class Condensed(NamedTuple):
     def recovered(self, outer: Array, fixed: Array, force: Array) -> tuple[Array, Array]:
         """What was eliminated: displacements of the centres, and linear pressures.
 
-        Args:
-            outer: displacements of the outer nodes [node, component, right, ...].
-            fixed: see `reduced`.
-            force: right-hand sides of the centres.
+        `outer`: displacements of the outer nodes [node, component, right, ...]. `fixed`: see
+        `reduced`. `force`: right-hand sides of the centres.
         """
         centre = fixed - jnp.stack(
             [jnp.sum(w[:, :, None] * outer, (0, 1)) for w in self.follow]

@@ -59,25 +59,16 @@ def _in_element(face: int) -> Float[np.ndarray, "9 3"]:
 
 
 class ContactFace:
-    """A face of a solid at the contact points of its edges.
-
-    Args:
-        obstacle: what it may touch.
-        face: position across an element, 0 for the inner face and 2 for the outer one.
-        angles: of the stations [rad].
-        length: of the undeformed face per angle [m].
-        rest: positions of the edges' nodes at rest, left, middle, right [m].
-        moved: their displacements [m].
-    """
+    """A face of a solid at the contact points of its edges. `angles`: of the stations [rad]."""
 
     def __init__(
         self,
-        obstacle: Obstacle,
-        face: int,
+        obstacle: Obstacle,  # what it may touch
+        face: int,  # position across an element, 0 for the inner face and 2 for the outer one
         angles: Float[Array, "station #lane"],
-        length: Callable[[Array], Array],
-        rest: FaceValues,
-        moved: FaceValues,
+        length: Callable[[Array], Array],  # of the undeformed face per angle [m]
+        rest: FaceValues,  # positions of the edges' nodes at rest, left, middle, right [m]
+        moved: FaceValues,  # their displacements [m]
     ) -> None:
         self.obstacle, self.face = obstacle, face
         span = angles[1:] - angles[:-1]

@@ -24,9 +24,7 @@ PRESSURES = 3  # modes 1, xi, eta
 def quadratic(x: Values, derivative: int = 0) -> list[Values]:
     """Lagrange polynomials for nodes at -1, 0 and 1, or their derivatives.
 
-    Args:
-        x: local coordinates.
-        derivative: order of differentiation, 0 or 1.
+    `x`: local coordinates. `derivative`: order of differentiation, 0 or 1.
     """
     if derivative:
         return [x - 0.5, -2 * x, x + 0.5]

@@ -30,9 +30,7 @@ _EDGE_AREA = _edge_area()  # nodes in the order left, middle, right
 def enclosed_volume(at_rest: FaceValues, moved: FaceValues) -> tuple[Lanes, FaceValues]:
     """Enclosed volume less its value at rest, per width, and its gradient [m^2, m].
 
-    Args:
-        at_rest: positions of the inner face's nodes [m].
-        moved: their displacements [m].
+    `at_rest`: positions of the inner face's nodes [m]. `moved`: their displacements [m].
     """
 
     def turned(x: Array) -> Array:
@@ -58,10 +56,8 @@ def load_vector(
 ) -> StationVector:
     """Nodal forces of the load points.
 
-    Args:
-        layout: numbers of elements.
-        points: the loads.
-        ends: which displacements of the two end stations may move.
+    `layout`: numbers of elements. `points`: the loads. `ends`: which displacements of the two
+    end stations may move.
     """
     shapes = jnp.stack(quadratic(2 * points.xi - 1))
     force = jnp.einsum("apl,cpl,epl->acel", shapes, points.force, points.select)

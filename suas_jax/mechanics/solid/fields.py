@@ -16,33 +16,24 @@ class Fields(NamedTuple):
     """Values at the nine nodes of every element, elements along the arc first.
 
     Neighbours don't share nodes here: strains and pressures jump between elements.
-
-    Attributes:
-        position: reference position [m].
-        displacement: [m].
-        pressure: Lagrange multiplier of incompressibility; where the law's energy is that
-            of the isochoric deformation, the mean Cauchy stress [Pa].
-        energy_density: strain energy per volume [J/m^3].
-        hoop_stretch: of the fibre that lies along the arc at rest.
-        radial_stretch: of the fibre across the thickness.
-        dilatation: J over that free of stress, less 1; its moments over an element vanish.
     """
 
-    position: Float[Array, "element 9 2"]
-    displacement: Float[Array, "element 9 2"]
+    position: Float[Array, "element 9 2"]  # reference position [m]
+    displacement: Float[Array, "element 9 2"]  # [m]
+    # Lagrange multiplier of incompressibility; where the law's energy is that of the isochoric
+    # deformation, the mean Cauchy stress [Pa]
     pressure: Float[Array, "element 9"]
-    energy_density: Float[Array, "element 9"]
-    hoop_stretch: Float[Array, "element 9"]
-    radial_stretch: Float[Array, "element 9"]
+    energy_density: Float[Array, "element 9"]  # strain energy per volume [J/m^3]
+    hoop_stretch: Float[Array, "element 9"]  # of the fibre that lies along the arc at rest
+    radial_stretch: Float[Array, "element 9"]  # of the fibre across the thickness
+    # J over that free of stress, less 1; its moments over an element vanish
     dilatation: Float[Array, "element 9"]
 
 
 def nodal_fields(solid: Solid, q: StationVector) -> Fields:
     """Evaluate the first lane of a state at the nodes of every element.
 
-    Args:
-        solid: the membrane.
-        q: its unknowns.
+    `solid`: the membrane.
     """
     layout = solid.layout
     u, p = layout.gather(q)

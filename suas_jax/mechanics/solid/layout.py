@@ -32,15 +32,10 @@ def with_midpoints(ends: Float[np.ndarray, " end"]) -> Float[np.ndarray, " node"
 
 
 class Layout(NamedTuple):
-    """Numbers of elements.
+    """Numbers of elements."""
 
-    Attributes:
-        elements: along the arc.
-        layers: through the thickness.
-    """
-
-    elements: int
-    layers: int
+    elements: int  # along the arc
+    layers: int  # through the thickness
 
     @property
     def nodes(self) -> int:
@@ -109,10 +104,8 @@ class Layout(NamedTuple):
     ) -> StationVector:
         """Sum element vectors: the transpose of `gather`, masked.
 
-        Args:
-            u: of the displacements.
-            p: of the pressures.
-            free: mask of the station displacements that may move.
+        `u`: of the displacements. `p`: of the pressures. `free`: mask of the station
+        displacements that may move.
         """
         left, right, middle = (
             self._line([u[NODES.index((a, b))] for b in range(3)]) for a in (0, 2, 1)
@@ -127,8 +120,7 @@ class Layout(NamedTuple):
     def ends(self, symmetric: bool) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
         """Displacements of the end stations that may move: none, at the crown those in y.
 
-        Args:
-            symmetric: whether the last station is the crown of a symmetric arch.
+        `symmetric`: whether the last station is the crown of a symmetric arch.
         """
         clamp = (False,) * self.dof
         return clamp, (False, True) * self.nodes if symmetric else clamp
@@ -138,8 +130,7 @@ class Layout(NamedTuple):
     ) -> Float[np.ndarray, "dof station 1"]:
         """One where a station's displacement may move, zero where it is held.
 
-        Args:
-            ends: which displacements of the two end stations may move.
+        `ends`: which displacements of the two end stations may move.
         """
         mask = np.ones((self.dof, self.elements + 1, 1))
         mask[:, 0, 0], mask[:, -1, 0] = ends
@@ -156,9 +147,8 @@ class Layout(NamedTuple):
     def on_face(self, values: FaceValues, face: int) -> NodeValues:
         """Nodal values that are zero but on a face.
 
-        Args:
-            values: at its left, middle and right nodes.
-            face: position across an element, 0 for the inner face and 2 for the outer one.
+        `values`: at its left, middle and right nodes. `face`: position across an element, 0 for
+        the inner face and 2 for the outer one.
         """
         none = jnp.zeros_like(values[0])
         rows = jnp.stack([values[a] if b == face else none for a, b in NODES])[:, :, None]

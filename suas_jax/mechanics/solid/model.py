@@ -26,10 +26,8 @@ Mesh = tuple[Float[np.ndarray, " station"], int]
 def carried(q: Float[np.ndarray, "row station 1"], origin: Mesh, target: Mesh) -> np.ndarray:
     """Interpolate displacements and pressures, each by its own shape functions.
 
-    Args:
-        q: unknowns of a mesh that covers the other one.
-        origin: that mesh.
-        target: the mesh wanted.
+    `q`: unknowns of a mesh that covers the other one. `origin`: that mesh. `target`: the mesh
+    wanted.
     """
     old, new = (Layout(len(angles) - 1, layers) for angles, layers in (origin, target))
     along = located(origin[0], with_midpoints(target[0]))
@@ -74,16 +72,11 @@ _ORDER, _ORDER_ACROSS = 2.2, 2.0
 
 
 class SolidPlan(AbstractPlan):
-    """Elements along the arc and through the thickness.
-
-    Attributes:
-        arc: where they lie along the arc.
-        layers: how many through the thickness.
-    """
+    """Elements along the arc and through the thickness."""
 
     dimension: ClassVar[int] = 2
-    arc: MeshPlan
-    layers: int = eqx.field(static=True)
+    arc: MeshPlan  # where they lie along the arc
+    layers: int = eqx.field(static=True)  # how many through the thickness
 
     @property
     def model(self) -> str:

@@ -38,19 +38,15 @@ Tensor: TypeAlias = tuple[tuple[Array, Array], tuple[Array, Array]]
 
 
 class Grid(eqx.Module):
-    """Reference geometry at the quadrature points.
+    """Reference geometry at the quadrature points."""
 
-    Attributes:
-        inverse: derivatives of (xi, eta) by (X, Y), [D][d].
-        volume: quadrature weights times the area that a unit of (xi, eta) covers [m^2].
-        strain: A - 1 of a membrane that has grown; None where it fits its seat.
-        dilatation: g_a^3 - 1 of such a one.
-    """
-
+    # derivatives of (xi, eta) by (X, Y), [D][d]
     inverse: tuple[tuple[PointField, PointField], tuple[PointField, PointField]]
+    # quadrature weights times the area that a unit of (xi, eta) covers [m^2]
     volume: PointField
+    # A - 1 of a membrane that has grown; None where it fits its seat
     strain: Tensor | None = None
-    dilatation: Lanes | None = None
+    dilatation: Lanes | None = None  # g_a^3 - 1 of such a one
 
     @classmethod
     def of(cls, nodes: Float[Array, "9 2 layer element lane"]) -> "Grid":
@@ -63,9 +59,8 @@ class Grid(eqx.Module):
     def grown(self, growth: Growth, tangent: Float[Array, "2 *point"]) -> "Grid":
         """The same for a membrane that has grown.
 
-        Args:
-            growth: of the membrane.
-            tangent: unit vector along the undeformed section at the points.
+        `growth`: of the membrane. `tangent`: unit vector along the undeformed section at the
+        points.
         """
         a, g = free_strain(growth, tangent), self.inverse
         inverse = tuple(
@@ -101,29 +96,19 @@ def local_derivatives(
 
 
 class Kinematics(NamedTuple):
-    """Strain measures and the tensors that their variations contract with.
+    """Strain measures and the tensors that their variations contract with."""
 
-    Attributes:
-        distortion: m.
-        dilatation: j.
-        deviator: D, pulled back to local coordinates [component][d].
-        cofactor: cof F, pulled back.
-        gradient: F - 1 by reference coordinates [component][D].
-    """
-
-    distortion: PointField
-    dilatation: PointField
-    deviator: Tensor
-    cofactor: Tensor
-    gradient: Tensor
+    distortion: PointField  # m
+    dilatation: PointField  # j
+    deviator: Tensor  # D, pulled back to local coordinates [component][d]
+    cofactor: Tensor  # cof F, pulled back
+    gradient: Tensor  # F - 1 by reference coordinates [component][D]
 
 
 def kinematics(grid: Grid, u: Float[Array, "9 2 layer element lane"]) -> Kinematics:
     """Strain measures of a displacement field.
 
-    Args:
-        grid: reference geometry.
-        u: displacements of the elements' nodes.
+    `grid`: reference geometry. `u`: displacements of the elements' nodes.
     """
     g, d = grid.inverse, local_derivatives(u)
     (xx, xy), (yx, yy) = (
@@ -150,19 +135,12 @@ def kinematics(grid: Grid, u: Float[Array, "9 2 layer element lane"]) -> Kinemat
 
 
 class PointTerms(NamedTuple):
-    """What the elements' vectors and matrices are summed from, weights included.
+    """What the elements' vectors and matrices are summed from, weights included."""
 
-    Attributes:
-        stress: pulled back, [gauss, d, component, ...].
-        cofactor: pulled back, the same shape.
-        tangent: [gauss, d, d', (xx, yy, xy), ...].
-        constraint: see `Grid.swelling`.
-    """
-
-    stress: Array
-    cofactor: Array
-    tangent: Array
-    constraint: PointField
+    stress: Array  # pulled back, [gauss, d, component, ...]
+    cofactor: Array  # pulled back, the same shape
+    tangent: Array  # [gauss, d, d', (xx, yy, xy), ...]
+    constraint: PointField  # see `Grid.swelling`
 
 
 def remembered_stress(
@@ -170,9 +148,7 @@ def remembered_stress(
 ) -> Float[Array, "3 gauss layer element lane"]:
     """Deviator of the law's stress, pulled back: S by reference coordinates, (XX, YY, XY) [Pa].
 
-    Args:
-        law: the material.
-        k: kinematics at the points.
+    `k`: kinematics at the points.
     """
 
     def energy(distortion: Array, dilatation: Array) -> Array:
@@ -204,20 +180,12 @@ def rest_energy(k: Kinematics, response: Response) -> PointField:
 
 def point_terms(
     law: AbstractLaw,
-    grid: Grid,
-    k: Kinematics,
-    pressure: PointField,
-    response: Response | None = None,
+    grid: Grid,  # reference geometry
+    k: Kinematics,  # at the quadrature points
+    pressure: PointField,  # p, the Lagrange multiplier of J = 1
+    response: Response | None = None,  # of a material with a past; None of an elastic one
 ) -> PointTerms:
-    """Stress and tangent at the quadrature points.
-
-    Args:
-        law: the material.
-        grid: reference geometry.
-        k: kinematics there.
-        pressure: p, the Lagrange multiplier of J = 1.
-        response: of a material with a past; None of an elastic one.
-    """
+    """Stress and tangent at the quadrature points."""
 
     def energy(distortion: Array, dilatation: Array) -> Array:
         density = law.energy(PlaneStrain(distortion, dilatation))

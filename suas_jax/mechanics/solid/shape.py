@@ -21,24 +21,15 @@ Nodes = Float[Array, "9 2 layer element lane"]
 
 
 class Material(NamedTuple):
-    """The membrane's material at angles.
+    """The membrane's material at angles."""
 
-    Attributes:
-        law: its law.
-        growth: against its seat; None where it fits.
-        tangent: along the undeformed section at the angles; needed where it has grown.
-    """
-
-    law: AbstractLaw
-    growth: Growth | None = None
+    law: AbstractLaw  # its law
+    growth: Growth | None = None  # against its seat; None where it fits
+    # along the undeformed section at the angles; needed where it has grown
     tangent: Float[Array, "2 *point"] | None = None
 
     def energy(self, gradient: Float[Array, "2 2 layer *point"]) -> Array:
-        """Strain energy per undeformed volume [J/m^3].
-
-        Args:
-            gradient: of the displacement.
-        """
+        """Strain energy per undeformed volume [J/m^3]. `gradient`: of the displacement."""
         return self.swelling * self.law.energy(self.state(gradient))
 
     @property
@@ -47,11 +38,7 @@ class Material(NamedTuple):
         return 1.0 if self.growth is None else self.growth.volume
 
     def state(self, gradient: Float[Array, "2 2 layer *point"]) -> PlaneStrain:
-        """The deformation as the law sees it, see `points`.
-
-        Args:
-            gradient: of the displacement.
-        """
+        """The deformation as the law sees it, see `points`. `gradient`: of the displacement."""
         if self.growth is not None:
             assert self.tangent is not None
             rows = free_strain(self.growth, self.tangent[:, None])
@@ -63,7 +50,7 @@ class Material(NamedTuple):
 def face_stretch(
     angles: Float[Array, "station #lane"],
     stations: Float[Array, "2 station lane"],
-    middles: Float[Array, "2 element lane"],
+    middles: Float[Array, "2 element lane"],  # of the nodes half-way between stations [m]
     lengths: tuple[Array, Array],
 ) -> Float[Array, "3 element lane"]:
     """Hoop stretch of a face at the left, middle and right node of every element.
@@ -72,11 +59,8 @@ def face_stretch(
     of the quartic through five neighbouring nodes. Wherever the face is smooth this is
     good for a hundredth of the error; at the clamps' corners nothing is.
 
-    Args:
-        angles: of the stations [rad].
-        stations: current positions of the face's nodes at the stations [m].
-        middles: of those half-way between them.
-        lengths: of the undeformed face per angle, at stations and half-way [m].
+    `angles`: of the stations [rad]. `stations`: current positions of the face's nodes at the
+    stations [m]. `lengths`: of the undeformed face per angle, at stations and half-way [m].
     """
 
     def woven(ends: Array, between: Array) -> Array:
@@ -107,11 +91,8 @@ def _line(
 ) -> Float[Array, "component sample element lane"]:
     """A nodal field, or its derivative by xi, along a line of nodes.
 
-    Args:
-        values: of the nodes.
-        xi: local coordinate along the arc, -1 to 1.
-        node: layer, and position of the line across it.
-        order: of the derivative.
+    `values`: of the nodes. `xi`: local coordinate along the arc, -1 to 1. `node`: layer, and
+    position of the line across it. `order`: of the derivative.
     """
     layer, across = node
     nodes = [values[NODES.index((a, across)), :, layer] for a in range(3)]
@@ -122,9 +103,7 @@ def _line(
 def displacements(xi: Float[Array, "sample #element #lane"], u: Nodes) -> Displacements:
     """Displacements at one local coordinate of every element.
 
-    Args:
-        xi: local coordinate along the arc, -1 to 1.
-        u: displacements of the nodes.
+    `xi`: local coordinate along the arc, -1 to 1. `u`: displacements of the nodes.
     """
     layers = u.shape[2]
     # The middle line of nodes lies between two layers or inside one.
@@ -133,24 +112,18 @@ def displacements(xi: Float[Array, "sample #element #lane"], u: Nodes) -> Displa
 
 
 def section(
-    angle: Float[Array, "sample element lane"],
-    rest: Float[Array, "2 sample element lane"],
+    angle: Float[Array, "sample element lane"],  # reference angle [rad]
+    rest: Float[Array, "2 sample element lane"],  # undeformed inner face [m]
     xi: Float[Array, "sample #element #lane"],
-    u: Nodes,
-    x: Nodes,
+    u: Nodes,  # displacements of the nodes
+    x: Nodes,  # reference positions of the nodes
     inner_stretch: Float[Array, "3 element lane"],
-    material: Material,
+    material: Material,  # of the membrane at the angles
 ) -> Profile:
     """The deformed section at one local coordinate of every element.
 
-    Args:
-        angle: reference angle [rad].
-        rest: undeformed inner face [m].
-        xi: local coordinate along the arc, -1 to 1.
-        u: displacements of the nodes.
-        x: reference positions of the nodes.
-        inner_stretch: of the inner face at its nodes, see `face_stretch`.
-        material: of the membrane at the angles.
+    `xi`: local coordinate along the arc, -1 to 1. `inner_stretch`: of the inner face at its
+    nodes, see `face_stretch`.
     """
     outer = (u.shape[2] - 1, 2)
     along = _line(x, xi, outer, 1)
@@ -175,11 +148,8 @@ def displacement_gradient(
 ) -> tuple[Float[Array, "2 2 layer ..."], Float[Array, "layer ..."]]:
     """Derivatives of the displacement by position, and the area of a unit of (xi, eta).
 
-    Args:
-        xi: local coordinates along the arc, [sample, #element, #lane].
-        eta: local coordinate through each layer.
-        u: displacements of the nodes.
-        x: reference positions of the nodes.
+    `xi`: local coordinates along the arc, [sample, #element, #lane]. `eta`: local coordinate
+    through each layer. `u`: displacements of the nodes. `x`: reference positions of the nodes.
     """
     n, dn = quadratic(xi), quadratic(xi, 1)
     m, dm = quadratic(eta), quadratic(eta, 1)
@@ -262,18 +232,14 @@ def _assembled(layout: Layout, stations: Array, middles: Array, p: Array) -> Sta
 
 
 def _joined_modes(
-    p: Float[Array, "3 layer element lane"],
-    axis: int,
-    mode: int,
+    p: Float[Array, "3 layer element lane"],  # pressure modes
+    axis: int,  # along which elements lie side by side
+    mode: int,  # the one that is linear along it
     share: Float[Array, "layer 1 1"] | float = 0.5,
 ) -> Float[Array, "3 layer element lane"]:
     """Best linear fit to the pressures of pairs of elements, side by side along an axis.
 
-    Args:
-        p: pressure modes.
-        axis: along which elements lie side by side.
-        mode: the one that is linear along it.
-        share: of a pair's length that its first element has.
+    `share`: of a pair's length that its first element has.
     """
     index = [slice(None)] * 4
     first, second = (p[(*index[:axis], slice(i, None, 2))] for i in range(2))

@@ -60,65 +60,43 @@ _PENALTY = 10.0
 
 
 class Solid(AbstractPlaneStrain):
-    """Discretised continuum, optionally the left half of a symmetric one.
-
-    Attributes:
-        law: the membrane's material.
-        section: the undeformed membrane.
-        angles: of the stations from the symmetry axis [rad].
-        stations: positions of the stations' nodes, inner face first [m].
-        middles: positions of the nodes half-way between stations [m].
-        grid: geometry at the quadrature points.
-        load: load vector at unit factor, per width [N/m].
-        film_volume: see the base class.
-        wall: see the base class.
-        growth: see the base class; the grid knows it.
-        bodies: see the base class.
-        layers: elements through the thickness.
-        symmetric: whether the last station is the crown of a symmetric arch.
-        response: of a material with a past at the quadrature points, its rest by reference
-            coordinates (XX, YY, XY); None of an elastic one.
-    """
+    """Discretised continuum, optionally the left half of a symmetric one."""
 
     resolves_loads: ClassVar[bool] = True
-    law: AbstractLaw
-    section: AbstractSection
+    law: AbstractLaw  # the membrane's material
+    section: AbstractSection  # the undeformed membrane
+    # of the stations from the symmetry axis [rad]
     angles: Float[Array, "station #lane"]
+    # positions of the stations' nodes, inner face first [m]
     stations: Float[Array, "2 node station lane"]
+    # positions of the nodes half-way between stations [m]
     middles: Float[Array, "2 node element lane"]
-    grid: Grid
-    load: StationVector
+    grid: Grid  # geometry at the quadrature points
+    load: StationVector  # load vector at unit factor, per width [N/m]
     film_volume: Lanes
     wall: Wall | None
-    growth: Growth | None
+    growth: Growth | None  # see the base class; the grid knows it
     bodies: tuple[Body, ...]
-    layers: int = eqx.field(static=True)
+    layers: int = eqx.field(static=True)  # elements through the thickness
+    # whether the last station is the crown of a symmetric arch
     symmetric: bool = eqx.field(static=True)
+    # of a material with a past at the quadrature points, its rest by reference coordinates (XX,
+    # YY, XY); None of an elastic one
     response: Response | None = None
 
     @classmethod
     def build(
         cls,
-        geometry: SkinGeometry,
-        law: AbstractLaw,
+        geometry: SkinGeometry,  # dimensions, with a lane axis
+        law: AbstractLaw,  # material, its constants with a lane axis
         angles: Float[Array, "station #lane"],
-        points: LoadPoints,
+        points: LoadPoints,  # loads on the elements between the stations
         *,
-        layers: int,
-        symmetric: bool,
-        wall: Wall | None = None,
+        layers: int,  # elements through the thickness
+        symmetric: bool,  # whether the last station is the crown of a symmetric arch
+        wall: Wall | None = None,  # what holds the inner face; None for nothing
     ) -> "Solid":
-        """Discretise a skin.
-
-        Args:
-            geometry: dimensions, with a lane axis.
-            law: material, its constants with a lane axis.
-            angles: stations from clamp to clamp, or from clamp to crown.
-            points: loads on those elements.
-            layers: elements through the thickness.
-            symmetric: whether the last station is the crown of a symmetric arch.
-            wall: what holds the inner face; None for nothing.
-        """
+        """Discretise a skin. `angles`: stations from clamp to clamp, or from clamp to crown."""
         layout = Layout(angles.shape[0] - 1, layers)
 
         def nodes(angles: Array) -> Float[Array, "2 node angle lane"]:

@@ -36,25 +36,16 @@ _GROUPS = {"left": (0, 3, 4), "right": (3, 6, 4), "middle": (6, 8, 2)}
 
 
 class _Bases(NamedTuple):
-    """Unknowns as sums of differences between neighbours across the thickness.
+    """Unknowns as sums of differences between neighbours across the thickness."""
 
-    Attributes:
-        station: displacements of a station [row, column].
-        sides: those of two stations.
-        column: what is left inside a column of elements, pressures as they are.
-    """
-
-    station: Float[Array, "dof dof"]
-    sides: Float[Array, "2*dof 2*dof"]
+    station: Float[Array, "dof dof"]  # displacements of a station [row, column]
+    sides: Float[Array, "2*dof 2*dof"]  # those of two stations
+    # what is left inside a column of elements, pressures as they are
     column: Float[Array, "row row"]
 
     @classmethod
     def of(cls, layout: Layout) -> "_Bases":
-        """The bases of a layout.
-
-        Args:
-            layout: numbers of elements.
-        """
+        """The bases of a layout. `layout`: numbers of elements."""
 
         def sums(nodes: int) -> np.ndarray:
             return np.kron(np.tri(nodes), np.eye(2))
@@ -75,22 +66,18 @@ class _Columns(NamedTuple):
 
 
 class ElementTangent(AbstractTangent):
-    """The tangent as element matrices.
+    """The tangent as element matrices."""
 
-    Attributes:
-        stiffness: blocks (xx, yy, xy) of the nine nodes' matrix.
-        constraint: derivative of the pressures' equations by the displacements.
-        penalty: factor [Pa/m^2] on the square of an element's change of volume, which the
-            constraint makes zero: it changes no solution and keeps pivots away from zero.
-        free: which displacements of the two end stations may move [dof, end].
-        layout: numbers of elements.
-    """
-
+    # blocks (xx, yy, xy) of the nine nodes' matrix
     stiffness: Float[Array, "9 9 3 layer element lane"]
+    # derivative of the pressures' equations by the displacements
     constraint: Float[Array, "9 3 2 layer element lane"]
+    # factor [Pa/m^2] on the square of an element's change of volume, which the constraint makes
+    # zero: it changes no solution and keeps pivots away from zero
     penalty: Float[Array, "layer element #lane"]
+    # which displacements of the two end stations may move [dof, end]
     free: tuple[tuple[bool, ...], tuple[bool, ...]] = eqx.field(static=True)
-    layout: Layout = eqx.field(static=True)
+    layout: Layout = eqx.field(static=True)  # numbers of elements
 
     @property
     def structure(self) -> jax.ShapeDtypeStruct:

@@ -43,8 +43,7 @@ _NEWTON_STEPS = 6
 def disc_capacitance(ratio: float) -> float:
     """Capacitance of a disc over a plane by eps0 eps_r a, from Love's equation.
 
-    Args:
-        ratio: distance over radius, not below 0.02.
+    `ratio`: distance over radius, not below 0.02.
     """
     nodes, weights = np.polynomial.legendre.leggauss(int(60 + 12 / ratio))
     k = 2 * ratio

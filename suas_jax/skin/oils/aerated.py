@@ -15,18 +15,13 @@ class AeratedOil(AbstractOil):
 
     The air obeys Boyle's law. One per cent of it at the sea's surface makes the film as soft
     as a bulk modulus of 10 MPa would. There is no volume at p <= -p0, where it boils off.
-
-    Attributes:
-        air_fraction: f, share of the film's volume at rest that is air.
-        ambient_pressure: p0, absolute pressure of the air at rest [Pa].
-        bulk_modulus: K of the oil [Pa].
     """
 
     spec = AeratedOilSpec
 
-    air_fraction: Lanes
-    ambient_pressure: Lanes
-    bulk_modulus: Lanes
+    air_fraction: Lanes  # f, share of the film's volume at rest that is air
+    ambient_pressure: Lanes  # p0, absolute pressure of the air at rest [Pa]
+    bulk_modulus: Lanes  # K of the oil [Pa]
 
     def expansion(self, pressure: Lanes, film_volume: Lanes) -> Lanes:
         """V0 ((1 - f) (exp(-p / K) - 1) - f p / (p0 + p))."""

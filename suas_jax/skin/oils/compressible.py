@@ -8,15 +8,11 @@ from suas_jax.skin.oil import AbstractOil
 
 
 class CompressibleOil(AbstractOil):
-    """p = -K ln(V / V0) with the bulk modulus K and the film's volume V0 at rest.
-
-    Attributes:
-        bulk_modulus: K [Pa].
-    """
+    """p = -K ln(V / V0) with the bulk modulus K and the film's volume V0 at rest."""
 
     spec = CompressibleOilSpec
 
-    bulk_modulus: Lanes
+    bulk_modulus: Lanes  # K [Pa]
 
     def expansion(self, pressure: Lanes, film_volume: Lanes) -> Lanes:
         """V0 (exp(-p / K) - 1)."""

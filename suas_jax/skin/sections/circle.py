@@ -12,15 +12,10 @@ from suas_jax.skin.section import outward
 
 
 class CircularArc(AbstractCurve):
-    """By the angle from the symmetry axis, which is the one of scenes.
+    """By the angle from the symmetry axis, which is the one of scenes."""
 
-    Attributes:
-        radius: of the inner face [m].
-        last: angle of the right clamp [rad].
-    """
-
-    radius: Lanes
-    last: Lanes
+    radius: Lanes  # of the inner face [m]
+    last: Lanes  # angle of the right clamp [rad]
 
     @classmethod
     def of(cls, spec: GeometrySpec, value: Callable[[str], Lanes]) -> "CircularArc":

@@ -11,15 +11,10 @@ from suas_jax.skin.charted import AbstractCurve
 
 
 class Ellipse(AbstractCurve):
-    """x = a sin t, y = b cos t; the angle of scenes is t.
+    """x = a sin t, y = b cos t; the angle of scenes is t."""
 
-    Attributes:
-        semi_axes: a and b [m].
-        last: t at the right clamp [rad].
-    """
-
-    semi_axes: tuple[Lanes, Lanes]
-    last: Lanes
+    semi_axes: tuple[Lanes, Lanes]  # a and b [m]
+    last: Lanes  # t at the right clamp [rad]
 
     @classmethod
     def of(cls, spec: GeometrySpec, value: Callable[[str], Lanes]) -> "Ellipse":

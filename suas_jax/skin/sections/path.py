@@ -13,18 +13,12 @@ from suas_jax.skin.charted import AbstractCurve
 
 
 class Path(AbstractCurve):
-    """Pieces of given length and turn, by arc length; the clamps lie at y = 0 on average.
+    """Pieces of given length and turn, by arc length; the clamps lie at y = 0 on average."""
 
-    Attributes:
-        length: of each piece [m].
-        turn: clockwise, over each piece [rad].
-        start: direction of the first piece, counter-clockwise from +x [rad].
-        mirrored: whether the right half is the mirror image of the left one.
-    """
-
-    length: Float[Array, "piece lane"]
-    turn: Float[Array, "piece lane"]
-    start: Lanes
+    length: Float[Array, "piece lane"]  # of each piece [m]
+    turn: Float[Array, "piece lane"]  # clockwise, over each piece [rad]
+    start: Lanes  # direction of the first piece, counter-clockwise from +x [rad]
+    # whether the right half is the mirror image of the left one
     mirrored: bool = eqx.field(static=True, default=False)
 
     @classmethod

@@ -15,16 +15,11 @@ _MIRRORED = 1e-9  # of the width, by which points may miss their mirror images
 
 
 class Spline(AbstractCurve):
-    """The cubic spline through points by the length of their chords, not-a-knot at the ends.
+    """The cubic spline through points by the length of their chords, not-a-knot at the ends."""
 
-    Attributes:
-        points: [2, point, lane], in metres.
-        slopes: derivatives by the parameter there.
-        mirrored: whether the right half is the mirror image of the left one.
-    """
-
-    points: Float[Array, "2 point lane"]
-    slopes: Float[Array, "2 point lane"]
+    points: Float[Array, "2 point lane"]  # [2, point, lane], in metres
+    slopes: Float[Array, "2 point lane"]  # derivatives by the parameter there
+    # whether the right half is the mirror image of the left one
     mirrored: bool = eqx.field(static=True, default=False)
 
     @classmethod
