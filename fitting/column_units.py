@@ -70,12 +70,9 @@ UNITS: dict[str, str] = {
 def unit_size(unit: str, dimension: str) -> float:
     """Size of a unit in SI units; an area's is the square of its length's.
 
-    Args:
-        unit: as the units library calls it, such as a value of `UNITS`.
-        dimension: kind of unit of the units library, or "area".
-
-    Raises:
-        ValueError: the unit is none of this kind.
+    `unit`: as the units library calls it, such as a value of `UNITS`. `dimension`: kind of unit
+    of the units library, or "area".
+    Raises ValueError: the unit is none of this kind.
     """
     if dimension == "area":
         if not unit.endswith("^2"):

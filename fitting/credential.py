@@ -18,8 +18,7 @@ _ALLOWED = re.compile(rf"[A-Za-z0-9._~-]{{16,{LONGEST}}}")
 def own_token() -> str:
     """The token of `SUAS_TOKEN`, else a new one of 192 random bits.
 
-    Raises:
-        ValueError: the variable holds no token.
+    Raises ValueError: the variable holds no token.
     """
     given = os.environ.get(VARIABLE)
     if given is None:

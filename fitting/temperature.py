@@ -29,15 +29,10 @@ _COLDEST, _WARMEST = 233.15, 393.15  # between which rubber and oil are what the
 
 @dataclasses.dataclass(frozen=True)
 class LogTemperature:
-    """What a log says of its skin's temperature.
+    """What a log says of its skin's temperature."""
 
-    Attributes:
-        value: in each row [K]; NaN where a row says nothing.
-        source: its columns.
-    """
-
-    value: np.ndarray
-    source: str
+    value: np.ndarray  # in each row [K]; NaN where a row says nothing
+    source: str  # its columns
 
     @property
     def mean(self) -> UncertainQuantity:
@@ -51,24 +46,15 @@ class LogTemperature:
 
 
 def log_temperature(
-    columns: Mapping[str, Iterable[object]],
+    columns: Mapping[str, Iterable[object]],  # of the log beside its counts
     header: Mapping[str, str],
-    spec: SkinSpec,
-    where: str,
+    spec: SkinSpec,  # the skin, whose [reference] the thermal pads' zero is at
+    where: str,  # the log, for messages
 ) -> tuple[LogTemperature | None, list[str]]:
     """Find a log's temperature among its columns.
 
-    Args:
-        columns: of the log beside its counts.
-        header: of the log.
-        spec: the skin, whose [reference] the thermal pads' zero is at.
-        where: the log, for messages.
-
-    Returns:
-        The temperature, None where there is none, and what a person should know.
-
-    Raises:
-        ValueError: a value is no number, or no temperature that a skin has.
+    Returns the temperature, None where there is none, and what a person should know.
+    Raises ValueError: a value is no number, or no temperature that a skin has.
     """
     named = {name.strip().lower(): column for name, column in columns.items()}
     plain = next((name for name in _PLAIN if name in named), None)
@@ -105,10 +91,8 @@ def spec_at(
 ) -> tuple[SkinSpec, list[str]]:
     """A skin at a log's temperature, and in words what that assumes.
 
-    Args:
-        spec: the skin.
-        found: the log's temperature; None leaves the skin as it is.
-        where: the log, for messages.
+    `found`: the log's temperature; None leaves the skin as it is. `where`: the log, for
+    messages.
     """
     if found is None:
         return spec, []
@@ -146,11 +130,7 @@ def spec_at(
 
 
 def _numbers(column: Iterable[object], name: str, where: str) -> np.ndarray:
-    """A column's numbers, NaN where a cell is empty.
-
-    Raises:
-        ValueError: a cell is no number.
-    """
+    """A column's numbers, NaN where a cell is empty. Raises ValueError: a cell is no number."""
     texts = [str(x).strip() for x in column]
     values = np.array([number_in(text) for text in texts])
     for text, value in zip(texts, values, strict=True):

@@ -46,9 +46,7 @@ class LocalWorkers(Executor):
     Spawned, not forked: a fork of a process that runs JAX hangs. They import the script that
     runs, which must not start work unless its ``__name__`` is ``"__main__"``.
 
-    Args:
-        count: how many.
-        lost: called with a sentence that names a process that died, from any thread.
+    `lost`: called with a sentence that names a process that died, from any thread.
     """
 
     def __init__(self, count: int, lost: Callable[[str], None] = lambda sentence: None) -> None:
@@ -218,15 +216,11 @@ def scheduler_workers(address: str, *, trust_network: bool = False) -> Iterator[
     sides show certificates of one authority, which Dask's configuration names:
     ``distributed.comm.tls.ca-file``, ``distributed.comm.tls.client.cert`` and ``.key``.
 
-    Args:
-        address: ``tls://host:port``.
-        trust_network: also allow ``tcp://host:port``: whoever can reach that port, or is on
-            the way to it, can run code as this user and as the workers'.
-
-    Raises:
-        ValueError: the address is no such address, a certificate is not named, or Dask is not
-            installed.
-        OSError: no scheduler answers, or a certificate can't be used.
+    `address`: ``tls://host:port``. `trust_network`: also allow ``tcp://host:port``: whoever can
+    reach that port, or is on the way to it, can run code as this user and as the workers'.
+    Raises ValueError: the address is no such address, a certificate is not named, or Dask is
+    not installed.
+    Raises OSError: no scheduler answers, or a certificate can't be used.
     """
     if not address.startswith(_PROTOCOLS):
         raise ValueError(f"{address}: the address of a scheduler is tls://host:port")
@@ -257,9 +251,8 @@ def scheduler_workers(address: str, *, trust_network: bool = False) -> Iterator[
 def _check_certificates(address: str, security: Any) -> None:
     """Refuse certificates that are not named or can't be used, before Dask says so in stacks.
 
-    Raises:
-        ValueError: one is not named.
-        OSError: one can't be read, or is none.
+    Raises ValueError: one is not named.
+    Raises OSError: one can't be read, or is none.
     """
     needed = {"ca-file": security.tls_ca_file, "client.cert": security.tls_client_cert}
     for key, file in needed.items():

@@ -30,23 +30,15 @@ _WIDTH, _HEIGHT, _MARGIN = 640, 200, 20  # of the drawing [px]
 
 @dataclass(frozen=True)
 class Verification:
-    """One known load and what was estimated.
+    """One known load and what was estimated."""
 
-    Attributes:
-        press: the known load.
-        status: of the estimate.
-        place: estimated, as the press tells it [rad or m]; NaN where nothing was found.
-        force: likewise [N].
-        axial: likewise on a pad [m].
-        passed: whether it is within 2 degrees (or 2 mm of arc), 2 mm and 10 % of the force,
-            or three standard errors.
-    """
-
-    press: Press
-    status: str
-    place: float
-    force: float
-    axial: float | None
+    press: Press  # the known load
+    status: str  # of the estimate
+    place: float  # estimated, as the press tells it [rad or m]; NaN where nothing was found
+    force: float  # likewise [N]
+    axial: float | None  # likewise on a pad [m]
+    # whether it is within 2 degrees (or 2 mm of arc), 2 mm and 10 % of the force, or three
+    # standard errors
     passed: bool
 
 
@@ -55,10 +47,7 @@ def verify(
 ) -> list[Verification]:
     """Estimate known loads.
 
-    Args:
-        spec: the calibrated skin.
-        baseline: at rest, from which the readings count.
-        logs: the known loads, and their logs.
+    `baseline`: at rest, from which the readings count. `logs`: the known loads, and their logs.
     """
     from fitting.inverse_load.readings import Layout
 
@@ -106,22 +95,17 @@ def _allowed(contact: object, name: str, tolerance: float) -> float:
 
 
 def html_report(
-    spec: SkinSpec,
+    spec: SkinSpec,  # the skin before its calibration
     places: Sequence[tuple[float, float]],
-    report: dict[str, Any],
-    steps: Sequence[Step],
+    report: dict[str, Any],  # of `suas fit sensor`
+    steps: Sequence[Step],  # that were recorded
     verified: Sequence[Verification],
-    health: Health,
+    health: Health,  # of the taxels at rest
 ) -> str:
     """The page.
 
-    Args:
-        spec: the skin before its calibration.
-        places: of the taxels on the unrolled wall, along arc and axis [m].
-        report: of `suas fit sensor`.
-        steps: that were recorded.
-        verified: known loads and their estimates; empty where none were asked for.
-        health: of the taxels at rest.
+    `places`: of the taxels on the unrolled wall, along arc and axis [m]. `verified`: known
+    loads and their estimates; empty where none were asked for.
     """
     passed = all(check.passed for check in verified)
     verdict = "verified" if passed else "verification failed"

@@ -62,42 +62,26 @@ _READ = 50  # frames that a press is the mean of
 
 
 class Candidates(NamedTuple):
-    """What presses would tell.
+    """What presses would tell."""
 
-    Attributes:
-        presses: places and forces.
-        by_constant: J of the readings' change from rest [press, taxel, constant].
-        by_press: L, by places and, last, by the relative force [press, taxel, kind].
-        weight: W, inverse variances of the mean readings of a known press [press, taxel].
-        weight_once: the same of single frames, of contacts that are found [press, taxel].
-        press_information: S^-1 [press, kind].
-        covariance: C of the constants before any press [constant, constant].
-    """
-
-    presses: tuple[Press, ...]
-    by_constant: Floats
-    by_press: Floats
-    weight: Floats
-    weight_once: Floats
-    press_information: Floats
-    covariance: Floats
+    presses: tuple[Press, ...]  # places and forces
+    by_constant: Floats  # J of the readings' change from rest [press, taxel, constant]
+    by_press: Floats  # L, by places and, last, by the relative force [press, taxel, kind]
+    weight: Floats  # W, inverse variances of the mean readings of a known press [press, taxel]
+    weight_once: Floats  # the same of single frames, of contacts that are found [press, taxel]
+    press_information: Floats  # S^-1 [press, kind]
+    covariance: Floats  # C of the constants before any press [constant, constant]
 
 
 class Plan(NamedTuple):
-    """Presses in their order, and what they leave open.
+    """Presses in their order, and what they leave open."""
 
-    Attributes:
-        presses: where to press.
-        accuracy: median relative standard deviation of a force over the skin before the first
-            press and after each.
-        errors: the same of every candidate, likewise [press, candidate].
-        candidates: what was chosen from.
-    """
-
-    presses: tuple[Press, ...]
+    presses: tuple[Press, ...]  # where to press
+    # median relative standard deviation of a force over the skin before the first press and
+    # after each
     accuracy: tuple[float, ...]
-    errors: Floats
-    candidates: tuple[Press, ...]
+    errors: Floats  # the same of every candidate, likewise [press, candidate]
+    candidates: tuple[Press, ...]  # what was chosen from
 
     @property
     def text(self) -> str:
@@ -131,9 +115,7 @@ def told_by(candidates: Candidates) -> Floats:
 def force_errors(candidates: Candidates, information: Floats) -> Floats:
     """Least relative standard deviation of every candidate's force, if it were found [press].
 
-    Args:
-        candidates: contacts over the skin.
-        information: C^-1 of the constants [p, p].
+    `candidates`: contacts over the skin. `information`: C^-1 of the constants [p, p].
     """
     found = []
     pairs = zip(
@@ -150,10 +132,9 @@ def force_errors(candidates: Candidates, information: Floats) -> Floats:
 def planned(candidates: Candidates, most: int, accuracy: float = 0.0) -> Plan:
     """Choose presses one by one, each the one that helps most.
 
-    Args:
-        candidates: to choose from, each once: equal presses would share one place error.
-        most: how many presses at most.
-        accuracy: median relative standard deviation of forces at which to stop.
+    `candidates`: to choose from, each once: equal presses would share one place error. `most`:
+    how many presses at most. `accuracy`: median relative standard deviation of forces at which
+    to stop.
     """
     information = np.asarray(np.linalg.inv(candidates.covariance), float)
     told = told_by(candidates)
@@ -175,22 +156,15 @@ def planned(candidates: Candidates, most: int, accuracy: float = 0.0) -> Plan:
 
 
 def candidates_of(
-    spec: SkinSpec,
-    force: float,
-    place_error: float = PLACE_ERROR,
+    spec: SkinSpec,  # the skin, with electrodes; a calibration as built counts as what is known
+    force: float,  # the largest [N]
+    place_error: float = PLACE_ERROR,  # standard deviation of the places [m]
     progress: Callable[[str], None] = lambda text: None,
 ) -> Candidates:
     """Presses over a skin as its file has it, of half a force and all of it.
 
-    Args:
-        spec: the skin, with electrodes; a calibration as built counts as what is known.
-        force: the largest [N].
-        place_error: standard deviation of the places [m].
-        progress: called with what is being done.
-
-    Raises:
-        NoCalibration: the skin has no equilibrium under one of them.
-        Float64Error: float64 is off.
+    Raises NoCalibration: the skin has no equilibrium under one of them.
+    Raises Float64Error: float64 is off.
     """
     require_float64()
     assert spec.electrodes is not None

@@ -34,19 +34,12 @@ def edge_of(spec: SkinSpec) -> tuple[float, str]:
 
 @dataclass(frozen=True)
 class Press:
-    """A known load.
+    """A known load."""
 
-    Attributes:
-        place: where it acts: its angle [rad], or arc [m], as scenes state it.
-        force: inwards [N].
-        axial: from the middle of a pad [m]; None in plane strain.
-        by: which of both `place` is.
-    """
-
-    place: float
-    force: float
-    axial: float | None = None
-    by: PlaceName = "angle"
+    place: float  # where it acts: its angle [rad], or arc [m], as scenes state it
+    force: float  # inwards [N]
+    axial: float | None = None  # from the middle of a pad [m]; None in plane strain
+    by: PlaceName = "angle"  # which of both `place` is
 
     @property
     def text(self) -> str:
@@ -68,17 +61,11 @@ class Press:
 
 @dataclass(frozen=True)
 class Step:
-    """A recording of the calibration.
+    """A recording of the calibration."""
 
-    Attributes:
-        name: of its log, without the ending.
-        press: the known load; None at rest.
-        verifies: whether it is kept out of the fit, to be estimated afterwards.
-    """
-
-    name: str
-    press: Press | None = None
-    verifies: bool = False
+    name: str  # of its log, without the ending
+    press: Press | None = None  # the known load; None at rest
+    verifies: bool = False  # whether it is kept out of the fit, to be estimated afterwards
 
 
 def steps_of(presses: Sequence[Press], verified: Sequence[Press]) -> tuple[Step, ...]:
@@ -93,9 +80,7 @@ def steps_of(presses: Sequence[Press], verified: Sequence[Press]) -> tuple[Step,
 def usual_presses(spec: SkinSpec, force: float) -> tuple[tuple[Press, ...], tuple[Press, ...]]:
     """Places where nothing else is asked for: three to calibrate, one to verify.
 
-    Args:
-        spec: the skin.
-        force: of all presses [N].
+    `force`: of all presses [N].
     """
     axial = 0.0 if spec.geometry.dimension == 3 else None
     by = place_name(spec)
@@ -112,8 +97,7 @@ def press_of(text: str, spec: SkinSpec, option: str) -> Press:
 
     On paths and splines it begins with an arc, "22 mm, 5 N".
 
-    Raises:
-        ValueError: naming what is expected.
+    Raises ValueError: naming what is expected.
     """
     parts = _PARTS.split(text.strip())
     pad, by = spec.geometry.dimension == 3, place_name(spec)

@@ -28,24 +28,17 @@ _LIFTED = 0.3  # time without contact after which the load is taken to be off [s
 
 
 class Rest(NamedTuple):
-    """Readings of the untouched skin.
+    """Readings of the untouched skin."""
 
-    Attributes:
-        so: their mean [taxel] [counts]; NaN where a taxel is silent.
-        noise: standard deviation of one [taxel] [counts].
-    """
-
-    so: Floats
-    noise: Floats
+    so: Floats  # their mean [taxel] [counts]; NaN where a taxel is silent
+    noise: Floats  # standard deviation of one [taxel] [counts]
 
 
 class SteadyWindow:
     """The last frames of a stream.
 
-    Args:
-        hold: length of the window [s].
-        rest: readings at rest; None while they are unknown.
-        fewest: frames of the window, which a slow device takes longer for.
+    `hold`: length of the window [s]. `rest`: readings at rest; None while they are unknown.
+    `fewest`: frames of the window, which a slow device takes longer for.
     """
 
     def __init__(self, hold: float, rest: Rest | None = None, *, fewest: int = 50) -> None:
@@ -54,12 +47,7 @@ class SteadyWindow:
         self._frames: deque[tuple[float, Floats]] = deque()
 
     def feed(self, time: float, so: Floats) -> None:
-        """Take a frame.
-
-        Args:
-            time: of the frame [s].
-            so: readings [taxel] [counts].
-        """
+        """Take a frame. `time`: of the frame [s]. `so`: readings [taxel] [counts]."""
         if self._frames and not 0 <= time - self._frames[-1][0] < _SILENT:
             self._frames.clear()  # the device started again, or was silent
         self._frames.append((time, so))
@@ -116,24 +104,16 @@ class InterruptedStepError(ValueError):
 
 
 class StepRecorder:
-    """Takes a stream's frames and cuts the steady ones out.
-
-    Args:
-        stream: of the port.
-        layout: of the skin.
-        hold: how long a load is to be held still [s].
-        timeout: how long a step may take [s].
-        say: called with what a person should do.
-    """
+    """Takes a stream's frames and cuts the steady ones out."""
 
     def __init__(
         self,
-        stream: Stream,
+        stream: Stream,  # of the port
         layout: Layout,
         *,
-        hold: float,
-        timeout: float,
-        say: Callable[[str], None],
+        hold: float,  # how long a load is to be held still [s]
+        timeout: float,  # how long a step may take [s]
+        say: Callable[[str], None],  # called with what a person should do
     ) -> None:
         self._hold, self._timeout, self._say = hold, timeout, say
         self._builder = FrameBuilder(layout)
@@ -144,9 +124,8 @@ class StepRecorder:
     def rest(self) -> tuple[list[Judged], Rest]:
         """Rows of a steady window, and their readings.
 
-        Raises:
-            InterruptedStepError: the time is over, or the stream ended.
-            LayoutMismatchError: the device is of another layout.
+        Raises InterruptedStepError: the time is over, or the stream ended.
+        Raises LayoutMismatchError: the device is of another layout.
         """
         for window in self._windows(SteadyWindow(self._hold, fewest=REST_FRAMES)):
             if window.steady():
@@ -156,8 +135,7 @@ class StepRecorder:
     def press(self, rest: Rest) -> list[Judged]:
         """Rows of a steady window under a load; returns once the load is off again.
 
-        Raises:
-            InterruptedStepError, LayoutMismatchError: as for `rest`.
+        Raises InterruptedStepError, LayoutMismatchError: as for `rest`.
         """
         touched = False
         for window in self._windows(SteadyWindow(self._hold, rest)):

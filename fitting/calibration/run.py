@@ -31,37 +31,21 @@ from suas_jax.sensing.taxels import taxel_places
 
 @dataclass(frozen=True)
 class CalibrationOptions:
-    """How to calibrate.
+    """How to calibrate."""
 
-    Attributes:
-        port: as `suas log` takes it.
-        skin: the skin file.
-        output: the calibrated one.
-        page: the report (HTML).
-        folder: where the logs of the steps lie.
-        steps: what is recorded.
-        format_name: frame format.
-        baud: bits per second.
-        hold: how long each load is to be held still [s].
-        timeout: how long a step may take [s].
-        fit: names of the constants.
-        model: shapes of the membrane, as for `fit_sensor`.
-        place_error: standard deviation of the presses' places, likewise [m].
-    """
-
-    port: str
-    skin: Path
-    output: Path
-    page: Path
-    folder: Path
-    steps: tuple[Step, ...]
+    port: str  # as `suas log` takes it
+    skin: Path  # the skin file
+    output: Path  # the calibrated one
+    page: Path  # the report (HTML)
+    folder: Path  # where the logs of the steps lie
+    steps: tuple[Step, ...]  # what is recorded
     format_name: str
-    baud: int
-    hold: float
-    timeout: float
-    fit: Sequence[str]
-    model: str
-    place_error: float
+    baud: int  # bits per second
+    hold: float  # how long each load is to be held still [s]
+    timeout: float  # how long a step may take [s]
+    fit: Sequence[str]  # names of the constants
+    model: str  # shapes of the membrane, as for `fit_sensor`
+    place_error: float  # standard deviation of the presses' places, likewise [m]
 
 
 def run_calibration(
@@ -71,14 +55,11 @@ def run_calibration(
 ) -> dict[str, Any]:
     """Calibrate a skin with a person's help.
 
-    Returns:
-        The report of `suas fit sensor`, with `verification` and the files' names.
-
-    Raises:
-        InterruptedStepError: a step was not done; the next call resumes there.
-        OwnedError: another process records to the folder.
-        ValueError: the device is of another layout, or the readings can't be used.
-        PortError: the port can't be opened.
+    Returns the report of `suas fit sensor`, with `verification` and the files' names.
+    Raises InterruptedStepError: a step was not done; the next call resumes there.
+    Raises OwnedError: another process records to the folder.
+    Raises ValueError: the device is of another layout, or the readings can't be used.
+    Raises PortError: the port can't be opened.
     """
     spec = load_skin(options.skin)
     if spec.electrodes is None:

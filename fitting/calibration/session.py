@@ -24,13 +24,8 @@ _PLAN = "plan.json"
 class CalibrationFolder:
     """The logs of a calibration, each written whole when its step is done.
 
-    Args:
-        folder: made by `owned`.
-        skin: the file that is calibrated.
-        steps: what is recorded.
-
-    Raises:
-        ValueError: the folder holds a calibration of another skin, or with other loads.
+    `folder`: made by `owned`. `skin`: the file that is calibrated. `steps`: what is recorded.
+    Raises ValueError: the folder holds a calibration of another skin, or with other loads.
     """
 
     def __init__(self, folder: Path, skin: Path, steps: Sequence[Step]) -> None:
@@ -51,8 +46,7 @@ class CalibrationFolder:
     def owned(cls, folder: Path, skin: Path, steps: Sequence[Step]) -> Iterator[Self]:
         """The folder, which no other process records to meanwhile; as the class.
 
-        Raises:
-            OwnedError: another process records to it.
+        Raises OwnedError: another process records to it.
         """
         folder.mkdir(parents=True, exist_ok=True)
         with owned(folder / _PLAN):
@@ -80,19 +74,12 @@ class CalibrationFolder:
 
     def keep(
         self,
-        step: Step,
-        readings: Sequence[Judged],
+        step: Step,  # that was recorded
+        readings: Sequence[Judged],  # its rows
         header: Mapping[str, str],
-        extra_columns: tuple[str, ...],
+        extra_columns: tuple[str, ...],  # that the frame format adds
     ) -> None:
-        """Write a step's log, with its known load in the header.
-
-        Args:
-            step: that was recorded.
-            readings: its rows.
-            header: of the log.
-            extra_columns: that the frame format adds.
-        """
+        """Write a step's log, with its known load in the header."""
         known = dict(header) | _known(step)
         path = self.log(step)
         began = readings[0].reading.t_host

@@ -33,18 +33,12 @@ ROUNDING = 1 / 12  # variance of a converter's rounding [counts^2]
 
 @dataclass(frozen=True)
 class DriftDensities:
-    """How fast readings at rest wander, and how far they may have before the first frame.
+    """How fast readings at rest wander, and how far they may have before the first frame."""
 
-    Attributes:
-        taxel: of each taxel by itself [counts / sqrt(s)].
-        common: of all together [counts / sqrt(s)].
-        gain: of the gain [1 / sqrt(s)].
-        before: seconds of such a walk between the baseline and the first frame [s].
-    """
-
-    taxel: float = 0.05
-    common: float = 0.15
-    gain: float = 3e-4
+    taxel: float = 0.05  # of each taxel by itself [counts / sqrt(s)]
+    common: float = 0.15  # of all together [counts / sqrt(s)]
+    gain: float = 3e-4  # of the gain [1 / sqrt(s)]
+    # seconds of such a walk between the baseline and the first frame [s]
     before: float = 1200.0
 
     def walk(self, rest: Floats, seconds: float) -> Floats:
@@ -56,16 +50,12 @@ class DriftDensities:
 
 @dataclass(frozen=True)
 class Drift:
-    """Drift of the readings at rest, frame by frame.
+    """Drift of the readings at rest, frame by frame."""
 
-    Attributes:
-        offset: to be taken off the readings [frame, taxel] [counts]; zero until a frame
-            without contact has been seen.
-        variance: of it [frame, taxel] [counts^2]; likewise.
-    """
-
+    # to be taken off the readings [frame, taxel] [counts]; zero until a frame without contact
+    # has been seen
     offset: Floats
-    variance: Floats
+    variance: Floats  # of it [frame, taxel] [counts^2]; likewise
 
     def rows(self, frames: slice) -> "Drift":
         """That of some frames."""
@@ -80,23 +70,17 @@ class Drift:
 
 
 class DriftFollower:
-    """Follows the readings at rest of one skin.
-
-    Args:
-        rest: readings at rest that frames count from [taxel] [counts].
-        noise_variance: of a reading [counts^2].
-        detector: tells contact from noise, by the taxels alone where it knows of more.
-        densities: of the random walk.
-        gathered: frames of a stream that are taken together; one follows at once, more cost
-            less where there are many taxels.
-    """
+    """Follows the readings at rest of one skin."""
 
     def __init__(
         self,
-        rest: Floats,
-        noise_variance: float,
+        rest: Floats,  # readings at rest that frames count from [taxel] [counts]
+        noise_variance: float,  # of a reading [counts^2]
+        # tells contact from noise, by the taxels alone where it knows of more
         detector: AbstractDetector,
-        densities: DriftDensities | None = None,
+        densities: DriftDensities | None = None,  # of the random walk
+        # frames of a stream that are taken together; one follows at once, more cost less where
+        # there are many taxels
         gathered: int = 1,
     ) -> None:
         self._rest, self._noise, self._detector = rest, noise_variance, detector
@@ -113,9 +97,8 @@ class DriftFollower:
     def follow(self, time: Floats, change: Floats) -> Drift:
         """Take frames; return the drift in each of them.
 
-        Args:
-            time: of the frames [frame] [s].
-            change: readings less those at rest [frame, taxel] [counts]; NaN where missing.
+        `time`: of the frames [frame] [s]. `change`: readings less those at rest [frame, taxel]
+        [counts]; NaN where missing.
         """
         drift, variance = np.zeros_like(change), np.zeros_like(change)
         for begin in range(0, len(change), _BLOCK):
@@ -178,21 +161,14 @@ class DriftFollower:
 
 @dataclass(frozen=True)
 class ReadingWeights:
-    """What turns readings into the model's, with inverse variances.
+    """What turns readings into the model's, with inverse variances."""
 
-    Attributes:
-        zero: what is taken off readings [taxel] [counts]; NaN: the taxel is not used.
-        variance: of a reading, without the model's error [taxel] [counts^2].
-        model_rest: the model's readings at rest [taxel] [counts].
-        model_error: relative error of the model's change of readings.
-        pressure_noise: standard deviation of a measured oil pressure [Pa], infinite where
-            there is none; None in plane strain, where there is no such column.
-    """
-
-    zero: Floats
-    variance: Floats
-    model_rest: Floats
-    model_error: float
+    zero: Floats  # what is taken off readings [taxel] [counts]; NaN: the taxel is not used
+    variance: Floats  # of a reading, without the model's error [taxel] [counts^2]
+    model_rest: Floats  # the model's readings at rest [taxel] [counts]
+    model_error: float  # relative error of the model's change of readings
+    # standard deviation of a measured oil pressure [Pa], infinite where there is none; None in
+    # plane strain, where there is no such column
     pressure_noise: float | None
 
     @property
@@ -207,23 +183,16 @@ class ReadingWeights:
 
     def weigh(
         self,
-        so: Floats,
-        faulty: Flags | None = None,
-        pressure: Floats | None = None,
-        drift: Drift | None = None,
+        so: Floats,  # readings [frame, taxel] [counts]; NaN where missing
+        faulty: Flags | None = None,  # taxels known to be faulty [frame, taxel]
+        pressure: Floats | None = None,  # measured of the oil [frame] [Pa]; NaN where missing
+        drift: Drift | None = None,  # of the readings at rest
     ) -> tuple[Floats, Floats]:
         """Readings as the model has them, and their inverse variances.
 
-        Args:
-            so: readings [frame, taxel] [counts]; NaN where missing.
-            faulty: taxels known to be faulty [frame, taxel].
-            pressure: measured of the oil [frame] [Pa]; NaN where missing.
-            drift: of the readings at rest.
-
-        Returns:
-            Readings [counts] and inverse variances [1/counts^2], both zero where a taxel is
-            missing, saturated (0 or full scale) or faulty. On a pad the last column is the
-            oil's pressure [Pa], [1/Pa^2].
+        Returns readings [counts] and inverse variances [1/counts^2], both zero where a taxel is
+        missing, saturated (0 or full scale) or faulty. On a pad the last column is the oil's
+        pressure [Pa], [1/Pa^2].
         """
         y, variance = so - self.zero, self.variance
         if drift is not None:
@@ -249,14 +218,10 @@ def zero_of_readings(
 ) -> tuple[Floats, Floats]:
     """What is taken off readings to compare them with the model, and its variance.
 
-    Args:
-        spec: the skin; its calibration may have offsets.
-        model_rest: the model's readings at rest [taxel] [counts].
-        rest: those of a baseline; None: readings are absolute.
-        rest_variance: of `rest` [counts^2].
-
-    Raises:
-        ValueError: a calibration has offsets for another number of taxels.
+    `spec`: the skin; its calibration may have offsets. `model_rest`: the model's readings at
+    rest [taxel] [counts]. `rest`: those of a baseline; None: readings are absolute.
+    `rest_variance`: of `rest` [counts^2].
+    Raises ValueError: a calibration has offsets for another number of taxels.
     """
     if rest is not None:
         return rest - model_rest, np.asarray(rest_variance, float)

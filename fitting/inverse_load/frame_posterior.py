@@ -38,29 +38,18 @@ _STEPS = 6000
 
 @dataclass(frozen=True)
 class LoadMode:
-    """One explanation of a frame.
+    """One explanation of a frame."""
 
-    Attributes:
-        contacts: their number.
-        names: of what is estimated of a contact.
-        parameters: of the fit, all of a name together, by the model's angle [rad], [m], [N].
-        covariance: of the fit.
-        chi2: of the fit.
-        probability: of this mode.
-        kind: "best", "mirror" (the best one's place mirrored), "place" or "contacts".
-        chain: samples; None where sampling failed, as `message` says.
-        message: whether the chain can be trusted.
-    """
-
-    contacts: int
-    names: tuple[str, ...]
+    contacts: int  # their number
+    names: tuple[str, ...]  # of what is estimated of a contact
+    # of the fit, all of a name together, by the model's angle [rad], [m], [N]
     parameters: Floats
-    covariance: Floats
-    chi2: float
-    probability: float
-    kind: str
-    chain: Posterior | None
-    message: str
+    covariance: Floats  # of the fit
+    chi2: float  # of the fit
+    probability: float  # of this mode
+    kind: str  # "best", "mirror" (the best one's place mirrored), "place" or "contacts"
+    chain: Posterior | None  # samples; None where sampling failed, as `message` says
+    message: str  # whether the chain can be trusted
     along: ContactPlaces
 
     def told(self, name: str, values: Floats) -> Floats:
@@ -70,28 +59,17 @@ class LoadMode:
 
 def frame_posterior(
     estimator: LoadEstimator,
-    so: Floats,
-    faulty: Flags | None = None,
-    settings: Settings | None = None,
+    so: Floats,  # readings [taxel] [counts]
+    faulty: Flags | None = None,  # taxels to leave out [taxel]
+    settings: Settings | None = None,  # of the sampler
     progress: Callable[[str], None] = lambda text: None,
     *,
-    pressure: float = float("nan"),
+    pressure: float = float("nan"),  # measured of the oil [Pa], on a pad; NaN where it was not
 ) -> list[LoadMode]:
     """Sample what one frame's readings say about its loads.
 
-    Args:
-        estimator: of the skin.
-        so: readings [taxel] [counts].
-        faulty: taxels to leave out [taxel].
-        settings: of the sampler.
-        progress: called with what is being done.
-        pressure: measured of the oil [Pa], on a pad; NaN where it was not.
-
-    Returns:
-        Its modes, the most probable first.
-
-    Raises:
-        ValueError: nothing touches the skin, or nothing explains the frame.
+    Returns its modes, the most probable first.
+    Raises ValueError: nothing touches the skin, or nothing explains the frame.
     """
     faulty = None if faulty is None else faulty[None]
     measured = np.array([pressure])
@@ -116,13 +94,9 @@ def likely_modes(
 ) -> tuple[Explanations, Floats]:
     """Distinct fits of one frame and their probabilities, the most probable first.
 
-    Args:
-        estimator: of the skin.
-        y: readings as the model has them [1, channel], see `LoadEstimator.weigh`.
-        weight: their inverse variances [1, channel].
-
-    Raises:
-        ValueError: the readings determine no load.
+    `y`: readings as the model has them [1, channel], see `LoadEstimator.weigh`. `weight`: their
+    inverse variances [1, channel].
+    Raises ValueError: the readings determine no load.
     """
     selection = estimator.selection
     fitter, search = selection.fitter, selection.nodes

@@ -31,17 +31,12 @@ class EmptyLogError(ValueError):
 
 
 class _Places(NamedTuple):
-    """Where the taxels of a layout stand in readings of some modules [module, taxel].
+    """Where the taxels of a layout stand in readings of some modules [module, taxel]."""
 
-    Attributes:
-        sizes: taxels that each module should have [module]; -1 for a foreign module.
-        row: of each taxel's module [taxel]; -1 where the module is absent.
-        column: of each taxel [taxel].
-    """
-
+    # taxels that each module should have [module]; -1 for a foreign module
     sizes: NDArray[np.int64]
-    row: NDArray[np.int64]
-    column: NDArray[np.int64]
+    row: NDArray[np.int64]  # of each taxel's module [taxel]; -1 where the module is absent
+    column: NDArray[np.int64]  # of each taxel [taxel]
 
 
 class Layout:
@@ -87,14 +82,10 @@ class Layout:
     def check(self, modules: Sequence[int], counts: CountsOf, source: str) -> None:
         """Refuse readings of another layout.
 
-        Args:
-            modules: their numbers.
-            counts: readings of a module, by its index in `modules`.
-            source: where they are from, for the message.
-
-        Raises:
-            LayoutMismatchError: modules or taxels that the skin doesn't have, or a log too
-                narrow for its modules.
+        `modules`: their numbers. `counts`: readings of a module, by its index in `modules`.
+        `source`: where they are from, for the message.
+        Raises LayoutMismatchError: modules or taxels that the skin doesn't have, or a log too
+        narrow for its modules.
         """
         sizes = self._in(modules).sizes
         if (sizes < 0).any():
@@ -120,12 +111,8 @@ class Layout:
 
         Fewer counts don't say which taxel is missing, so none of them can be placed.
 
-        Args:
-            sent: number of counts by module.
-            source: where they are from, for the message.
-
-        Raises:
-            LayoutMismatchError: a number differs.
+        `sent`: number of counts by module. `source`: where they are from, for the message.
+        Raises LayoutMismatchError: a number differs.
         """
         for module, count in sent.items():
             size = int(np.sum(self.module == module))
@@ -139,9 +126,7 @@ class Layout:
     def pick(self, modules: Sequence[int], counts: CountsOf) -> Floats:
         """Readings [..., taxel] of the whole layout; NaN where a module is absent.
 
-        Args:
-            modules: as for `check`.
-            counts: likewise.
+        `modules`: as for `check`. `counts`: likewise.
         """
         _, row, column = self._in(modules)
         out: Floats | None = None
@@ -156,8 +141,7 @@ class Layout:
     def baseline(self, baseline: Baseline, source: str) -> tuple[NDArray, NDArray]:
         """A baseline's readings at rest and their variance [taxel].
 
-        Raises:
-            LayoutMismatchError: it belongs to another layout.
+        Raises LayoutMismatchError: it belongs to another layout.
         """
         modules = baseline.modules.tolist()
         self.check(modules, baseline.so.__getitem__, source)
@@ -168,39 +152,28 @@ class Layout:
 
 @dataclass(frozen=True)
 class LogReadings:
-    """A log's frames as the estimator takes them.
+    """A log's frames as the estimator takes them."""
 
-    Attributes:
-        time: of the frames, on the device's clock if it has one [frame, s].
-        seq: frame numbers [frame].
-        so: readings [frame, taxel]; NaN where missing.
-        stuck: taxels that repeat one count beyond chance [frame, taxel].
-        notes: what a person should know.
-        host_time: when the host read the frames, from the log's start [frame, s]; their
-            `time` where the log does not say.
-        header: of the log.
-        pressure: measured of the oil [frame] [Pa]; NaN where missing, None without a column.
-        force: known of the one load of the log [frame] [N]; likewise.
-        temperature: of the skin, row by row of the log; None where it says nothing.
-    """
-
-    time: Floats
-    seq: NDArray[np.int64]
-    so: Floats
-    stuck: Flags
-    notes: tuple[str, ...]
+    time: Floats  # of the frames, on the device's clock if it has one [frame, s]
+    seq: NDArray[np.int64]  # frame numbers [frame]
+    so: Floats  # readings [frame, taxel]; NaN where missing
+    stuck: Flags  # taxels that repeat one count beyond chance [frame, taxel]
+    notes: tuple[str, ...]  # what a person should know
+    # when the host read the frames, from the log's start [frame, s]; their `time` where the log
+    # does not say
     host_time: Floats
-    header: Mapping[str, str]
+    header: Mapping[str, str]  # of the log
+    # measured of the oil [frame] [Pa]; NaN where missing, None without a column
     pressure: Floats | None = None
-    force: Floats | None = None
+    force: Floats | None = None  # known of the one load of the log [frame] [N]; likewise
+    # of the skin, row by row of the log; None where it says nothing
     temperature: LogTemperature | None = None
 
 
 def noise_of_readings(spec: SkinSpec, noise: float | None) -> float:
     """Standard deviation of a reading [counts]: the skin file's where none is given.
 
-    Raises:
-        ValueError: it is no number of counts.
+    Raises ValueError: it is no number of counts.
     """
     assert spec.electrodes is not None
     found = spec.electrodes.noise if noise is None else noise

@@ -44,23 +44,17 @@ _NARROW = 2 / 3  # share of the single contacts that must be lines
 
 
 def section_verdict(
-    estimator: LoadEstimator,
-    so: Floats,
-    faulty: Flags,
+    estimator: LoadEstimator,  # of a skin in plane strain
+    so: Floats,  # readings [frame, taxel] [counts]
+    faulty: Flags,  # taxels known to be faulty [frame, taxel]
     estimates: Sequence[LoadEstimate],
     *,
-    pressure: Floats | None = None,
+    pressure: Floats | None = None,  # measured of the oil [frame] [Pa]; None where it was not
     force: Floats | None = None,
 ) -> ModelVerdict | None:
     """Look at the contacts of a log; None where too few are single and no cause is seen.
 
-    Args:
-        estimator: of a skin in plane strain.
-        so: readings [frame, taxel] [counts].
-        faulty: taxels known to be faulty [frame, taxel].
-        estimates: of the frames.
-        pressure: measured of the oil [frame] [Pa]; None where it was not.
-        force: known of the one contact [frame] [N]; NaN where there is none.
+    `force`: known of the one contact [frame] [N]; NaN where there is none.
     """
     touched = [i for i, e in enumerate(estimates) if e.status in USABLE]
     single = [i for i in touched if len(estimates[i].contacts) < 2]

@@ -39,20 +39,12 @@ _LEAST_CHANGE = 1e-2  # relative, of an input that is named: less may be the mod
 
 def model_verdict(
     estimator: LoadEstimator,
-    so: Floats,
-    faulty: Flags,
-    pressure: Floats | None,
+    so: Floats,  # readings [frame, taxel] [counts]
+    faulty: Flags,  # taxels known to be faulty [frame, taxel]
+    pressure: Floats | None,  # measured of the oil [frame] [Pa]; None where it was not
     estimates: Sequence[LoadEstimate],
 ) -> ModelVerdict | None:
-    """Look at the single contacts of a log; None for too few, or with free directions.
-
-    Args:
-        estimator: of a pad.
-        so: readings [frame, taxel] [counts].
-        faulty: taxels known to be faulty [frame, taxel].
-        pressure: measured of the oil [frame] [Pa]; None where it was not.
-        estimates: of the frames.
-    """
+    """Look at the single contacts of a log; None for too few, or with free directions."""
     fitter = estimator.selection.fitter
     assert isinstance(fitter, PadFitter)
     if estimator.direction:  # the readings' few hints are taken by the directions

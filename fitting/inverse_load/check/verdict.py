@@ -44,28 +44,18 @@ _COMMANDS = {
 
 @dataclass(frozen=True)
 class ModelVerdict:
-    """What a log says about its skin file.
+    """What a log says about its skin file."""
 
-    Attributes:
-        chi2_per_dof: over the frames that were looked at.
-        right: whether noise explains that.
-        name: of the input that would explain it best; None where none does.
-        change: of that input, relative; of WIDTH, the arc that they press [m].
-        error: standard deviation of the change.
-        explained: chi2 per degree of freedom with that change; NaN where the residuals don't
-            show it.
-        shift: columns by which the taxels' readings are displaced; 0 where they are not.
-        others: inputs whose change explains the log as well.
-    """
-
-    chi2_per_dof: float
-    right: bool
-    name: str | None = None
+    chi2_per_dof: float  # over the frames that were looked at
+    right: bool  # whether noise explains that
+    name: str | None = None  # of the input that would explain it best; None where none does
+    # of that input, relative; of WIDTH, the arc that they press [m]
     change: float = float("nan")
-    error: float = float("nan")
+    error: float = float("nan")  # standard deviation of the change
+    # chi2 per degree of freedom with that change; NaN where the residuals don't show it
     explained: float = float("nan")
-    shift: int = 0
-    others: "tuple[Gain, ...]" = ()
+    shift: int = 0  # columns by which the taxels' readings are displaced; 0 where they are not
+    others: "tuple[Gain, ...]" = ()  # inputs whose change explains the log as well
 
     @property
     def text(self) -> str:
@@ -115,28 +105,19 @@ def _changed(name: str, change: float, error: float) -> str:
 
 
 class Gain(NamedTuple):
-    """What a change of an input takes off chi2.
+    """What a change of an input takes off chi2."""
 
-    Attributes:
-        chi2: by which it falls.
-        name: of the input.
-        change: of the input, in units of the slopes' own.
-        error: its standard deviation.
-    """
-
-    chi2: float
-    name: str
-    change: float
-    error: float
+    chi2: float  # by which it falls
+    name: str  # of the input
+    change: float  # of the input, in units of the slopes' own
+    error: float  # its standard deviation
 
 
 def verdict_of(named: list[Gain], chi2: float, dof: int) -> ModelVerdict:
     """The verdict that names the best of some inputs, and those that explain as much.
 
-    Args:
-        named: inputs that explain the log, the best first.
-        chi2: of the frames as the file has it.
-        dof: degrees of freedom.
+    `named`: inputs that explain the log, the best first. `chi2`: of the frames as the file has
+    it. `dof`: degrees of freedom.
     """
     best, left = named[0], chi2 - named[0].chi2
     equal = max(GAIN, _ALIKE * left)
@@ -150,12 +131,9 @@ def gain_of(
 ) -> Gain:
     """The best change of an input, contacts fitted anew to first order.
 
-    Args:
-        name: of the input.
-        slopes: of the readings by it [frame, channel].
-        weight: inverse variances [frame, channel].
-        residual: readings less the model's [frame, channel].
-        jacobian: of the readings by the contact [frame, parameter, channel].
+    `name`: of the input. `slopes`: of the readings by it [frame, channel]. `weight`: inverse
+    variances [frame, channel]. `residual`: readings less the model's [frame, channel].
+    `jacobian`: of the readings by the contact [frame, parameter, channel].
     """
     slopes = np.where((weight > 0) & np.isfinite(slopes), slopes, 0.0)
     top, size = 0.0, 0.0

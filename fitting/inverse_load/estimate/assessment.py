@@ -263,23 +263,15 @@ def _root(covariance: Floats) -> float:
 
 
 class SectionAssessment(AbstractLoadAssessment):
-    """Estimates on a skin in plane strain.
-
-    Args:
-        parameters: of a contact.
-        along: what scenes call places.
-        taxel_angle: of the taxels [rad].
-        edge: angle beyond which no contact is sought [rad].
-        table: of solved states, which knows the forces of first contact.
-    """
+    """Estimates on a skin in plane strain."""
 
     def __init__(
         self,
-        parameters: ContactParameters,
-        along: ContactPlaces,
-        taxel_angle: Floats,
-        edge: float,
-        table: LoadTable,
+        parameters: ContactParameters,  # of a contact
+        along: ContactPlaces,  # what scenes call places
+        taxel_angle: Floats,  # of the taxels [rad]
+        edge: float,  # angle beyond which no contact is sought [rad]
+        table: LoadTable,  # of solved states, which knows the forces of first contact
     ) -> None:
         super().__init__(parameters, along, len(taxel_angle))
         self._taxel_angle, self._edge, self._table = taxel_angle, edge, table

@@ -68,50 +68,42 @@ BESIDE = {
 
 @dataclass(frozen=True)
 class Contact:
-    """One contact.
+    """One contact."""
 
-    Attributes:
-        angle: as scenes state it: of a circle from the symmetry axis, of a path or spline that
-            of the normal [rad].
-        force: total, inwards [N]; negative where the skin is pulled.
-        direction: counter-clockwise from the inward radial [rad]; None where held radial.
-        covariance: of the parameters that are free, in the order of `names`, SI units and
-            radians; None where the model doesn't hold, and no error can be stated.
-        arc_position: along the undeformed outer face, from the symmetry axis [m].
-        systematic: the part of the covariance that comes from the skin file's tolerances and
-            calibration, and so is shared by all frames; None where there is none.
-        axial: from the middle of a pad [m]; None in plane strain.
-        diameter: of a round contact on a pad [m]; None where it was not estimated.
-        tilt: of the force out of the section's plane towards +axial [rad]; None in plane
-            strain, and where held radial.
-        arc: arc length of the inner face from its middle [m]; None on a circle.
-        by_arc: whether the arc is what was estimated, not the angle.
-        spread: arc of the outer face that a wide contact presses, and its standard deviation
-            [m]; None where a line explains the readings.
-        arc_extent: diameter along the arc of the even ellipse whose second moments a contact on
-            a pad has, and its standard deviation [m]; None where the taxels can't tell.
-        axial_extent: likewise along the axis.
-        arc_force: force on a pad along growing angles, and its standard deviation [N]; None
-            where the taxels can't tell.
-        axial_force: likewise along the axis.
-    """
-
+    # as scenes state it: of a circle from the symmetry axis, of a path or spline that of the
+    # normal [rad]
     angle: float
-    force: float
+    force: float  # total, inwards [N]; negative where the skin is pulled
+    # counter-clockwise from the inward radial [rad]; None where held radial
     direction: float | None
+    # of the parameters that are free, in the order of `names`, SI units and radians; None where
+    # the model doesn't hold, and no error can be stated
     covariance: Floats | None
+    # along the undeformed outer face, from the symmetry axis [m]
     arc_position: float | None = None
+    # the part of the covariance that comes from the skin file's tolerances and calibration, and
+    # so is shared by all frames; None where there is none
     systematic: Floats | None = None
-    axial: float | None = None
+    axial: float | None = None  # from the middle of a pad [m]; None in plane strain
+    # of a round contact on a pad [m]; None where it was not estimated
     diameter: float | None = None
+    # of the force out of the section's plane towards +axial [rad]; None in plane strain, and
+    # where held radial
     tilt: float | None = None
+    # arc length of the inner face from its middle [m]; None on a circle
     arc: float | None = None
-    by_arc: bool = False
+    by_arc: bool = False  # whether the arc is what was estimated, not the angle
+    # arc of the outer face that a wide contact presses, and its standard deviation [m]; None
+    # where a line explains the readings
     spread: tuple[float, float] | None = None
+    # diameter along the arc of the even ellipse whose second moments a contact on a pad has,
+    # and its standard deviation [m]; None where the taxels can't tell
     arc_extent: tuple[float, float] | None = None
-    axial_extent: tuple[float, float] | None = None
+    axial_extent: tuple[float, float] | None = None  # likewise along the axis
+    # force on a pad along growing angles, and its standard deviation [N]; None where the taxels
+    # can't tell
     arc_force: tuple[float, float] | None = None
-    axial_force: tuple[float, float] | None = None
+    axial_force: tuple[float, float] | None = None  # likewise along the axis
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -150,34 +142,27 @@ class Contact:
 
 @dataclass(frozen=True)
 class LoadEstimate:
-    """What a frame says.
+    """What a frame says."""
 
-    Attributes:
-        contact: whether anything touches the skin; None where the readings cannot say.
-        contacts: the contacts, by angle.
-        oil_pressure: above ambient [Pa]; NaN where unknown.
-        wall_contact: whether the membrane touches the wall; None where that is not known.
-        chi2_per_dof: weighted squares of the residuals per degree of freedom.
-        status: outcome, a key of `STATUS`.
-        left_out: taxels (positions in the layout) left out as faulty or missing.
-        alternatives: other loads that explain the readings almost as well: another place of
-            one contact, or two contacts in place of a wide one.
-        latency: time of the computation [s].
-        drift: of the readings at rest that was taken off, mean and largest over the taxels
-            [counts]; None where none is followed.
-        at_least: force that acts at least, 95 % sure, where the wall may take more [N].
-    """
-
+    # whether anything touches the skin; None where the readings cannot say
     contact: bool | None
-    contacts: tuple[Contact, ...] = ()
-    oil_pressure: float = float("nan")
+    contacts: tuple[Contact, ...] = ()  # the contacts, by angle
+    oil_pressure: float = float("nan")  # above ambient [Pa]; NaN where unknown
+    # whether the membrane touches the wall; None where that is not known
     wall_contact: bool | None = None
+    # weighted squares of the residuals per degree of freedom
     chi2_per_dof: float = float("nan")
-    status: str = "no_contact"
+    status: str = "no_contact"  # outcome, a key of `STATUS`
+    # taxels (positions in the layout) left out as faulty or missing
     left_out: tuple[int, ...] = ()
+    # other loads that explain the readings almost as well: another place of one contact, or two
+    # contacts in place of a wide one
     alternatives: tuple[Contact, ...] = ()
-    latency: float = 0.0
+    latency: float = 0.0  # time of the computation [s]
+    # force that acts at least, 95 % sure, where the wall may take more [N]
     at_least: float | None = None
+    # of the readings at rest that was taken off, mean and largest over the taxels [counts];
+    # None where none is followed
     drift: tuple[float, float] | None = None
 
     @property
@@ -194,8 +179,7 @@ def load_type(names: Sequence[str]) -> np.dtype:
     Its fields are the quantities with their units, such as `angle_rad` and `force_N`, and
     `covariance`, a square of as many rows in their order and units.
 
-    Args:
-        names: of the quantities, as `Contact.names` has them.
+    `names`: of the quantities, as `Contact.names` has them.
     """
     size = len(names)
     fields = [(FIELDS.get(name, name), float) for name in names]

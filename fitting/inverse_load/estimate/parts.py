@@ -13,27 +13,18 @@ from fitting.inverse_load.search.base import AbstractNodeSearch
 
 @dataclass(frozen=True)
 class EstimationParts:
-    """The parts of an estimator, for one skin.
+    """The parts of an estimator, for one skin."""
 
-    Attributes:
-        rest: the model's readings at rest [taxel] [counts].
-        detector: tells contact from noise.
-        nodes: where fits begin.
-        fitter: fits loads to readings.
-        assessment: turns fits into estimates.
-        trials: readings of one and of two contacts, to compile or load what they need.
-        posterior: of a frame's loads.
-        systematic: errors that all frames share: those of the skin file's numbers, and the
-            model's own; None where there are none.
-        wide_fitter: fits one contact of unknown width; None where there is no such model.
-    """
-
-    rest: Floats
-    detector: AbstractDetector
-    nodes: AbstractNodeSearch
-    fitter: AbstractLoadFitter
-    assessment: AbstractLoadAssessment
+    rest: Floats  # the model's readings at rest [taxel] [counts]
+    detector: AbstractDetector  # tells contact from noise
+    nodes: AbstractNodeSearch  # where fits begin
+    fitter: AbstractLoadFitter  # fits loads to readings
+    assessment: AbstractLoadAssessment  # turns fits into estimates
+    # readings of one and of two contacts, to compile or load what they need
     trials: tuple[Floats, Floats]
-    posterior: AbstractLoadPosterior
+    posterior: AbstractLoadPosterior  # of a frame's loads
+    # errors that all frames share: those of the skin file's numbers, and the model's own; None
+    # where there are none
     systematic: AbstractSystematicErrors | None = None
+    # fits one contact of unknown width; None where there is no such model
     wide_fitter: AbstractLoadFitter | None = None

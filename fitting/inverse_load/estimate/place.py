@@ -16,17 +16,12 @@ _POINTS = 4001  # of the tables along the arc: good to 1e-9 of it
 class ContactPlaces:
     """Places along the arc of one skin, as its scenes state them.
 
-    Attributes:
-        name: of the coordinate that is estimated: "arc", the arc length of the inner face from
-            its middle [m], where the section knows no angle; else "angle" [rad].
-        edge: that coordinate of the right clamped edge.
-
-    Args:
-        spec: the [geometry] table.
-        geometry: its dimensions.
+    `spec`: the [geometry] table. `geometry`: its dimensions.
     """
 
     def __init__(self, spec: GeometrySpec, geometry: SkinGeometry) -> None:
+        # name of the coordinate that is estimated: "arc", the arc length of the inner face from
+        # its middle [m], where the section knows no angle; else "angle" [rad]
         self.name = "angle" if spec.has_angle else "arc"
         self._circle = spec.is_circle
         self._outer_size = float(geometry.outer_size[0])
@@ -37,6 +32,7 @@ class ContactPlaces:
             rows = _told(geometry, jnp.asarray(angle)[:, None])
             self._rows = angle, np.concatenate([np.asarray(x) for x in rows], 1)
             self._table = CubicSpline(*self._rows)
+        # the estimated coordinate of the right clamped edge
         self.edge = float(self.estimated(np.asarray(geometry.half_angle)[0]))
 
     def angle(self, angle: Floats) -> Floats:

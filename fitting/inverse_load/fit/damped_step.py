@@ -22,40 +22,24 @@ _RAISED = 1e-1
 
 
 class Descent(NamedTuple):
-    """Where fits are, and what lies ahead; of NumPy or JAX, fits along the last axis.
+    """Where fits are, and what lies ahead; of NumPy or JAX, fits along the last axis."""
 
-    Attributes:
-        parameters: [parameter, fit].
-        gradient: of minus half of chi2 [parameter, fit].
-        information: J^T W J [parameter, parameter, fit].
-        low: lower bounds [parameter, fit].
-        high: upper bounds [parameter, fit].
-    """
-
-    parameters: Any
-    gradient: Any
-    information: Any
-    low: Any
-    high: Any
+    parameters: Any  # [parameter, fit]
+    gradient: Any  # of minus half of chi2 [parameter, fit]
+    information: Any  # J^T W J [parameter, parameter, fit]
+    low: Any  # lower bounds [parameter, fit]
+    high: Any  # upper bounds [parameter, fit]
 
 
 def damped_step(
-    here: Descent,
-    damping: Any,
-    solve: Callable[[Any, Any], Any],
+    here: Descent,  # where they begin
+    damping: Any,  # of each fit [fit]
+    solve: Callable[[Any, Any], Any],  # solves matrices [n, n, fit] for right sides [n, fit]
     *,
-    ridge: float,
-    xp: Any = np,
+    ridge: float,  # added to the damping, in units of the scaled diagonal
+    xp: Any = np,  # NumPy, or `jax.numpy` inside of a program
 ) -> tuple[Any, Any]:
-    """Damped Gauss-Newton steps [parameter, fit] and the decreases of chi2 they predict [fit].
-
-    Args:
-        here: where they begin.
-        damping: of each fit [fit].
-        solve: solves matrices [n, n, fit] for right sides [n, fit].
-        ridge: added to the damping, in units of the scaled diagonal.
-        xp: NumPy, or `jax.numpy` inside of a program.
-    """
+    """Damped Gauss-Newton steps [parameter, fit]; decreases of chi2 they predict [fit]."""
     x, gradient, information, low, high = here
     tiny = 1e-12 * (1 + xp.abs(x))
     stuck = ((x <= low + tiny) & (gradient < 0)) | ((x >= high - tiny) & (gradient > 0))

@@ -30,15 +30,11 @@ _SURE = 10.0  # significance beyond which the rate of false alarms is not told e
 
 
 class Detection(NamedTuple):
-    """Result of the test, frame by frame.
+    """Result of the test, frame by frame."""
 
-    Attributes:
-        statistic: z, the significance of the best light contact.
-        p_value: probability that noise alone reaches it; where that is far below any rate that
-            is asked for, something above it.
-    """
-
-    statistic: Floats
+    statistic: Floats  # z, the significance of the best light contact
+    # probability that noise alone reaches it; where that is far below any rate that is asked
+    # for, something above it
     p_value: Floats
 
 
@@ -138,9 +134,8 @@ class ArcDetector(AbstractDetector):
 class PadDetector(AbstractDetector):
     """The test for a pad: places lie on a grid.
 
-    Args:
-        signatures: change of readings under a light contact [place, taxel].
-        shape: of the grid; its places are in row-major order.
+    `signatures`: change of readings under a light contact [place, taxel]. `shape`: of the grid;
+    its places are in row-major order.
     """
 
     def __init__(self, signatures: Floats, shape: tuple[int, int]) -> None:
@@ -194,14 +189,10 @@ class PadDetector(AbstractDetector):
 def without_errors(change: Floats, weight: Floats, errors: Floats) -> tuple[Floats, Floats]:
     """Take what errors of the inputs explain best off the readings at rest.
 
-    Args:
-        change: readings less those at rest, zero where not used [frame, taxel].
-        weight: inverse variance [frame, taxel].
-        errors: change of the readings by each error [error, taxel].
-
-    Returns:
-        The rest of the change [frame, taxel], and R with R^T R = W S^T (1 + S W S^T)^-1 S W
-        [frame, error, taxel].
+    `change`: readings less those at rest, zero where not used [frame, taxel]. `weight`: inverse
+    variance [frame, taxel]. `errors`: change of the readings by each error [error, taxel].
+    Returns the rest of the change [frame, taxel], and R with R^T R = W S^T (1 + S W S^T)^-1 S W
+    [frame, error, taxel].
     """
     weighted = errors * weight[:, None]
     matrix = np.eye(len(errors)) + weighted @ errors.T

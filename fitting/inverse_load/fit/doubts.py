@@ -27,32 +27,20 @@ _TRIMMED_FITS = 3
 
 
 class _Doubt(NamedTuple):
-    """Why one contact may not explain a frame of a stream.
+    """Why one contact may not explain a frame of a stream."""
 
-    Attributes:
-        place: of the pattern of one more contact that its residuals hold.
-        poor: whether the fit is poor.
-    """
-
-    place: int | None
-    poor: bool
+    place: int | None  # of the pattern of one more contact that its residuals hold
+    poor: bool  # whether the fit is poor
 
 
 class Doubts:
-    """Tells which frames one contact may not explain.
-
-    Args:
-        fitter: least squares on the skin.
-        nodes: coarse search for one contact, which knows the patterns.
-        penalty: chi2 that a further contact must gain.
-        most_contacts: to tell apart.
-    """
+    """Tells which frames one contact may not explain."""
 
     def __init__(
         self,
         fitter: AbstractLoadFitter,
-        nodes: AbstractNodeSearch,
-        penalty: float,
+        nodes: AbstractNodeSearch,  # coarse search for one contact, which knows the patterns
+        penalty: float,  # chi2 that a further contact must gain
         most_contacts: int,
     ) -> None:
         self._live, self._per_contact = fitter.live, fitter.per_contact
@@ -80,9 +68,7 @@ class Doubts:
     def of(self, y: Any, best: Explanations) -> Flags:
         """Frames that one contact may not explain.
 
-        Args:
-            y: readings [frame, taxel] [counts].
-            best: their explanations by one contact.
+        `y`: readings [frame, taxel] [counts]. `best`: their explanations by one contact.
         """
         if self._live:
             return self._lasting(y, best)
@@ -108,34 +94,24 @@ class Doubts:
 
 @dataclass(frozen=True)
 class FaultyTaxels:
-    """Explains frames without their faulty taxels.
+    """Explains frames without their faulty taxels."""
 
-    Args:
-        nodes: states of one contact.
-        fit: fits frames by a number of contacts, from readings, weights, starting points,
-            states and that number, each contact beyond the first with its penalty.
-        per_contact: parameters of a contact.
-        most_contacts: to tell apart.
-    """
-
-    nodes: AbstractNodeSearch
+    nodes: AbstractNodeSearch  # states of one contact
+    # fits frames by a number of contacts, from readings, weights, starting points, states and
+    # that number, each contact beyond the first with its penalty
     fit: Callable[[Any, Any, Any, Any, int], Explanations]
-    per_contact: int
-    most_contacts: int
+    per_contact: int  # parameters of a contact
+    most_contacts: int  # to tell apart
 
     def explained_without(
         self, y: Any, weight: Any, frames: Any, best: Explanations
     ) -> Explanations:
         """Fit frames without the taxels that stand out, each counted against the fit.
 
-        Args:
-            y: readings [frame, taxel] [counts].
-            weight: inverse variances, zero where a taxel is not used [frame, taxel].
-            frames: those that are fitted.
-            best: explanations of all frames.
-
-        Returns:
-            The explanations, with those of the frames where they are cheaper.
+        `y`: readings [frame, taxel] [counts]. `weight`: inverse variances, zero where a taxel
+        is not used [frame, taxel]. `frames`: those that are fitted. `best`: explanations of all
+        frames.
+        Returns the explanations, with those of the frames where they are cheaper.
         """
         y, weight = y[frames], weight[frames]
         most = np.maximum(1, np.floor(_MOST_OUTLIERS * (weight > 0).sum(1)))
@@ -176,10 +152,9 @@ class FaultyTaxels:
 def _inliers(y: Any, weight: Any, so: Any) -> Floats:
     """Weights without the taxels that stand out from a model.
 
-    Args:
-        y: readings [frame, taxel] [counts].
-        weight: inverse variances, zero where a taxel is not used [frame, taxel].
-        so: what the model reads [frame, taxel] [counts]; all stand out where it is not finite.
+    `y`: readings [frame, taxel] [counts]. `weight`: inverse variances, zero where a taxel is
+    not used [frame, taxel]. `so`: what the model reads [frame, taxel] [counts]; all stand out
+    where it is not finite.
     """
     residual = np.abs(np.where(np.isfinite(so), y - so, np.inf))
     limit = np.where(weight > 0, _OUTLIER / np.sqrt(np.where(weight > 0, weight, 1.0)), 0.0)
@@ -191,14 +166,10 @@ def _least_trimmed(
 ) -> tuple[Rows, Floats]:
     """Nodes that explain all but the worst taxels best (least trimmed squares).
 
-    Args:
-        nodes: states of one contact.
-        y: readings [frame, taxel] [counts].
-        weight: inverse variances, zero where a taxel is not used [frame, taxel].
-        most: taxels that may be left out [frame].
-
-    Returns:
-        The node of every frame, and weights without its worst taxels [frame, taxel].
+    `nodes`: states of one contact. `y`: readings [frame, taxel] [counts]. `weight`: inverse
+    variances, zero where a taxel is not used [frame, taxel]. `most`: taxels that may be left
+    out [frame].
+    Returns the node of every frame, and weights without its worst taxels [frame, taxel].
     """
     trimmed, node = weight.copy(), np.zeros(len(y), int)
     for k in range(len(y)):

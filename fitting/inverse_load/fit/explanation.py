@@ -22,42 +22,28 @@ _UNKNOWN = 1e300  # chi2 of what could not be solved
 
 @dataclass(frozen=True)
 class Explanations:
-    """One explanation a frame; arrays lead with the frame.
+    """One explanation a frame; arrays lead with the frame."""
 
-    Attributes:
-        score: chi2, and what further contacts and taxels left out count.
-        chi2: weighted sum of squares; infinite where nothing was found.
-        contacts: their number.
-        parameters: all angles, all forces, all turns; padded with NaN.
-        jacobian: derivatives of the readings by them, likewise [frame, parameter, taxel].
-        information: J^T W J, likewise.
-        predicted_decrease: of chi2, by one more step.
-        pressure: of the oil [Pa].
-        min_gap: between membrane and wall [m].
-        so: the model's readings [counts].
-        q: unknowns of the equilibrium [frame, dof, station]; on a pad, of which none is solved,
-            all parameters of the fit, those eliminated among them [frame, 1, parameter].
-        weight: inverse variances, zero where a taxel is left out [1/counts^2].
-        absorbed: whether errors of the skin's inputs were fitted with the loads: they are then
-            part of `so` and `chi2`.
-        beside: what was fitted along beside the parameters, and eliminated from jacobian and
-            information: values and standard deviations [frame, contact, quantity, 2]; NaN where
-            not told. On a section the length of the arc that a single contact presses [m].
-    """
-
-    score: Floats
-    chi2: Floats
-    contacts: NDArray[np.int64]
-    parameters: Floats
-    jacobian: Floats
-    information: Floats
-    predicted_decrease: Floats
-    pressure: Floats
-    min_gap: Floats
-    so: Floats
+    score: Floats  # chi2, and what further contacts and taxels left out count
+    chi2: Floats  # weighted sum of squares; infinite where nothing was found
+    contacts: NDArray[np.int64]  # their number
+    parameters: Floats  # all angles, all forces, all turns; padded with NaN
+    jacobian: Floats  # derivatives of the readings by them, likewise [frame, parameter, taxel]
+    information: Floats  # J^T W J, likewise
+    predicted_decrease: Floats  # of chi2, by one more step
+    pressure: Floats  # of the oil [Pa]
+    min_gap: Floats  # between membrane and wall [m]
+    so: Floats  # the model's readings [counts]
+    # unknowns of the equilibrium [frame, dof, station]; on a pad, of which none is solved, all
+    # parameters of the fit, those eliminated among them [frame, 1, parameter]
     q: Floats
-    weight: Floats
+    weight: Floats  # inverse variances, zero where a taxel is left out [1/counts^2]
+    # whether errors of the skin's inputs were fitted with the loads: they are then part of `so`
+    # and `chi2`
     absorbed: Flags
+    # what was fitted along beside the parameters, and eliminated from jacobian and information:
+    # values and standard deviations [frame, contact, quantity, 2]; NaN where not told. On a
+    # section the length of the arc that a single contact presses [m].
     beside: Floats
 
     def __len__(self) -> int:
@@ -83,9 +69,8 @@ class Explanations:
     def cheapest(self, frames: Rows, candidates: "Explanations") -> tuple["Explanations", Rows]:
         """The explanation of lowest score of every frame, and which frames changed.
 
-        Args:
-            frames: what each candidate explains; a frame may have several or none.
-            candidates: other explanations.
+        `frames`: what each candidate explains; a frame may have several or none. `candidates`:
+        other explanations.
         """
         rows = np.flatnonzero(candidates.score < self.score[frames])
         rows = rows[np.argsort(-candidates.score[rows], kind="stable")]  # cheapest last
@@ -128,9 +113,8 @@ class Explanations:
 def widened(values: Floats, *sizes: int) -> Floats:
     """Arrays by frame with NaN for the parameters that a fit doesn't have.
 
-    Args:
-        values: a frame first, then one axis or more over parameters.
-        sizes: that these axes should have.
+    `values`: a frame first, then one axis or more over parameters. `sizes`: that these axes
+    should have.
     """
     whole = np.full((len(values), *sizes, *values.shape[1 + len(sizes) :]), np.nan)
     whole[tuple(slice(n) for n in values.shape)] = values

@@ -22,14 +22,10 @@ _ENDED = 0.1  # decrease of chi2 below which errors and loads have settled
 
 @dataclass(frozen=True)
 class LoadsAndErrors:
-    """Fits explanations of frames by a number of contacts.
+    """Fits explanations of frames by a number of contacts."""
 
-    Args:
-        fitter: least squares on the skin.
-        errors: of the skin's inputs; None where they are known exactly.
-    """
-
-    fitter: AbstractLoadFitter
+    fitter: AbstractLoadFitter  # least squares on the skin
+    # of the skin's inputs; None where they are known exactly
     errors: AbstractSystematicErrors | None
 
     def fit(
@@ -69,23 +65,14 @@ class LoadsAndErrors:
     def _with_errors(
         self,
         fitter: AbstractLoadFitter,
-        y: Any,
-        weight: Any,
-        begin: Explanations,
-        errors: Any,
+        y: Any,  # readings [frame, taxel]
+        weight: Any,  # inverse variances
+        begin: Explanations,  # by loads alone
+        errors: Any,  # most likely there, in standard deviations [frame, error]
         *,
-        pull: bool,
+        pull: bool,  # whether forces pull outwards
     ) -> Explanations:
-        """Loads and errors of the inputs in turn, from explanations by loads alone.
-
-        Args:
-            fitter: of the loads.
-            y: readings [frame, taxel].
-            weight: inverse variances.
-            begin: by loads alone.
-            errors: most likely there, in standard deviations [frame, error].
-            pull: whether forces pull outwards.
-        """
+        """Loads and errors of the inputs in turn, from explanations by loads alone."""
         assert self.errors is not None
         per_contact, count = self.fitter.per_contact, int(begin.contacts[0])
         width = per_contact * count

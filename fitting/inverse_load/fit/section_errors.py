@@ -73,10 +73,8 @@ class SectionErrors(AbstractSystematicErrors):
     def under_one(self, angle: Floats, force: Floats, jacobian: Floats) -> Floats:
         """Change of readings under one radial contact [frame, error, taxel].
 
-        Args:
-            angle: of the contact [frame, rad].
-            force: of the contact [frame, N].
-            jacobian: derivatives of the readings by the two [frame, 2, taxel].
+        `angle`: of the contact [frame, rad]. `force`: of the contact [frame, N]. `jacobian`:
+        derivatives of the readings by the two [frame, 2, taxel].
         """
         table = self._table
         by_angle, by_log = table.steps
@@ -100,10 +98,9 @@ class SectionErrors(AbstractSystematicErrors):
     def _tabulated(self) -> tuple[NDArray[Any], NDArray[Any], Floats]:
         """What errors do at all states and at rest.
 
-        Returns:
-            Change of readings that no change of the contact does, per newton [angle, force,
-            error, taxel]; change of the contact that does the rest, of its angle and, per
-            newton, of its force [angle, force, error, 2]; change at rest [error, taxel].
+        Returns the change of readings that no change of the contact does, per newton
+        [angle, force, error, taxel]; change of the contact that does the rest, of its angle
+        and, per newton, of its force [angle, force, error, 2]; change at rest [error, taxel].
         """
         name = content_key(
             {
@@ -176,9 +173,8 @@ class SectionErrors(AbstractSystematicErrors):
 def _most_alike(jacobian: Floats, moved: Floats) -> Floats:
     """Changes of a contact that come nearest to changes of readings [frame, change, 2].
 
-    Args:
-        jacobian: derivatives of readings by the contact [frame, 2, taxel].
-        moved: changes of readings [frame, change, taxel].
+    `jacobian`: derivatives of readings by the contact [frame, 2, taxel]. `moved`: changes of
+    readings [frame, change, taxel].
     """
     size = np.sqrt((jacobian**2).sum(-1, keepdims=True))
     unit = jacobian / np.where(size > 0, size, 1.0)
@@ -198,10 +194,8 @@ def _filled(values: Floats) -> Floats:
 def changed_skin(spec: SkinSpec, skin: Skin, inputs: Mapping[str, ArrayLike]) -> Skin:
     """A skin with some inputs changed.
 
-    Args:
-        spec: the skin's file.
-        skin: the model made from it, whose wall and mesh are kept.
-        inputs: values by TOML path, traced or not.
+    `skin`: the model made from it, whose wall and mesh are kept. `inputs`: values by TOML path,
+    traced or not.
     """
     parts = skin_parts(spec, {**continuous_inputs(spec), **inputs})
     wall = None if skin.wall is None else parts.wall
@@ -211,11 +205,7 @@ def changed_skin(spec: SkinSpec, skin: Skin, inputs: Mapping[str, ArrayLike]) ->
 def skin_tangent(spec: SkinSpec, skin: Skin, paths: tuple[str, ...], column: Floats) -> Skin:
     """Derivative of a skin by its inputs along a direction.
 
-    Args:
-        spec: the skin's file.
-        skin: the model made from it.
-        paths: of the inputs.
-        column: their change [path], SI.
+    `skin`: the model made from it. `paths`: of the inputs. `column`: their change [path], SI.
     """
     at = [value_of(spec, path) for path in paths]
 

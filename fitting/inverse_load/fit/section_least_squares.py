@@ -22,39 +22,25 @@ from suas_jax.scene.skin import Skin
 
 
 class Target(NamedTuple):
-    """What is fitted, lane by lane.
+    """What is fitted, lane by lane."""
 
-    Attributes:
-        so: readings [counts]; anything where the weight is zero.
-        weight: inverse variance [1/counts^2]; zero where a taxel is left out.
-        low: lower bounds of the parameters.
-        high: upper bounds.
-    """
-
-    so: Float[Array, "taxel lane"]
+    so: Float[Array, "taxel lane"]  # readings [counts]; anything where the weight is zero
+    # inverse variance [1/counts^2]; zero where a taxel is left out
     weight: Float[Array, "taxel lane"]
-    low: Float[Array, "parameter lane"]
-    high: Float[Array, "parameter lane"]
+    low: Float[Array, "parameter lane"]  # lower bounds of the parameters
+    high: Float[Array, "parameter lane"]  # upper bounds
 
 
 class Fit(NamedTuple):
-    """A weighted least-squares fit, lane by lane.
+    """A weighted least-squares fit, lane by lane."""
 
-    Attributes:
-        parameters: see `loads_from`.
-        evaluation: the model there.
-        chi2: weighted sum of squares; infinite where nothing was found.
-        gradient: J^T W (y - SO), half the steepest descent of chi2.
-        information: J^T W J at the parameters.
-        predicted_decrease: of chi2, by one more step: zero at a minimum.
-    """
-
-    parameters: Float[Array, "parameter lane"]
-    evaluation: Evaluation
-    chi2: Lanes
+    parameters: Float[Array, "parameter lane"]  # see `loads_from`
+    evaluation: Evaluation  # the model there
+    chi2: Lanes  # weighted sum of squares; infinite where nothing was found
+    # J^T W (y - SO), half the steepest descent of chi2
     gradient: Float[Array, "parameter lane"]
-    information: Float[Array, "parameter parameter lane"]
-    predicted_decrease: Lanes
+    information: Float[Array, "parameter parameter lane"]  # J^T W J at the parameters
+    predicted_decrease: Lanes  # of chi2, by one more step: zero at a minimum
 
 
 SETTLED = 1e-2
@@ -72,27 +58,18 @@ class _Walk(NamedTuple):
 
 def fit_loads(
     skin: Skin,
-    target: Target,
-    parameters: Float[Array, "parameter lane"],
-    start: State,
-    steps: Int[Array, ""],
+    target: Target,  # readings, weights, bounds
+    parameters: Float[Array, "parameter lane"],  # where to start
+    start: State,  # an equilibrium near there
+    steps: Int[Array, ""],  # most evaluations
     *,
     contacts: int,
-    wide: bool = False,
+    wide: bool = False,  # whether they are one load over an arc, see `wide_load`
 ) -> Fit:
     """Levenberg-Marquardt in all lanes at once, inside bounds.
 
     minimise chi2(x) = sum_k w_k (y_k - SO_k(x))^2. Steps that would leave the bounds end
     on them, and what presses against a bound is left out of the predicted decrease.
-
-    Args:
-        skin: the skin.
-        target: readings, weights, bounds.
-        parameters: where to start.
-        start: an equilibrium near there.
-        steps: most evaluations.
-        contacts: number of loads.
-        wide: whether they are one load over an arc, see `wide_load`.
     """
 
     def body(walk: _Walk) -> _Walk:

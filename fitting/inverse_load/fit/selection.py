@@ -29,40 +29,25 @@ _PLAUSIBLE = 0.05  # p-value of chi2 above which no further contact is sought
 
 
 class Alternative(NamedTuple):
-    """A second explanation of a frame that one contact explains.
+    """A second explanation of a frame that one contact explains."""
 
-    Attributes:
-        chi2: of the fit.
-        parameters: of the contacts.
-        information: J^T W J.
-        contacts: their number: another place of one, or two for a wide one.
-    """
-
-    chi2: float
-    parameters: Floats
-    information: Floats
-    contacts: int
+    chi2: float  # of the fit
+    parameters: Floats  # of the contacts
+    information: Floats  # J^T W J
+    contacts: int  # their number: another place of one, or two for a wide one
 
 
 @dataclass
 class Selection:
-    """Finds the best explanation of frames that something touches.
+    """Finds the best explanation of frames that something touches."""
 
-    Args:
-        fitter: least squares on the skin.
-        nodes: coarse search for one contact.
-        penalty: chi2 that a further contact must gain.
-        most_contacts: to tell apart.
-        errors: of the skin's inputs; None where they are known exactly.
-        wide_fitter: least squares for one contact of unknown width; None where contacts have
-            no width to find.
-    """
-
-    fitter: AbstractLoadFitter
-    nodes: AbstractNodeSearch
-    penalty: float
-    most_contacts: int
+    fitter: AbstractLoadFitter  # least squares on the skin
+    nodes: AbstractNodeSearch  # coarse search for one contact
+    penalty: float  # chi2 that a further contact must gain
+    most_contacts: int  # to tell apart
+    # of the skin's inputs; None where they are known exactly
     errors: AbstractSystematicErrors | None = None
+    # least squares for one contact of unknown width; None where contacts have no width to find
     wide_fitter: AbstractLoadFitter | None = None
 
     def __post_init__(self) -> None:
@@ -93,9 +78,8 @@ class Selection:
     ) -> tuple[Explanations, list[Alternative | None]]:
         """The best explanation of every frame, and its second mode where there is one.
 
-        Args:
-            y: readings [frame, taxel] [counts].
-            weight: inverse variances, zero where a taxel is not used [frame, taxel].
+        `y`: readings [frame, taxel] [counts]. `weight`: inverse variances, zero where a taxel
+        is not used [frame, taxel].
         """
         self.seconds = np.zeros(len(y))
         followed = self._followed(y, weight)

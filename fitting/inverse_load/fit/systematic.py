@@ -32,25 +32,15 @@ _CHUNK = 128  # frames that are worked through together
 
 
 class ErrorsOfFrames(NamedTuple):
-    """What frames say about the errors of the inputs; frames of one number of contacts.
+    """What frames say about the errors of the inputs; frames of one number of contacts."""
 
-    Attributes:
-        slopes: of the readings by the errors, S [frame, error, channel].
-        gain: of the loads, G [frame, parameter, error].
-        left: the information that loads leave, S'^T W S' [frame, error, error].
-        pull: S'^T W r [frame, error].
-        spread: covariance of the errors given the frame, P [frame, error, error].
-        likely: the most likely errors, in standard deviations [frame, error].
-        decrease: of chi2, less the squares of the errors [frame].
-    """
-
-    slopes: Floats
-    gain: Floats
-    left: Floats
-    pull: Floats
-    spread: Floats
-    likely: Floats
-    decrease: Floats
+    slopes: Floats  # of the readings by the errors, S [frame, error, channel]
+    gain: Floats  # of the loads, G [frame, parameter, error]
+    left: Floats  # the information that loads leave, S'^T W S' [frame, error, error]
+    pull: Floats  # S'^T W r [frame, error]
+    spread: Floats  # covariance of the errors given the frame, P [frame, error, error]
+    likely: Floats  # the most likely errors, in standard deviations [frame, error]
+    decrease: Floats  # of chi2, less the squares of the errors [frame]
 
 
 class AbstractSystematicErrors(abc.ABC):

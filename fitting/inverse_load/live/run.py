@@ -25,29 +25,17 @@ from suas_jax.acquisition.terminal import say
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """How to run.
+    """How to run."""
 
-    Attributes:
-        port: as `suas log` takes it.
-        format_name: frame format.
-        baud: bits per second.
-        duration: stop after this long [s].
-        latency: age at which a frame is dropped [s].
-        log: where readings are recorded, if anywhere.
-        as_json: JSON lines instead of a view.
-        smooth: filter over time.
-        overwrite: replace an existing log.
-    """
-
-    port: str
+    port: str  # as `suas log` takes it
     format_name: str = "text"
-    baud: int = 115200
-    duration: float | None = None
-    latency: float = 0.1
-    log: Path | None = None
-    as_json: bool = False
-    smooth: bool = False
-    overwrite: bool = False
+    baud: int = 115200  # bits per second
+    duration: float | None = None  # stop after this long [s]
+    latency: float = 0.1  # age at which a frame is dropped [s]
+    log: Path | None = None  # where readings are recorded, if anywhere
+    as_json: bool = False  # JSON lines instead of a view
+    smooth: bool = False  # filter over time
+    overwrite: bool = False  # replace an existing log
 
     def __post_init__(self) -> None:
         if not self.latency > 0:
@@ -73,15 +61,10 @@ def run_live(
 ) -> None:
     """`suas invert --live`: until Ctrl-C, SIGTERM or the end of the duration.
 
-    Args:
-        prepare: makes the estimator, which takes long: a port that can't be opened is refused
-            before.
-        options: how to run.
-        watchers: makes what takes part; what it enters into the stack is left at the end.
-
-    Raises:
-        ValueError: the log was deleted, moved or replaced, and went on beside its place.
-        PortError: the port can't be opened.
+    `prepare`: makes the estimator, which takes long: a port that can't be opened is refused
+    before. `watchers`: makes what takes part; what it enters into the stack is left at the end.
+    Raises ValueError: the log was deleted, moved or replaced, and went on beside its place.
+    Raises PortError: the port can't be opened.
     """
     decode = decoder(options.format_name)
     source = open_source(options.port, options.format_name, options.baud)

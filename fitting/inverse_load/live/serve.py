@@ -23,21 +23,15 @@ _STALLED = 5.0  # a client that takes nothing, or shows no token, for so long is
 class LineServer(LiveWatcher):
     """Sends a line a frame to every client.
 
-    Args:
-        address: HOST:PORT to listen at; port 0 takes a free one.
-
-    Attributes:
-        address: the host and port that it listens at.
-        token: what a client sends first, with a line feed behind it.
-
-    Raises:
-        ValueError: the address is none, or the environment's token is.
-        OSError: it can't be listened at.
+    `address`: HOST:PORT to listen at; port 0 takes a free one.
+    Raises ValueError: the address is none, or the environment's token is.
+    Raises OSError: it can't be listened at.
     """
 
     def __init__(self, address: str) -> None:
-        self.token = own_token()
+        self.token = own_token()  # what a client sends first, with a line feed behind it
         self._listener = socket.create_server(host_and_port(address, "--serve"))
+        # the host and port that it listens at
         self.address: tuple[str, int] = self._listener.getsockname()[:2]
         self._clients: dict[socket.socket, deque[bytes]] = {}
         self._strangers = threading.BoundedSemaphore(_MOST_CLIENTS)
@@ -115,8 +109,7 @@ class LineServer(LiveWatcher):
 def _first_line(client: socket.socket, end: float) -> bytes:
     """What a client sends up to its first line feed, or as much as a token can have.
 
-    Raises:
-        TimeoutError: there is no line at the end [s].
+    Raises TimeoutError: there is no line at the end [s].
     """
     line = b""
     while b"\n" not in line and len(line) <= LONGEST + 1:
@@ -129,11 +122,7 @@ def _first_line(client: socket.socket, end: float) -> bytes:
 
 
 def host_and_port(address: str, option: str) -> tuple[str, int]:
-    """Host and port of HOST:PORT.
-
-    Raises:
-        ValueError: it is none.
-    """
+    """Host and port of HOST:PORT. Raises ValueError: it is none."""
     host, _, port = address.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")  # of an address of IPv6
     if not host or not port.isdecimal() or int(port) > 65535:

@@ -23,40 +23,25 @@ from suas_jax.acquisition.taxel_faults import StuckWatch
 
 
 class FrameReadings(NamedTuple):
-    """Readings of one frame of a stream.
+    """Readings of one frame of a stream."""
 
-    Attributes:
-        time: on the device's clock if it has one, else on the host's [s].
-        seq: frame number.
-        arrived: host time of its last byte [s].
-        so: readings [taxel] [counts]; NaN where missing.
-        stuck: taxels that repeat one count beyond chance [taxel].
-    """
-
-    time: float
-    seq: int
-    arrived: float
-    so: Floats
-    stuck: Flags
+    time: float  # on the device's clock if it has one, else on the host's [s]
+    seq: int  # frame number
+    arrived: float  # host time of its last byte [s]
+    so: Floats  # readings [taxel] [counts]; NaN where missing
+    stuck: Flags  # taxels that repeat one count beyond chance [taxel]
 
 
 class LiveFrame(NamedTuple):
-    """One frame of a stream with its loads.
+    """One frame of a stream with its loads."""
 
-    Attributes:
-        time: on the device's clock if it has one, else on the host's [s].
-        seq: frame number.
-        estimate: its loads; `latency` counts from the arrival of its last byte.
-        filtered: its loads filtered over time; None where that wasn't asked for.
-        dropped: frames left out so far because they had waited too long.
-        readings: that it was estimated from; None where they are of another layout.
-    """
-
-    time: float
-    seq: int
-    estimate: LoadEstimate
+    time: float  # on the device's clock if it has one, else on the host's [s]
+    seq: int  # frame number
+    estimate: LoadEstimate  # its loads; `latency` counts from the arrival of its last byte
+    # its loads filtered over time; None where that wasn't asked for
     filtered: list[Contact] | None
-    dropped: int
+    dropped: int  # frames left out so far because they had waited too long
+    # that it was estimated from; None where they are of another layout
     readings: FrameReadings | None = None
 
 
@@ -111,28 +96,22 @@ class FrameBuilder:
 
 
 def live_frames(
-    stream: Stream,
-    estimator: LoadEstimator,
+    stream: Stream,  # of readings; set its `stop` to end
+    estimator: LoadEstimator,  # made with `live=True`
     *,
     latency: float = 0.1,
-    smooth: bool = False,
-    clock: Callable[[], float] = time.monotonic,
+    smooth: bool = False,  # also filter over time
+    clock: Callable[[], float] = time.monotonic,  # the stream's
     on_reading: Callable[[Judged], None] = lambda judged: None,
     on_frame: Callable[[FrameReadings], None] = lambda frame: None,
-    idle: Callable[[], None] = lambda: None,
+    idle: Callable[[], None] = lambda: None,  # called ten times a second or more
 ) -> Generator[LiveFrame, None, None]:
     """Loads of a stream's frames, in the order of arrival.
 
-    Args:
-        stream: of readings; set its `stop` to end.
-        estimator: made with `live=True`.
-        latency: once a frame has waited longer before its turn, it and all others up to the
-            newest are dropped; the newest is always estimated [s].
-        smooth: also filter over time.
-        clock: the stream's.
-        on_reading: called with every reading, dropped or not.
-        on_frame: called with every frame of the skin's layout, dropped or not.
-        idle: called ten times a second or more.
+    `latency`: once a frame has waited longer before its turn, it and all others up to the
+    newest are dropped; the newest is always estimated [s]. `on_reading`: called with every
+    reading, dropped or not. `on_frame`: called with every frame of the skin's layout, dropped
+    or not.
     """
     builder = FrameBuilder(Layout(estimator.spec))
     watch = StuckWatch(estimator.reading_noise, estimator.taxels)

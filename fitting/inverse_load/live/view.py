@@ -24,10 +24,8 @@ _REFRESH = 0.1  # between two pictures [s]
 class LoadView(LiveTerminal, LiveWatcher):
     """Messages on stderr; on a terminal also a picture that moves.
 
-    Args:
-        estimator: names the skin.
-        title: the port.
-        show: whether a picture is wanted; without a terminal there is none.
+    `estimator`: names the skin. `show`: whether a picture is wanted; without a terminal there
+    is none.
     """
 
     def __init__(self, estimator: LoadEstimator, title: str, *, show: bool) -> None:
@@ -77,11 +75,8 @@ def picture(
 ) -> str:
     """The pad from edge to edge as a line of characters, a mark at each contact.
 
-    Args:
-        angles: of the contacts, or their places along the axis.
-        edge: the largest angle, or place.
-        unit: of what is written at the edges.
-        scale: size of one, in that unit.
+    `angles`: of the contacts, or their places along the axis. `edge`: the largest angle, or
+    place. `unit`: of what is written at the edges. `scale`: size of one, in that unit.
     """
     line = ["─"] * _WIDTH
     line[0], line[-1], line[_WIDTH // 2] = "├", "┤", "┼"

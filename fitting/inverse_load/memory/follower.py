@@ -56,10 +56,7 @@ class RememberingNodes(NodeSearch):
 class RememberedErrors(AbstractSystematicErrors):
     """Errors of the inputs, and of the shares of the stress that relax.
 
-    Args:
-        base: errors of the inputs; None for none.
-        memory: of the membrane.
-        taxels: their number.
+    `base`: errors of the inputs; None for none. `memory`: of the membrane.
     """
 
     def __init__(
@@ -98,28 +95,18 @@ class RememberedErrors(AbstractSystematicErrors):
 
 
 class MemoryFollower:
-    """Follows what the membrane of one skin remembers.
-
-    Args:
-        memory: of the membrane.
-        skin: with the long-term constants.
-        table: of its solved states.
-        errors: of its inputs; None for none.
-        direction: whether directions of contacts are free.
-        most_contacts: to tell apart.
-        penalty: chi2 that a further contact must gain.
-    """
+    """Follows what the membrane of one skin remembers."""
 
     def __init__(
         self,
-        memory: LoadMemory,
-        skin: Skin,
-        table: LoadTable,
-        errors: AbstractSystematicErrors | None,
+        memory: LoadMemory,  # of the membrane
+        skin: Skin,  # with the long-term constants
+        table: LoadTable,  # of its solved states
+        errors: AbstractSystematicErrors | None,  # of its inputs; None for none
         *,
-        direction: bool,
+        direction: bool,  # whether directions of contacts are free
         most_contacts: int,
-        penalty: float,
+        penalty: float,  # chi2 that a further contact must gain
     ) -> None:
         self._skin, self._rest_so = skin, table.rest
         self._series = Series(memory.gamma, memory.tau, memory.errors)  # type: ignore[arg-type]

@@ -30,15 +30,10 @@ from suas_jax.skin.geometry import SkinGeometry
 
 
 class ShiftedElectrodes(eqx.Module):
-    """Electrodes whose readings count from others.
+    """Electrodes whose readings count from others."""
 
-    Attributes:
-        electrodes: the skin's.
-        shift: taken off the readings [counts].
-    """
-
-    electrodes: Electrodes
-    shift: Float[Array, " taxel"]
+    electrodes: Electrodes  # the skin's
+    shift: Float[Array, " taxel"]  # taken off the readings [counts]
 
     @property
     def taxels(self) -> Taxels:
@@ -52,16 +47,11 @@ class ShiftedElectrodes(eqx.Module):
 
 
 class RememberingSkin(eqx.Module):
-    """A skin with a past; where fits take a `Skin`, they take this one as well.
+    """A skin with a past; where fits take a `Skin`, they take this one as well."""
 
-    Attributes:
-        skin: with the long-term constants of its file.
-        response: what its membrane answers with now.
-        shift: what the past leaves of the readings when nothing presses [counts].
-    """
-
-    skin: Skin
-    response: Response
+    skin: Skin  # with the long-term constants of its file
+    response: Response  # what its membrane answers with now
+    # what the past leaves of the readings when nothing presses [counts]
     shift: Float[Array, " taxel"]
 
     @property
@@ -98,35 +88,22 @@ class Series(NamedTuple):
 
 
 class Expected(NamedTuple):
-    """What the past leaves at a frame, if nothing presses.
+    """What the past leaves at a frame, if nothing presses."""
 
-    Attributes:
-        past: up to the frame before: S and the R_i, of the long-term constants [Pa].
-        response: of the membrane in this frame.
-        by_error: its change by every error of the series.
-        so: readings [counts].
-        slopes: their change by every error [error, taxel].
-        state: of the membrane.
-        result: index of the outcome, zero where it was found.
-    """
-
-    past: Past
-    response: Response
-    by_error: tuple[Response, ...]
-    so: Float[Array, " taxel"]
-    slopes: Float[Array, "error taxel"]
-    state: State
-    result: Array
+    past: Past  # up to the frame before: S and the R_i, of the long-term constants [Pa]
+    response: Response  # of the membrane in this frame
+    by_error: tuple[Response, ...]  # its change by every error of the series
+    so: Float[Array, " taxel"]  # readings [counts]
+    slopes: Float[Array, "error taxel"]  # their change by every error [error, taxel]
+    state: State  # of the membrane
+    result: Array  # index of the outcome, zero where it was found
 
 
 def response_of(series: Series, gamma: Array, past: Past, elapsed: Array) -> Response:
     """How the membrane answers at the end of a step; linear in gamma, but for the one.
 
-    Args:
-        series: of the membrane, for its times.
-        gamma: shares [term].
-        past: at the begin of the step; its parts are the R_i.
-        elapsed: its length [s].
+    `series`: of the membrane, for its times. `gamma`: shares [term]. `past`: at the begin of
+    the step; its parts are the R_i. `elapsed`: its length [s].
     """
     fade, mean = series.states.over(elapsed)
     left = jnp.tensordot(gamma * fade, past.parts, 1)
@@ -146,25 +123,15 @@ def at_first(skin: Skin) -> tuple[Past, State, Array]:
 
 
 def expected(
-    skin: Skin,
-    series: Series,
-    past: Past,
-    stood: Array,
-    last: StationVector,
-    elapsed: Array,
-    start: State,
+    skin: Skin,  # with the long-term constants
+    series: Series,  # of its membrane
+    past: Past,  # before the frame before
+    stood: Array,  # time that the step to the frame before took [s]
+    last: StationVector,  # unknowns of the frame before [dof, station, 1]
+    elapsed: Array,  # since then [s]
+    start: State,  # a state nearby
 ) -> Expected:
-    """What a frame would be without loads.
-
-    Args:
-        skin: with the long-term constants.
-        series: of its membrane.
-        past: before the frame before.
-        stood: time that the step to the frame before took [s].
-        last: unknowns of the frame before [dof, station, 1].
-        elapsed: since then [s].
-        start: a state nearby.
-    """
+    """What a frame would be without loads."""
     none = jnp.zeros((1, 1))
     problem = skin.problem(Loads(none, none, none, none[0]))
     past = past.after(series.states, stood, membrane_of(problem).deviator(last))
@@ -197,21 +164,13 @@ def _slope(
 
 
 def under_loads(
-    skin: RememberingSkin,
-    along: tuple[Response, ...],
-    parameters: Float[Array, "parameter lane"],
-    state: State,
+    skin: RememberingSkin,  # as fitted
+    along: tuple[Response, ...],  # see `Expected.by_error`
+    parameters: Float[Array, "parameter lane"],  # of the contacts, see `loads_from`
+    state: State,  # their equilibrium
     contacts: int,
 ) -> Float[Array, "error taxel"]:
-    """Change of readings under loads by every error of the series.
-
-    Args:
-        skin: as fitted.
-        along: see `Expected.by_error`.
-        parameters: of the contacts, see `loads_from`.
-        state: their equilibrium.
-        contacts: their number.
-    """
+    """Change of readings under loads by every error of the series."""
     problem = skin.skin.problem(loads_from(parameters, contacts))
     return jnp.stack(
         [_slope(skin.skin, problem, skin.response, one, state)[:, 0] for one in along]

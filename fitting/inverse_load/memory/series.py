@@ -23,17 +23,12 @@ batch, and what a fit to one test leaves open."""
 
 
 class LoadMemory(NamedTuple):
-    """How a skin's membrane relaxes.
+    """How a skin's membrane relaxes."""
 
-    Attributes:
-        gamma: relaxing shares of the stress over its long-term share [term].
-        tau: relaxation times [term] [s].
-        errors: change of `gamma` by independent errors of the g_i, one standard deviation
-            each [error, term].
-    """
-
-    gamma: Floats
-    tau: Floats
+    gamma: Floats  # relaxing shares of the stress over its long-term share [term]
+    tau: Floats  # relaxation times [term] [s]
+    # change of `gamma` by independent errors of the g_i, one standard deviation each
+    # [error, term]
     errors: Floats
 
     @classmethod
@@ -78,9 +73,7 @@ def creeping_load(memory: LoadMemory, time: Floats) -> Floats:
     E(t) with E + sum gamma_i R_i = 1, the load coming at once at t = 0: the states
     R follow A R' = -R/tau with A = 1 + 1 gamma^T, from R = E(0) = 1 / (1 + sum gamma).
 
-    Args:
-        memory: of the membrane.
-        time: since the load came on [s].
+    `memory`: of the membrane. `time`: since the load came on [s].
     """
     total = 1 + memory.gamma.sum()
     # R' = -R/tau + E', and E' = -gamma . R'

@@ -9,12 +9,10 @@ class ContactParameters:
     """Parameters of a contact, in the order of covariances.
 
     In a vector of several contacts all of one name stand together: all angles come first.
-
-    Attributes:
-        names: among "angle" [rad], "axial" [m], "force" [N], "diameter" [m], "direction" [rad]
-            and "tilt" [rad].
     """
 
+    # among "angle" [rad], "axial" [m], "force" [N], "diameter" [m], "direction" [rad] and
+    # "tilt" [rad]
     names: tuple[str, ...]
 
     @property
@@ -40,9 +38,7 @@ SECTION_WITH_DIRECTION = ContactParameters(("angle", "force", "direction"))
 def pad_parameters(*, diameter: bool, direction: bool) -> ContactParameters:
     """Parameters of a contact on a pad.
 
-    Args:
-        diameter: whether it is estimated.
-        direction: whether turn and tilt of the force are.
+    `diameter`: whether it is estimated. `direction`: whether turn and tilt of the force are.
     """
     names = ("angle", "axial", "force")
     more = ("diameter",) * diameter + ("direction", "tilt") * direction

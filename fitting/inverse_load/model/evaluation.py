@@ -22,23 +22,17 @@ from suas_jax.scene.skin import Skin
 
 
 class Evaluation(NamedTuple):
-    """What the model says about some loads, lane by lane.
+    """What the model says about some loads, lane by lane."""
 
-    Attributes:
-        so: continuous sensor output [counts]; NaN where the membrane touches the wall.
-        jacobian: derivatives of `so` by the parameters [counts/rad, counts/N, counts/rad].
-        pressure: of the oil, above ambient [Pa].
-        min_gap: between membrane and wall [m].
-        state: the shell's equilibrium, to start a neighbouring one from.
-        result: index of the outcome, 0 where converged and within what the model knows (see
-            `suas_jax.equilibrium.outcomes`).
-    """
-
+    # continuous sensor output [counts]; NaN where the membrane touches the wall
     so: Float[Array, "taxel lane"]
+    # derivatives of `so` by the parameters [counts/rad, counts/N, counts/rad]
     jacobian: Float[Array, "parameter taxel lane"]
-    pressure: Lanes
-    min_gap: Lanes
-    state: State
+    pressure: Lanes  # of the oil, above ambient [Pa]
+    min_gap: Lanes  # between membrane and wall [m]
+    state: State  # the shell's equilibrium, to start a neighbouring one from
+    # index of the outcome, 0 where converged and within what the model knows (see
+    # `suas_jax.equilibrium.outcomes`)
     result: Int[Array, " lane"]
 
 
@@ -53,10 +47,8 @@ def loads_from(parameters: Float[Array, "parameter lane"], contacts: int) -> Loa
 def wide_load(parameters: Float[Array, "parameter lane"], skin: Skin) -> Loads:
     """One load of one direction, even over an arc of the outer face.
 
-    Args:
-        parameters: angle of its middle [rad], force [N], square of the arc's length [m^2], in
-            which readings are nearly linear.
-        skin: whose outer face it is.
+    `parameters`: angle of its middle [rad], force [N], square of the arc's length [m^2], in
+    which readings are nearly linear. `skin`: whose outer face it is.
     """
     angle, force, square = parameters
     points, weights = gauss_legendre(SPREAD_POINTS, -1.0, 1.0)
@@ -77,21 +69,13 @@ def at_rest(skin: Skin, lanes: int) -> State:
 
 def evaluate(
     skin: Skin,
-    parameters: Float[Array, "parameter lane"],
-    start: State,
+    parameters: Float[Array, "parameter lane"],  # see `loads_from`, or `wide_load`
+    start: State,  # a neighbouring equilibrium, or rest
     contacts: int,
     *,
-    wide: bool = False,
+    wide: bool = False,  # whether they are one load over an arc
 ) -> Evaluation:
-    """Readings of some loads and their exact derivatives.
-
-    Args:
-        skin: the skin.
-        parameters: see `loads_from`, or `wide_load`.
-        start: a neighbouring equilibrium, or rest.
-        contacts: number of loads.
-        wide: whether they are one load over an arc.
-    """
+    """Readings of some loads and their exact derivatives."""
     count, lanes = parameters.shape
 
     def loads(parameters: Array) -> Loads:

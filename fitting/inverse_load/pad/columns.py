@@ -45,43 +45,31 @@ class Column(NamedTuple):
 
 
 class Columns:
-    """Solves columns of the table: one place, all forces.
-
-    Args:
-        skin: the pad.
-        diameter: of the contacts [m].
-        progress: called with the number of columns solved and their total.
-        total: columns that will be solved.
-        workers: that solve them; None: this process, on all cores.
-    """
+    """Solves columns of the table: one place, all forces."""
 
     def __init__(
         self,
         skin: Skin,
-        diameter: float,
+        diameter: float,  # of the contacts [m]
+        # called with the number of columns solved and their total
         progress: Callable[[int, int], None],
-        total: int,
-        workers: Executor | None = None,
+        total: int,  # columns that will be solved
+        workers: Executor | None = None,  # that solve them; None: this process, on all cores
     ) -> None:
         self.skin, self._diameter, self._workers = skin, diameter, workers
         self._progress, self._total, self._done = progress, total, 0
 
     def solve(
         self,
-        places: Floats,
-        force: Floats,
-        levels: Floats,
-        elements: tuple[int, int] | None = None,
+        places: Floats,  # angle [rad] and axial position [m]
+        force: Floats,  # of the places [N]
+        levels: Floats,  # shares of the force, for all places [level] or each [place, level]
+        elements: tuple[int, int] | None = None,  # of the mesh; those of the pad if None
         across: Flags | None = None,
     ) -> Column:
         """Readings [place, level, ...] of places [place, 2] under shares of forces.
 
-        Args:
-            places: angle [rad] and axial position [m].
-            force: of the places [N].
-            levels: shares of the force, for all places [level] or each [place, level].
-            elements: of the mesh; those of the pad if None.
-            across: places where derivatives by tangential forces are wanted; nowhere if None.
+        `across`: places where derivatives by tangential forces are wanted; nowhere if None.
         """
         skin = self.skin if elements is None else replace(self.skin, elements=elements)
         once = self._total < _FEW
@@ -127,12 +115,9 @@ def solve_column(skin: Skin, numbers: Floats, levels: Floats, once: bool) -> Col
     States follow one another by extrapolation; those that Newton's method doesn't find that way
     are solved from rest, each for itself.
 
-    Args:
-        skin: the pad.
-        numbers: angle [rad], axial position [m], force [N], diameter [m], and whether
-            derivatives by tangential forces are wanted.
-        levels: shares of the force.
-        once: whether few columns will be solved.
+    `numbers`: angle [rad], axial position [m], force [N], diameter [m], and whether derivatives
+    by tangential forces are wanted. `levels`: shares of the force. `once`: whether few columns
+    will be solved.
     """
     angle, axial, force, diameter, wanted = numbers
     loads = Loads.patch(angle, axial, force, diameter)

@@ -18,14 +18,10 @@ _MOST = 0.05  # a mesh that differs by more differs in the shape of its readings
 def force_surplus(coarse: Column, fine: Column, levels: Floats) -> Floats:
     """Share e of the force by which the coarse mesh has to be loaded more [place, level].
 
-    Args:
-        coarse: readings on the table's mesh [place, level, taxel].
-        fine: likewise on the finer one.
-        levels: shares of the largest force, none of them zero.
-
-    Returns:
-        The share, 5 % at most; that of the next lighter load where a mesh has no solution, and
-        zero where there is none.
+    `coarse`: readings on the table's mesh [place, level, taxel]. `fine`: likewise on the finer
+    one. `levels`: shares of the largest force, none of them zero.
+    Returns the share, 5 % at most; that of the next lighter load where a mesh has no solution,
+    and zero where there is none.
     """
     slope = np.gradient(coarse.so, levels, axis=1)
     both = np.isfinite(slope) & np.isfinite(fine.so) & np.isfinite(coarse.so)

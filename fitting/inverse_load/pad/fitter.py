@@ -42,36 +42,26 @@ _MOVED = 0.1  # standard deviations below which a round is the last
 
 
 class PadFitter(AbstractLoadFitter):
-    """Least squares on one pad.
-
-    Args:
-        skin: the pad.
-        interpolant: of its table.
-        told: what is told of contacts.
-        live: whether frames come one by one.
-        most_contacts: widest set of parameters.
-
-    Attributes:
-        squares: least squares on the interpolant alone.
-        edge: largest angle [rad] and axial position [m] of a contact.
-    """
+    """Least squares on one pad."""
 
     alone = True
 
     def __init__(
         self,
         skin: Skin,
-        interpolant: PadInterpolant,
-        told: Told,
+        interpolant: PadInterpolant,  # of its table
+        told: Told,  # what is told of contacts
         *,
-        live: bool,
-        most_contacts: int,
+        live: bool,  # whether frames come one by one
+        most_contacts: int,  # widest set of parameters
     ) -> None:
         self.interpolant, self.told, self.live = interpolant, told, live
         self.table = interpolant.table
         self.parameters = told.parameters
         self._most = most_contacts
+        # largest angle [rad] and axial position [m] of a contact
         self.edge = edge_of(skin, self.table.diameter)
+        # least squares on the interpolant alone
         self.squares = PadLeastSquares(interpolant, self.edge, direction=told.direction)
         self._radius = float(skin.geometry.outer_size[0])
         self._gap = float(skin.geometry.oil_gap[0])
@@ -105,11 +95,9 @@ class PadFitter(AbstractLoadFitter):
     def _found_before(self, start: Floats, state: State, contacts: int) -> Floats:
         """Where fits begin: with the extents and tangents of a fit nearby, if there was one.
 
-        Args:
-            start: places and forces [frame, parameter].
-            state: its unknowns are the parameters that a fit found [1, parameter, frame], or
-                none. Those of another number of contacts count for nothing.
-            contacts: their number.
+        `start`: places and forces [frame, parameter]. `state`: its unknowns are the parameters
+        that a fit found [1, parameter, frame], or none. Those of another number of contacts
+        count for nothing.
         """
         whole = np.asarray(state.q)
         known = np.isfinite(whole).all(0).sum(0) if whole.size else np.zeros(1)
@@ -120,23 +108,14 @@ class PadFitter(AbstractLoadFitter):
 
     def fitted(
         self,
-        y: Any,
-        weight: Any,
-        start: Any,
+        y: Any,  # readings [frame, channel]
+        weight: Any,  # inverse variances [frame, channel]
+        start: Any,  # PLAIN or WHOLE parameters a contact [frame, parameter]
         contacts: int,
-        correction: Correction | None = None,
-        pull: bool = False,
+        correction: Correction | None = None,  # of the interpolant
+        pull: bool = False,  # whether forces pull outwards
     ) -> PadFit:
-        """Fit all parameters, discs under radial forces first; see `PadLeastSquares.fitted`.
-
-        Args:
-            y: readings [frame, channel].
-            weight: inverse variances [frame, channel].
-            start: PLAIN or WHOLE parameters a contact [frame, parameter].
-            contacts: their number.
-            correction: of the interpolant.
-            pull: whether forces pull outwards.
-        """
+        """Fit all parameters, discs under radial forces first; see `PadLeastSquares.fitted`."""
         if start.shape[1] == PLAIN * contacts:
             plain = self.squares.fitted(y, weight, start, contacts, correction, pull)
             start = self.squares.completed(plain.parameters, contacts)
@@ -176,9 +155,7 @@ class PadFitter(AbstractLoadFitter):
     def correction(self, parameters: Floats, contacts: int) -> Correction | None:
         """What the interpolant leaves out at some contacts; None for nothing, or unknown.
 
-        Args:
-            parameters: of the contacts, places and forces first [parameter].
-            contacts: their number.
+        `parameters`: of the contacts, places and forces first [parameter].
         """
         if contacts == 1:
             return None
@@ -215,9 +192,8 @@ class PadFitter(AbstractLoadFitter):
     def first_contact(self, places: Floats, extents: Floats) -> Floats:
         """Force at which the membrane under single contacts reaches the wall [contact] [N].
 
-        Args:
-            places: angle [rad] and axial position [m] [contact, 2].
-            extents: along arc and axis [contact, 2] [m]; NaN where unknown: the table's.
+        `places`: angle [rad] and axial position [m] [contact, 2]. `extents`: along arc and axis
+        [contact, 2] [m]; NaN where unknown: the table's.
         """
         known = np.where(np.isnan(extents), self.table.diameter, extents)
         relief, _ = self.interpolant.relief((known**2 - self.table.diameter**2) / 16)

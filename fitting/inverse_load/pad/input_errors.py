@@ -42,23 +42,16 @@ class PadErrors(AbstractSystematicErrors):
     Against continuum and finer meshes the force is within half a per cent and the place
     within a twentieth of a millimetre: taken as standard deviations. What the sum of discs
     leaves out of contacts 20 to 45 mm long is up to a tenth of the force.
-
-    Args:
-        errors: of its inputs.
-        skin: the model made from it.
-        table: its states.
-        from_rest: whether readings count from a baseline.
-        slots: contacts that the program for solved states has room for.
     """
 
     def __init__(
         self,
-        errors: InputErrors,
-        skin: Skin,
-        table: PadTable,
+        errors: InputErrors,  # of its inputs
+        skin: Skin,  # the model made from it
+        table: PadTable,  # its states
         *,
-        from_rest: bool,
-        slots: int,
+        from_rest: bool,  # whether readings count from a baseline
+        slots: int,  # contacts that the program for solved states has room for
     ) -> None:
         self.names = errors.names
         self._spec, self._table = errors.spec, table
@@ -143,9 +136,7 @@ class PadErrors(AbstractSystematicErrors):
 def gap_line(spec: SkinSpec, inputs: Mapping[str, float]) -> tuple[Floats, Floats, Floats]:
     """Stray counts, a and b of 1 / (SO - stray) = a + b w [taxel], w from the undeformed pad.
 
-    Args:
-        spec: the pad.
-        inputs: electrical ones that replace its own, by TOML path.
+    `inputs`: electrical ones that replace its own, by TOML path.
     """
     own = {**continuous_inputs(spec), **inputs}
     gaps = {p: x for p, x in own.items() if p == _GAP or p.startswith(f"{_GAP}.value.")}

@@ -49,51 +49,32 @@ _LEAST_GAP = 1e-3  # smallest u in terms of that at rest
 
 
 class Correction(NamedTuple):
-    """What the interpolant leaves out at some contacts.
+    """What the interpolant leaves out at some contacts."""
 
-    Attributes:
-        parameters: of the contacts [parameter].
-        change: to add to u and the oil's pressure [channel].
-        min_gap: between membrane and wall there [m].
-    """
-
-    parameters: Floats
-    change: Floats
-    min_gap: float
+    parameters: Floats  # of the contacts [parameter]
+    change: Floats  # to add to u and the oil's pressure [channel]
+    min_gap: float  # between membrane and wall there [m]
 
 
 class _Cap(NamedTuple):
-    """Largest forces of the table at places.
+    """Largest forces of the table at places."""
 
-    Attributes:
-        force: [place] [N].
-        by_place: slopes of its logarithm by angle and axial position [place, 2].
-    """
-
-    force: Floats
-    by_place: Floats
+    force: Floats  # [place] [N]
+    by_place: Floats  # slopes of its logarithm by angle and axial position [place, 2]
 
 
 class Interpolated(NamedTuple):
-    """What the interpolant says; frames lead.
+    """What the interpolant says; frames lead."""
 
-    Attributes:
-        readings: [frame, channel] [counts], [Pa].
-        jacobian: by the parameters [frame, parameter, channel].
-        change: of u from rest, of the pressure [frame, channel], not corrected.
-    """
-
-    readings: Floats
-    jacobian: Floats
-    change: Floats
+    readings: Floats  # [frame, channel] [counts], [Pa]
+    jacobian: Floats  # by the parameters [frame, parameter, channel]
+    change: Floats  # of u from rest, of the pressure [frame, channel], not corrected
 
 
 class PadInterpolant:
     """The interpolant of one pad.
 
-    Args:
-        table: of its states.
-        radius: of the outer face [m]; needed where extents are told.
+    `table`: of its states. `radius`: of the outer face [m]; needed where extents are told.
     """
 
     def __init__(self, table: PadTable, radius: float = float("nan")) -> None:
@@ -116,11 +97,8 @@ class PadInterpolant:
     ) -> Interpolated:
         """Readings and derivatives.
 
-        Args:
-            parameters: [frame, parameter], all of a name together, PLAIN or WHOLE of them a
-                contact.
-            contacts: their number.
-            correction: of u and the pressure; none where not given.
+        `parameters`: [frame, parameter], all of a name together, PLAIN or WHOLE of them a
+        contact. `correction`: of u and the pressure; none where not given.
         """
         frames, taxels = len(parameters), len(self._rest)
         by_contact = parameters.reshape(frames, -1, contacts)
@@ -198,26 +176,17 @@ class PadInterpolant:
 
     def _boxes(
         self,
-        x: Floats,
-        cap: _Cap,
-        reliefs: tuple[Floats, Floats],
-        shift: Floats,
-        box: Floats,
-        excess: Floats,
+        x: Floats,  # parameters of the contacts, whose places and forces count
+        cap: _Cap,  # largest forces at their places
+        reliefs: tuple[Floats, Floats],  # `relief` of the excess
+        shift: Floats,  # of the boxes [contact, 2] [m]
+        box: Floats,  # second moments of the boxes, along arc and axis [contact, 2] [m^2]
+        excess: Floats,  # those of the whole contacts beyond the disc's, likewise
     ) -> tuple[Floats, Floats]:
         """Change of u by discs over boxes beside contacts' places, as dents of theirs respond.
 
-        Args:
-            x: parameters of the contacts, whose places and forces count.
-            cap: largest forces at their places.
-            reliefs: `relief` of the excess.
-            shift: of the boxes [contact, 2] [m].
-            box: second moments of the boxes, along arc and axis [contact, 2] [m^2].
-            excess: those of the whole contacts beyond the disc's, likewise.
-
-        Returns:
-            Change [contact, channel], and slopes by place, force, box, excess and the boxes'
-            middle alone [contact, 9, channel].
+        Returns the change [contact, channel], and slopes by place, force, box, excess and the
+        boxes' middle alone [contact, 9, channel].
         """
         relief, by_excess = reliefs
         force = x[:, 2] / relief
@@ -266,11 +235,9 @@ class PadInterpolant:
     def relief(self, excess: Floats) -> tuple[Floats, Floats]:
         """Depth of the disc's dent over that of another contact of the same force.
 
-        Args:
-            excess: second moments beyond the disc's, along arc and axis [contact, 2] [m^2].
-
-        Returns:
-            The ratio, above one where it is wider [contact], and its derivatives [contact, 2].
+        `excess`: second moments beyond the disc's, along arc and axis [contact, 2] [m^2].
+        Returns the ratio, above one where it is wider [contact], and its derivatives
+        [contact, 2].
         """
         low, high = -(self.table.diameter**2) / 16, _WIDEST**2
         known = np.minimum(np.maximum(excess, low), high)

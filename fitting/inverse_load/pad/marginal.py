@@ -29,15 +29,10 @@ _TOLD = 0.7  # of a prior's standard deviation, beyond which readings tell nothi
 
 @dataclass(frozen=True)
 class Told:
-    """What is told of contacts.
+    """What is told of contacts."""
 
-    Attributes:
-        diameter: whether the diameter is.
-        direction: whether turn and tilt of the force are.
-    """
-
-    diameter: bool
-    direction: bool
+    diameter: bool  # whether the diameter is
+    direction: bool  # whether turn and tilt of the force are
 
     @property
     def parameters(self) -> ContactParameters:
@@ -65,12 +60,8 @@ class Told:
     def turned(self, whole: Floats, contacts: int) -> tuple[Floats, Floats]:
         """Whole parameters with forces as they are told, and what theirs do to the fit's.
 
-        Args:
-            whole: of the fit [frame, parameter].
-            contacts: their number.
-
-        Returns:
-            Parameters [frame, parameter]; derivatives of the fit's by them [frame, p, p].
+        `whole`: of the fit [frame, parameter].
+        Returns parameters [frame, parameter]; derivatives of the fit's by them [frame, p, p].
         """
         frames, size = whole.shape
         shown = whole.copy()
@@ -122,15 +113,10 @@ class Told:
 def beside(whole: Floats, information: Floats, prior: Floats, contacts: int) -> Floats:
     """Extents and tangential forces of contacts [frame, contact, quantity, 2] [m], [N].
 
-    Args:
-        whole: parameters of the fit [frame, parameter].
-        information: of them, priors included.
-        prior: standard deviations of the last four parameters.
-        contacts: their number.
-
-    Returns:
-        Values and standard deviations in the order of `BESIDE`; NaN where readings tell hardly
-        more than the prior.
+    `whole`: parameters of the fit [frame, parameter]. `information`: of them, priors included.
+    `prior`: standard deviations of the last four parameters.
+    Returns values and standard deviations in the order of `BESIDE`; NaN where readings tell
+    hardly more than the prior.
     """
     # What readings don't determine at all leaves nothing finite to be told.
     covariance = np.nan_to_num(inverse(information), posinf=_UNKNOWN)

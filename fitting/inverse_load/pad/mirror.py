@@ -18,9 +18,8 @@ from suas_jax.sensing.taxels import Taxels
 def mirror_images(skin: Skin) -> tuple[Skin, Rows]:
     """The pad with all distinct mirror images of its taxels.
 
-    Returns:
-        The pad, and which of its taxels is the image of each own one: as it is, mirrored in
-        the crown's plane, in the middle's and in both [image, taxel].
+    Returns the pad, and which of its taxels is the image of each own one: as it is, mirrored in
+    the crown's plane, in the middle's and in both [image, taxel].
     """
     e = skin.electrodes
     taxels = len(e.taxels.angle)

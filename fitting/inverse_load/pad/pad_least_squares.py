@@ -44,23 +44,14 @@ _RIDGE = 1e-10
 
 
 class PadFit(NamedTuple):
-    """A fit, frame by frame.
+    """A fit, frame by frame."""
 
-    Attributes:
-        parameters: [frame, parameter].
-        readings: of the interpolant there [frame, channel].
-        jacobian: their derivatives [frame, parameter, channel].
-        chi2: weighted squares of the residuals, priors included [frame].
-        gradient: of minus half of it [frame, parameter].
-        information: J^T W J, priors included [frame, parameter, parameter].
-    """
-
-    parameters: Floats
-    readings: Floats
-    jacobian: Floats
-    chi2: Floats
-    gradient: Floats
-    information: Floats
+    parameters: Floats  # [frame, parameter]
+    readings: Floats  # of the interpolant there [frame, channel]
+    jacobian: Floats  # their derivatives [frame, parameter, channel]
+    chi2: Floats  # weighted squares of the residuals, priors included [frame]
+    gradient: Floats  # of minus half of it [frame, parameter]
+    information: Floats  # J^T W J, priors included [frame, parameter, parameter]
 
     def rows(self, index: Any) -> "PadFit":
         """Those of some frames."""
@@ -70,10 +61,8 @@ class PadFit(NamedTuple):
 class PadLeastSquares:
     """Least squares for contacts on one pad, on its interpolant alone.
 
-    Args:
-        interpolant: of its table.
-        edge: largest angle [rad] and axial position [m] of a contact.
-        direction: whether nothing is known of directions before.
+    `interpolant`: of its table. `edge`: largest angle [rad] and axial position [m] of a
+    contact. `direction`: whether nothing is known of directions before.
     """
 
     def __init__(
@@ -89,10 +78,8 @@ class PadLeastSquares:
 
         Forces that are small enough anywhere on the pad are only told so.
 
-        Args:
-            parameters: where they are wanted [frame, parameter].
-            contacts: their number.
-            pull: whether forces pull outwards.
+        `parameters`: where they are wanted [frame, parameter]. `pull`: whether forces pull
+        outwards.
         """
         ones = np.ones((len(parameters), contacts))
         cap = self._least_cap * ones
@@ -130,23 +117,14 @@ class PadLeastSquares:
 
     def profiled(
         self,
-        y: Floats,
-        weight: Floats,
-        parameters: Floats,
+        y: Floats,  # readings [frame, channel]
+        weight: Floats,  # inverse variances [frame, channel]
+        parameters: Floats,  # [frame, parameter]
         contacts: int,
-        correction: Correction | None,
-        free: Rows,
+        correction: Correction | None,  # of the interpolant
+        free: Rows,  # parameters that are free
     ) -> Floats:
-        """Weighted squares of the residuals, least over some parameters to first order [frame].
-
-        Args:
-            y: readings [frame, channel].
-            weight: inverse variances [frame, channel].
-            parameters: [frame, parameter].
-            contacts: their number.
-            correction: of the interpolant.
-            free: parameters that are free.
-        """
+        """Weighted squares of residuals, least over some parameters to first order [frame]."""
         found = self.judged(y, weight, parameters, contacts, correction)
         gradient = found.gradient[:, free, None]
         step = np.linalg.solve(found.information[:, free[:, None], free], gradient)
@@ -183,23 +161,17 @@ class PadLeastSquares:
 
     def fitted(
         self,
-        y: Any,
-        weight: Any,
+        y: Any,  # readings [frame, channel]
+        weight: Any,  # inverse variances [frame, channel]
         start: Any,
         contacts: int,
-        correction: Correction | None,
-        pull: bool,
+        correction: Correction | None,  # of the interpolant
+        pull: bool,  # whether forces pull outwards
     ) -> PadFit:
         """Fit frames, a few together: what they need fits in the cache.
 
-        Args:
-            y: readings [frame, channel].
-            weight: inverse variances [frame, channel].
-            start: parameters [frame, parameter], PLAIN, WHOLE or ASKEW of them a contact: so
-                many are fitted.
-            contacts: their number.
-            correction: of the interpolant.
-            pull: whether forces pull outwards.
+        `start`: parameters [frame, parameter], PLAIN, WHOLE or ASKEW of them a contact: so many
+        are fitted.
         """
         parts = []
         for begin in range(0, len(y), _CHUNK):
@@ -262,11 +234,8 @@ def _moved(best: PadFit, rows: Rows, step: Floats, low: Floats, high: Floats) ->
 def step_of(fit: PadFit, low: Any, high: Any, damping: Floats) -> tuple[Floats, Floats]:
     """Damped Gauss-Newton step [frame, parameter] and the decrease of chi2 it predicts.
 
-    Args:
-        fit: where it begins.
-        low: lower bounds [frame, parameter].
-        high: upper bounds, likewise.
-        damping: of the step [frame].
+    `fit`: where it begins. `low`: lower bounds [frame, parameter]. `high`: upper bounds,
+    likewise. `damping`: of the step [frame].
     """
     information = fit.information.transpose(1, 2, 0)
     here = Descent(fit.parameters.T, fit.gradient.T, information, low.T, high.T)

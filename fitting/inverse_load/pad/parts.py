@@ -41,9 +41,7 @@ _DIAMETER = 6e-3  # of the table's discs where it is estimated [m]
 class PadNodeSearch(AbstractNodeSearch):
     """The coarse search of one pad.
 
-    Args:
-        table: states under one radial contact.
-        radius: of the outer face [m].
+    `table`: states under one radial contact. `radius`: of the outer face [m].
     """
 
     def __init__(self, table: PadTable, radius: float) -> None:
@@ -139,11 +137,8 @@ class PadPosterior(AbstractLoadPosterior):
 class PadAssessment(AbstractLoadAssessment):
     """Estimates on a pad.
 
-    Args:
-        fitter: which knows edges and forces of first contact.
-        nodes: which know distances.
-        along: what scenes call places.
-        taxels: angle and axial position [taxel, 2].
+    `fitter`: which knows edges and forces of first contact. `nodes`: which know distances.
+    `along`: what scenes call places. `taxels`: angle and axial position [taxel, 2].
     """
 
     limit_error = 0.03  # of the table, which knows it at a few places
@@ -170,31 +165,21 @@ class PadAssessment(AbstractLoadAssessment):
 
 def pad_parts(
     spec: SkinSpec,
-    errors: InputErrors,
+    errors: InputErrors,  # of its inputs
     *,
     diameter: float | None,
-    direction: bool,
-    live: bool,
+    direction: bool,  # whether directions are told
+    live: bool,  # whether frames come one by one
     most_contacts: int,
-    from_rest: bool,
+    from_rest: bool,  # whether readings count from a baseline
     progress: Callable[[str], None],
-    workers: Executor | None,
-    resolution: PadResolution,
+    workers: Executor | None,  # that solve the table's states; None: this process
+    resolution: PadResolution,  # of the tables
 ) -> tuple[EstimationParts, Skin, PadTable]:
     """The parts for a pad, its model and its table of solved states.
 
-    Args:
-        spec: the pad.
-        errors: of its inputs.
-        diameter: of the table's discs, around which contacts' diameters are expected [m]; None
-            tells the diameter, too.
-        direction: whether directions are told.
-        live: whether frames come one by one.
-        most_contacts: to tell apart.
-        from_rest: whether readings count from a baseline.
-        progress: called with what is being done.
-        workers: that solve the table's states; None: this process.
-        resolution: of the tables.
+    `diameter`: of the table's discs, around which contacts' diameters are expected [m]; None
+    tells the diameter, too.
     """
     skin = skin_of(spec, elements=resolution.elements, contact=False)
     if not skin_of(even_spec(spec), contact=False).geometry.symmetric:
@@ -240,11 +225,8 @@ def table_of_pad(
 ) -> tuple[Skin, PadTable]:
     """A pad's model and its table of solved states.
 
-    Args:
-        spec: the pad.
-        diameter: of the contacts [m].
-        progress: called with what is being done.
-        workers: that solve the table's states; None: this process.
+    `diameter`: of the contacts [m]. `workers`: that solve the table's states; None: this
+    process.
     """
     return skin_of(spec, contact=False), _table(spec, diameter, progress, workers)
 

@@ -19,12 +19,8 @@ def near(
 ) -> bool:
     """Whether a correction holds well enough for other contacts.
 
-    Args:
-        kept: the correction.
-        parameters: of the contacts [parameter].
-        contacts: their number.
-        radius: of the outer face [m].
-        live: whether time counts more than accuracy.
+    `parameters`: of the contacts [parameter]. `radius`: of the outer face [m]. `live`: whether
+    time counts more than accuracy.
     """
     share = 1.0 if live else _STRICT
     old, new = (x.reshape(-1, contacts).T for x in (kept.parameters, parameters))
@@ -37,10 +33,7 @@ def near(
 class SolvedContacts:
     """Solves contacts on a pad; one compiled program for any number of them.
 
-    Args:
-        skin: the pad.
-        interpolant: that is corrected.
-        most_contacts: most at a time.
+    `interpolant`: that is corrected. `most_contacts`: most at a time.
     """
 
     def __init__(self, skin: Skin, interpolant: PadInterpolant, most_contacts: int) -> None:
@@ -52,9 +45,7 @@ class SolvedContacts:
     def correction(self, parameters: Floats, contacts: int) -> Correction | None:
         """Solve some contacts of the table's diameter; None where no state was found.
 
-        Args:
-            parameters: angles, axial positions and inward forces [parameter].
-            contacts: their number.
+        `parameters`: angles, axial positions and inward forces [parameter].
         """
         found = self._solve(parameters.reshape(-1, contacts))
         if found is None:

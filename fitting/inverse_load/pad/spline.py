@@ -26,11 +26,7 @@ _OVER = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [2, 0, 0], [0, 2, 
 
 
 class SplineBasis:
-    """Cubic splines on some nodes.
-
-    Args:
-        nodes: ascending, four or more.
-    """
+    """Cubic splines on four ascending nodes or more."""
 
     def __init__(self, nodes: Floats) -> None:
         self.nodes = np.asarray(nodes, float)
@@ -50,10 +46,8 @@ class SplineBasis:
     def at(self, x: Floats) -> tuple[Rows, Floats]:
         """First of the four functions that count at places, their values and slopes.
 
-        Beyond the nodes the last polynomial goes on.
-
-        Returns:
-            First of the functions [place]; values and slopes [2, place, function].
+        Shapes are [place] and [2, place, function]. Beyond the nodes the last polynomial goes
+        on.
         """
         i, c, s = self._piece(x)
         value = ((c[..., 0] * s + c[..., 1]) * s + c[..., 2]) * s + c[..., 3]
@@ -71,13 +65,9 @@ class SplineBasis:
 
         What reaches beyond the nodes counts as nothing.
 
-        Args:
-            x: middles [place].
-            variance: of a point of the interval [place].
-
-        Returns:
-            First of the functions [place]; their means, and the slopes of these by place and by
-            variance [3, place, function].
+        `x`: middles [place]. `variance`: of a point of the interval [place].
+        Returns the first of the functions [place]; their means, and the slopes of these by
+        place and by variance [3, place, function].
         """
         small = variance < self._least
         if small.all():
@@ -137,9 +127,8 @@ class SplineBasis:
         and the slopes of these by it: B, M - B and v W - (M - B), from which means over less
         follow with continuous slopes by place and variance, those at knots among them.
 
-        Returns:
-            Edges of the pieces [piece + 1]; the first function of each [piece]; polynomials
-            [piece, quantity, function, power], from the fourth power down.
+        Returns edges of the pieces [piece + 1]; the first function of each [piece]; polynomials
+        [piece, quantity, function, power], from the fourth power down.
         """
         half = np.sqrt(3 * self._least)
         moved = [self._breaks, self._breaks - half, self._breaks + half]
@@ -183,15 +172,10 @@ class SplineBasis:
 
 @dataclass(frozen=True)
 class TensorSpline:
-    """A spline in several variables.
+    """A spline in several variables."""
 
-    Attributes:
-        axes: one basis a variable.
-        coefficients: [variable, ..., channel].
-    """
-
-    axes: tuple[SplineBasis, ...]
-    coefficients: Floats
+    axes: tuple[SplineBasis, ...]  # one basis a variable
+    coefficients: Floats  # [variable, ..., channel]
 
     @classmethod
     def through(cls, nodes: tuple[Floats, ...], values: Floats) -> "TensorSpline":
@@ -205,13 +189,9 @@ class TensorSpline:
         return cls(axes, np.ascontiguousarray(coefficients))
 
     def __call__(self, *x: Floats) -> tuple[Floats, Floats]:
-        """Values and derivatives at places.
+        """Values [place, channel] and derivatives [place, variable, channel] at places.
 
-        Args:
-            x: the variables [place].
-
-        Returns:
-            Values [place, channel] and derivatives [place, variable, channel].
+        `x`: the variables [place].
         """
         both = self._products(self._at(x), np.eye(len(x) + 1, len(x), -1, dtype=np.intp))
         return both[:, 0], both[:, 1:]
@@ -226,14 +206,10 @@ class TensorSpline:
     def over(self, x: Floats, variance: Floats, level: Floats) -> tuple[Floats, Floats]:
         """Means over boxes of the first two variables, at values of the third.
 
-        Args:
-            x: middles of the boxes [place, 2].
-            variance: of their points, along each side [place, 2].
-            level: the third variable [place].
-
-        Returns:
-            Means [place, channel], and derivatives by the middle's coordinates, the level and
-            the variances [place, 5, channel].
+        `x`: middles of the boxes [place, 2]. `variance`: of their points, along each side
+        [place, 2]. `level`: the third variable [place].
+        Returns means [place, channel], and derivatives by the middle's coordinates, the level
+        and the variances [place, 5, channel].
         """
         sides = [self.axes[k].over(x[:, k], variance[:, k]) for k in range(2)]
         both = self._products([*sides, self.axes[2].at(level)], _OVER)
@@ -242,9 +218,8 @@ class TensorSpline:
     def _products(self, found: list[tuple[Rows, Floats]], orders: Rows) -> Floats:
         """Products of one-dimensional rows with the coefficients [place, row, channel].
 
-        Args:
-            found: of each variable the first function and rows of values, slopes, ...
-            orders: which row of each variable a product takes [product, variable].
+        `found`: of each variable the first function and rows (values, slopes and so on).
+        `orders`: which row of each variable a product takes [product, variable].
         """
         count, channels = len(found[0][0]), self.coefficients.shape[-1]
         products = np.ones((len(orders), count, 1))

@@ -32,30 +32,20 @@ _SMALL = 1e-3  # of the same, for the modulus
 
 @dataclass(frozen=True)
 class Stiffening:
-    """Relative changes of a pad's stiffness by its errors.
+    """Relative changes of a pad's stiffness by its errors."""
 
-    Attributes:
-        even: of those that do the same everywhere [error].
-        share: change of every solved input by each error, in its steps [error, path].
-        angle, axial: of the places, one side of the pad's middle [rad], [m].
-        force: solved there [angle, axial, force] [N].
-        change: change of stiffness by every solved input [angle, axial, force, path].
-    """
-
-    even: Floats
-    share: Floats
-    angle: Floats
-    axial: Floats
-    force: Floats
-    change: Floats
+    even: Floats  # of those that do the same everywhere [error]
+    share: Floats  # change of every solved input by each error, in its steps [error, path]
+    angle: Floats  # of the places, one side of the pad's middle [rad]
+    axial: Floats  # of the places, one side of the pad's middle [m]
+    force: Floats  # solved there [angle, axial, force] [N]
+    change: Floats  # change of stiffness by every solved input [angle, axial, force, path]
 
     def at(self, angle: Floats, axial: Floats, force: Floats) -> Floats:
         """Changes of stiffness by every error under contacts [..., error].
 
-        Args:
-            angle: of the contacts [rad].
-            axial: their axial positions [m].
-            force: their forces [N].
+        `angle`: of the contacts [rad]. `axial`: their axial positions [m]. `force`: their
+        forces [N].
         """
         corners = [
             ((i, k), side * end)
@@ -79,21 +69,16 @@ def _sides(x: Floats, nodes: Floats) -> tuple[Floats, Floats]:
 
 
 def stiffening_of(
-    errors: InputErrors,
+    errors: InputErrors,  # of a pad's inputs
     mechanical: Mapping[str, Floats],
-    skin: Skin,
-    table: PadTable,
-    slots: int,
+    skin: Skin,  # the model of the pad
+    table: PadTable,  # of its states
+    slots: int,  # contacts that the program for solved states has room for
 ) -> Stiffening:
     """Changes of stiffness by some errors, from solved states; those are kept.
 
-    Args:
-        errors: of a pad's inputs.
-        mechanical: change of the inputs of the membrane and the oil by each error [error], by
-            path.
-        skin: the model of the pad.
-        table: of its states.
-        slots: contacts that the program for solved states has room for.
+    `mechanical`: change of the inputs of the membrane and the oil by each error [error], by
+    path.
     """
     spec, even = errors.spec, np.zeros(len(errors))
     steps = {}
@@ -170,17 +155,11 @@ def _readings(skin: Skin, loads: Floats, diameter: float, slots: int) -> Floats:
 
 
 def solved_channels(skin: Skin, parameters: Floats, diameter: float, slots: int) -> Floats:
-    """Readings and the oil's pressure under single contacts, from the model.
+    """Readings and the oil's pressure under single contacts, from the model [frame, channel].
 
-    Args:
-        skin: the pad.
-        parameters: angle, axial position and force, and a diameter where it is estimated
-            [frame, parameter].
-        diameter: of the contacts else [m].
-        slots: contacts that the program has room for.
-
-    Returns:
-        Channels [frame, channel]; NaN where no state was found.
+    `parameters`: angle, axial position and force, and a diameter where it is estimated
+    [frame, parameter]. `diameter`: of the contacts else [m]. `slots`: contacts that the program
+    has room for. Channels are NaN where no state was found.
     """
     rows = []
     for x in parameters:

@@ -29,41 +29,27 @@ def reciprocal(force: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class PadTable:
-    """States under one radial contact of a given diameter.
+    """States under one radial contact of a given diameter."""
 
-    Attributes:
-        angle: of the contact [angle, rad].
-        axial: of the contact [axial, m].
-        cap: largest force of the table [angle, axial] [N].
-        first_contact: force at which the membrane reaches the wall [angle, axial] [N];
-            infinite where that is far beyond the table.
-        u: reciprocal readings [angle, axial, level, taxel] [1/counts].
-        pressure: of the oil [angle, axial, level] [Pa].
-        surplus: share of the force by which the table's mesh was loaded more, to read what a
-            finer mesh reads [angle, axial, level].
-        rest: readings at rest [taxel] [counts].
-        stray: part of the readings that no gap changes [taxel] [counts].
-        across: derivatives of u and, last, of the pressure by a further force along growing
-            angles and by one along the axis, at some of the places
-            [across_angle, across_axial, level, 2, channel].
-        across_angle: angles of these places [rad].
-        across_axial: their axial positions [m].
-        diameter: of the contact [m].
-    """
-
-    angle: Floats
-    axial: Floats
-    cap: Floats
+    angle: Floats  # of the contact [angle, rad]
+    axial: Floats  # of the contact [axial, m]
+    cap: Floats  # largest force of the table [angle, axial] [N]
+    # force at which the membrane reaches the wall [angle, axial] [N]; infinite where that is
+    # far beyond the table
     first_contact: Floats
-    u: Floats
-    pressure: Floats
+    u: Floats  # reciprocal readings [angle, axial, level, taxel] [1/counts]
+    pressure: Floats  # of the oil [angle, axial, level] [Pa]
+    # share of the force by which the table's mesh was loaded more, to read what a finer mesh
+    # reads [angle, axial, level]
     surplus: Floats
-    rest: Floats
-    stray: Floats
+    rest: Floats  # readings at rest [taxel] [counts]
+    stray: Floats  # part of the readings that no gap changes [taxel] [counts]
+    # derivatives of u and, last, of the pressure by a further force along growing angles and by
+    # one along the axis, at some of the places [across_angle, across_axial, level, 2, channel]
     across: Floats
-    across_angle: Floats
-    across_axial: Floats
-    diameter: float
+    across_angle: Floats  # angles of these places [rad]
+    across_axial: Floats  # their axial positions [m]
+    diameter: float  # of the contact [m]
 
     @functools.cached_property
     def spline(self) -> TensorSpline:
@@ -87,9 +73,7 @@ class PadTable:
     def first_contact_at(self, angle: Floats, axial: Floats) -> Floats:
         """Force of one contact at which the membrane reaches the wall [place] [N].
 
-        Args:
-            angle: of the contact [place] [rad].
-            axial: likewise [m].
+        `angle`: of the contact [place] [rad]. `axial`: likewise [m].
         """
         inverse = reciprocal(self.first_contact)
         i, j = (
@@ -105,10 +89,7 @@ class PadTable:
     def force_on_mesh(self, angle: Floats, axial: Floats, force: Floats) -> Floats:
         """Force under which the table's mesh reads what a finer mesh reads [contact] [N].
 
-        Args:
-            angle: of the contact [contact] [rad].
-            axial: likewise [m].
-            force: likewise [N].
+        `angle`: of the contact [contact] [rad]. `axial`: likewise [m]. `force`: likewise [N].
         """
         cap = np.exp(self.largest(angle, axial)[0][:, 0])
         level = np.clip(force / cap, LEVELS[0], LEVELS[-1])
@@ -154,10 +135,10 @@ class PadTable:
 
     @functools.cached_property
     def nodes(self) -> tuple[Floats, Floats]:
-        """Loads (angle, axial, force) and channels of states that press, lightly ones too.
+        """Loads and channels of states that press, lightly ones too.
 
-        Returns:
-            Loads [node, 3]; readings and, last, the oil's pressure [node, channel].
+        Loads are (angle, axial, force) [node, 3], channels the readings and, last, the oil's
+        pressure [node, channel].
         """
         used = LEVELS > 0
         lightly = self.spline(*grid(self.angle, self.axial, _LIGHTLY).T)[0]

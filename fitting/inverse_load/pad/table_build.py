@@ -32,19 +32,14 @@ _EVERY = 2  # of the places along arc and axis knows derivatives by tangential f
 
 @dataclass(frozen=True)
 class PadResolution:
-    """How finely a table is made.
+    """How finely a table is made."""
 
-    Attributes:
-        elements: of the meshes, along the arc and along the axis.
-        spacing: of the table's places [m].
-        probes: places along arc and axis at which the largest force is sought.
-        finer: elements of a mesh whose readings the table's forces are corrected for, which
-            is solved at the probes alone; None for none.
-    """
-
-    elements: tuple[int, int] = PAD_ELEMENTS
-    spacing: float = 5.3e-3
+    elements: tuple[int, int] = PAD_ELEMENTS  # of the meshes, along the arc and along the axis
+    spacing: float = 5.3e-3  # of the table's places [m]
+    # places along arc and axis at which the largest force is sought
     probes: tuple[int, int] = (4, 3)
+    # elements of a mesh whose readings the table's forces are corrected for, which is solved at
+    # the probes alone; None for none
     finer: tuple[int, int] | None = None
 
 
@@ -53,9 +48,9 @@ FINE = PadResolution(finer=(36, 30))
 
 
 def pad_table_of(
-    spec: SkinSpec,
-    diameter: float,
-    resolution: PadResolution = FINE,
+    spec: SkinSpec,  # the pad, with electrodes
+    diameter: float,  # of the contacts [m]
+    resolution: PadResolution = FINE,  # of the table
     *,
     progress: Callable[[int, int], None] = lambda done, total: None,
     workers: Executor | None = None,
@@ -65,12 +60,8 @@ def pad_table_of(
     That of a pad whose thickness or gap differ from side to side is made from an even pad's,
     see `fitting.inverse_load.pad.uneven`.
 
-    Args:
-        spec: the pad, with electrodes.
-        diameter: of the contacts [m].
-        resolution: of the table.
-        progress: called with the number of columns solved and their total.
-        workers: that solve it (`fitting.workers`); None: this process, on all cores.
+    `progress`: called with the number of columns solved and their total. `workers`: that solve
+    it (`fitting.workers`); None: this process, on all cores.
     """
     skin = skin_of(spec, elements=resolution.elements, contact=False)
     name = content_key(
@@ -99,20 +90,15 @@ def pad_table_of(
 
 
 def build_pad_table(
-    skin: Skin,
-    diameter: float,
-    resolution: PadResolution = FINE,
+    skin: Skin,  # the pad, with the resolution's elements
+    diameter: float,  # of the contacts [m]
+    resolution: PadResolution = FINE,  # of the table
     progress: Callable[[int, int], None] = lambda done, total: None,
-    workers: Executor | None = None,
+    workers: Executor | None = None,  # that solve it; None: this process
 ) -> PadTable:
     """Solve all states of the table, on all cores or on workers.
 
-    Args:
-        skin: the pad, with the resolution's elements.
-        diameter: of the contacts [m].
-        resolution: of the table.
-        progress: called with the number of columns solved and their total.
-        workers: that solve it; None: this process.
+    `progress`: called with the number of columns solved and their total.
     """
     images, where = mirror_images(skin)
     edge = edge_of(skin, diameter)
@@ -252,9 +238,8 @@ def _four_quarters(quarters: list[NDArray]) -> NDArray:
 def _across(found: Column, u: NDArray) -> Floats:
     """Derivatives of u and the pressure by tangential forces at all levels; lines join them.
 
-    Args:
-        found: the solved states.
-        u: reciprocal readings, the state at rest among them [place, level, taxel].
+    `found`: the solved states. `u`: reciprocal readings, the state at rest among them
+    [place, level, taxel].
     """
     known = [LEVELS[LEVELS != 0][k] for k in ACROSS]
     share = np.stack([np.interp(LEVELS, known, row) for row in np.eye(len(known))], 1)

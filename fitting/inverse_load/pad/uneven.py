@@ -66,17 +66,11 @@ def same_places(spec: SkinSpec, other: SkinSpec) -> Callable[[Floats], Floats]:
 
 
 class Line(NamedTuple):
-    """u = rest + slope (w - w_0) of every taxel, beside the stray counts.
+    """u = rest + slope (w - w_0) of every taxel, beside the stray counts."""
 
-    Attributes:
-        stray: [taxel] [counts].
-        rest: u at rest [taxel] [1/counts].
-        slope: by the displacement [taxel] [1/counts/m].
-    """
-
-    stray: Floats
-    rest: Floats
-    slope: Floats
+    stray: Floats  # [taxel] [counts]
+    rest: Floats  # u at rest [taxel] [1/counts]
+    slope: Floats  # by the displacement [taxel] [1/counts/m]
 
     @classmethod
     def of(cls, spec: SkinSpec, skin: Skin) -> "Line":
@@ -95,14 +89,10 @@ def force_shares(table: PadTable, places: Floats, force: Floats, found: Column) 
 
     e minimises the squares of so(F (1 + e)) - so by Gauss and Newton.
 
-    Args:
-        table: of the even pad.
-        places: angle [rad] and axial position [m] [place, 2].
-        force: on the unit [place, level] [N].
-        found: what its states read, seen by the table's taxels [place, level, taxel].
-
-    Returns:
-        The share; that of the next lighter load where the unit has no state.
+    `table`: of the even pad. `places`: angle [rad] and axial position [m] [place, 2]. `force`:
+    on the unit [place, level] [N]. `found`: what its states read, seen by the table's taxels
+    [place, level, taxel].
+    Returns the share; that of the next lighter load where the unit has no state.
     """
     interpolant = PadInterpolant(table)
     count, levels = force.shape
@@ -138,21 +128,17 @@ def misfit(table: PadTable, places: Floats, force: Floats, found: Column) -> flo
 
 
 def uneven_table(
-    even: PadTable,
-    lines: tuple[Line, Line],
-    skin: Skin,
+    even: PadTable,  # of the pad of mean thickness and gap
+    lines: tuple[Line, Line],  # of that pad, and of the unit
+    skin: Skin,  # the unit, with the elements of the table's meshes
     on_unit: Callable[[Floats], Floats],
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> PadTable:
     """The table of a unit.
 
-    Args:
-        even: of the pad of mean thickness and gap.
-        lines: of that pad, and of the unit.
-        skin: the unit, with the elements of the table's meshes.
-        on_unit: the unit's angles of places from the even pad's: sections of uneven thickness
-            count them along their own mid-line.
-        progress: called with the number of columns solved and their total.
+    `on_unit`: the unit's angles of places from the even pad's: sections of uneven thickness
+    count them along their own mid-line. `progress`: called with the number of columns solved
+    and their total.
     """
     of_even, of_unit = lines
     probes = tuple(

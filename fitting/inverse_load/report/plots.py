@@ -27,9 +27,9 @@ _LABELS = {
 
 @styled
 def plot_loads(
-    time: Floats,
-    estimates: Sequence[LoadEstimate],
-    file: Path | None = None,
+    time: Floats,  # of the frames [s]
+    estimates: Sequence[LoadEstimate],  # one a frame
+    file: Path | None = None,  # where to write the figure; its ending chooses the format
     filtered: Sequence[Sequence[Contact]] | None = None,
 ) -> Figure:
     """Place, force and misfit over time, with 95 % intervals.
@@ -37,11 +37,7 @@ def plot_loads(
     Bars are what the noise of a frame leaves open. The band is what the skin file's tolerances
     leave open beside it, by one error that all frames share.
 
-    Args:
-        time: of the frames [s].
-        estimates: one a frame.
-        file: where to write the figure; its ending chooses the format.
-        filtered: loads filtered over time, drawn as points.
+    `filtered`: loads filtered over time, drawn as points.
     """
     contacts = [estimate.contacts for estimate in estimates]
     estimated = {name for found in contacts for c in found for name in c.names}

@@ -19,13 +19,10 @@ _AT_THE_WALL = "saturated by wall contact"  # as `LoadEstimate.status_text` begi
 def read_estimates(path: Path, seq: NDArray[np.int64]) -> list[LoadEstimate]:
     """Read the estimates of a log's frames.
 
-    Args:
-        path: what `suas invert LOG --json` printed for the log.
-        seq: numbers of the log's frames, in their order.
-
-    Raises:
-        ValueError: a line is none of `suas invert`, or the frames are not the log's.
-        OSError: the file can't be read.
+    `path`: what `suas invert LOG --json` printed for the log. `seq`: numbers of the log's
+    frames, in their order.
+    Raises ValueError: a line is none of `suas invert`, or the frames are not the log's.
+    Raises OSError: the file can't be read.
     """
     lines = read_bytes(path, _MOST_BYTES).decode("utf-8", "replace").splitlines()
     found = [_line(path, k, text) for k, text in enumerate(lines, 1) if text.strip()]

@@ -34,26 +34,17 @@ _ONE_START = np.deg2rad(8.0)  # starting points of pairs closer than this are on
 
 
 class PairSearch(AbstractSeveralSearch):
-    """Starting points of several contacts on one skin.
-
-    Args:
-        nodes: the search for one contact.
-        thinned: nodes of which pairs are made.
-        stray: part of the readings that no gap changes [taxel] [counts].
-        distance: between places.
-        closest: distance that contacts of a pair have at least.
-        apart: starting points closer than this are one.
-    """
+    """Starting points of several contacts on one skin."""
 
     def __init__(
         self,
-        nodes: AbstractNodeSearch,
-        thinned: Rows,
-        stray: Floats,
-        distance: Distance,
+        nodes: AbstractNodeSearch,  # the search for one contact
+        thinned: Rows,  # nodes of which pairs are made
+        stray: Floats,  # part of the readings that no gap changes [taxel] [counts]
+        distance: Distance,  # between places
         *,
-        closest: float,
-        apart: float,
+        closest: float,  # distance that contacts of a pair have at least
+        apart: float,  # starting points closer than this are one
     ) -> None:
         self._search, self._stray, self._taxels = nodes, stray, len(stray)
         self._node = thinned[nodes.known[thinned]]
@@ -125,13 +116,10 @@ class PairSearch(AbstractSeveralSearch):
 def _scaled(products: Floats, along: Floats) -> tuple[Floats, Floats, Floats]:
     """Scales of the nodes of all pairs and what is left, but for a constant.
 
-    Args:
-        products: of the nodes' weighted changes [node, node].
-        along: of the nodes' changes and the measured one [node].
-
-    Returns:
-        Scales of the first and of the second node of a pair, and the weighted squares of what
-        is left [node, node].
+    `products`: of the nodes' weighted changes [node, node]. `along`: of the nodes' changes and
+    the measured one [node].
+    Returns scales of the first and of the second node of a pair, and the weighted squares of
+    what is left [node, node].
     """
     own = np.maximum(np.diagonal(products), 1e-300)
     determinant = np.maximum(own[:, None] * own - products**2, 1e-12 * own[:, None] * own)
@@ -206,13 +194,10 @@ class NodeSearch(AbstractNodeSearch):
         return np.where(self.known[lightest + i], lightest + i, lightest)
 
     def near(self, y: Floats, weight: Floats, node: Rows) -> Floats:
-        """Angle and force near some nodes, by the table's own slopes and curvatures.
+        """Angle and force [frame, 2] near some nodes, by the table's slopes and curvatures.
 
         Gauss-Newton on the Taylor polynomial of the readings about the node: it costs
         nothing next to one evaluation of the model, and saves one or two.
-
-        Returns:
-            Parameters [frame, 2].
         """
         value, by_a, by_f, aa, af, ff = np.moveaxis(self._table.taylor[node], 1, 0)
         a, f = np.zeros((2, len(y), 1))

@@ -32,25 +32,15 @@ _GAP_LEFT = 0.02  # smallest gap in the table in terms of the film's
 
 @dataclass(frozen=True)
 class LoadTable:
-    """States under one radial contact, and at rest.
+    """States under one radial contact, and at rest."""
 
-    Attributes:
-        angles: of the contact [angle, rad].
-        forces: of the contact [angle, force] [N], ascending.
-        so: readings [angle, force, taxel]; NaN where no state was found.
-        rest: readings at rest [taxel].
-        q: unknowns of the states [angle, force, dof, station].
-        pressure: of the oil [angle, force] [Pa].
-        first_contact: force at which the membrane reaches the wall [angle] [N]; infinite
-            where none does.
-    """
-
-    angles: Floats
-    forces: Floats
-    so: Floats
-    rest: Floats
-    q: Floats
-    pressure: Floats
+    angles: Floats  # of the contact [angle, rad]
+    forces: Floats  # of the contact [angle, force] [N], ascending
+    so: Floats  # readings [angle, force, taxel]; NaN where no state was found
+    rest: Floats  # readings at rest [taxel]
+    q: Floats  # unknowns of the states [angle, force, dof, station]
+    pressure: Floats  # of the oil [angle, force] [Pa]
+    # force at which the membrane reaches the wall [angle] [N]; infinite where none does
     first_contact: Floats
 
     @property
@@ -156,10 +146,8 @@ def build_table(skin: Skin) -> LoadTable:
 def first_contacts(skin: Skin, angles: np.ndarray, below: np.ndarray) -> np.ndarray:
     """Forces of one radial load at which the membrane reaches the wall [N].
 
-    Args:
-        skin: the skin, without its wall.
-        angles: of the load [rad].
-        below: forces a little less than that.
+    `skin`: the skin, without its wall. `angles`: of the load [rad]. `below`: forces a little
+    less than that.
     """
     low = below.copy()
     _, gap, _, failed = _solve(skin, angles, low, None)

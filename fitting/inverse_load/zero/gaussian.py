@@ -8,15 +8,10 @@ from fitting.arrays import Floats
 
 
 class Gaussian(NamedTuple):
-    """A normal distribution.
+    """A normal distribution."""
 
-    Attributes:
-        mean: [parameter].
-        covariance: [parameter, parameter].
-    """
-
-    mean: Floats
-    covariance: Floats
+    mean: Floats  # [parameter]
+    covariance: Floats  # [parameter, parameter]
 
 
 def conditioned(
@@ -28,12 +23,9 @@ def conditioned(
     x = x_0 + P (J^T W r + P_0^-1 (m - x_0)). Repeated at its own mean it is the
     Gauss-Newton method for the most probable x.
 
-    Args:
-        prior: of the parameters, of full rank.
-        at: x_0 [parameter].
-        jacobian: J [measurement, parameter].
-        residual: r [measurement].
-        weight: inverse variances of the noise, zero where nothing was measured [measurement].
+    `prior`: of the parameters, of full rank. `at`: x_0 [parameter]. `jacobian`: J
+    [measurement, parameter]. `residual`: r [measurement]. `weight`: inverse variances of the
+    noise, zero where nothing was measured [measurement].
     """
     before = np.linalg.inv(prior.covariance)
     information = before + jacobian.T @ (weight[:, None] * jacobian)

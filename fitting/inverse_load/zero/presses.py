@@ -35,17 +35,11 @@ _SETTLING, _LEAVING = 1 / 3, 0.1  # shares of a press that are left out at its e
 
 
 class PressedFrames(NamedTuple):
-    """Frames of a log.
+    """Frames of a log."""
 
-    Attributes:
-        rest: those before the first press.
-        pressed: those of every press, when it has settled.
-        began: first frame of every press.
-    """
-
-    rest: NDArray[np.int64]
-    pressed: list[NDArray[np.int64]]
-    began: list[int]
+    rest: NDArray[np.int64]  # those before the first press
+    pressed: list[NDArray[np.int64]]  # those of every press, when it has settled
+    began: list[int]  # first frame of every press
 
 
 def known_press(text: str, geometry: GeometrySpec, diameter: float | None = None) -> KnownPress:
@@ -54,13 +48,8 @@ def known_press(text: str, geometry: GeometrySpec, diameter: float | None = None
     Masses weigh 9.80665 m/s^2. Places are angles, or arc lengths of the inner face from its
     middle; along the axis, distances from the middle of the pad.
 
-    Args:
-        text: a press in words.
-        geometry: of the skin.
-        diameter: of what presses on a pad [m]; None for a fingertip's.
-
-    Raises:
-        ValueError: the text can't be understood, or the skin has no such place.
+    `text`: a press in words. `diameter`: of what presses on a pad [m]; None for a fingertip's.
+    Raises ValueError: the text can't be understood, or the skin has no such place.
     """
     where = f'--known "{text}"'
     found = _KNOWN.fullmatch(text)
@@ -107,8 +96,7 @@ def press_at(
 ) -> KnownPress:
     """A press at an angle or an arc length, with the deviations of one that states none.
 
-    Raises:
-        ValueError: the place is not on the skin.
+    Raises ValueError: the place is not on the skin.
     """
     angle = float(angles_at(geometry, kind, np.array(place)))
     edge = float(np.asarray(plain_geometry(geometry).half_angle).ravel()[0])
@@ -123,8 +111,7 @@ def on_pad(
 ) -> KnownPress:
     """The same press at a place along a pad [m], by a disc of a diameter [m].
 
-    Raises:
-        ValueError: the place is not on the pad.
+    Raises ValueError: the place is not on the pad.
     """
     size, half = diameter or _FINGER, float(geometry.width) / 2
     if not abs(axial) + size / 2 < half:
@@ -152,13 +139,10 @@ def _quantity(text: str, kind: DimensionName, where: str) -> tuple[float, float 
 def frames_of_presses(so: Floats, patterns: Floats, noise: float) -> PressedFrames:
     """Which frames hold the presses, in their order; the log begins at rest.
 
-    Args:
-        so: readings [frame, taxel] [counts]; NaN where missing.
-        patterns: change of readings that is expected under every press [press, taxel].
-        noise: standard deviation of a reading [counts].
-
-    Raises:
-        ValueError: the log has no rest before the first press, or another number of presses.
+    `so`: readings [frame, taxel] [counts]; NaN where missing. `patterns`: change of readings
+    that is expected under every press [press, taxel]. `noise`: standard deviation of a reading
+    [counts].
+    Raises ValueError: the log has no rest before the first press, or another number of presses.
     """
     first = np.nanmedian(so[:_FEWEST], 0)
     change = np.nan_to_num(so - first)

@@ -22,17 +22,12 @@ def skin_estimator(
 ) -> LoadEstimator:
     """Make the estimator of a skin.
 
-    Args:
-        skin: skin file.
-        baseline: readings at rest, of `suas baseline`; None: readings are absolute.
-        zero: what `suas zero` wrote; None for the one beside the skin file, if there is one,
-            "none" for none. The logger `suas` says which it is.
-        settings: of the `LoadEstimator`.
-
-    Raises:
-        ConfigError: the skin file or the zero can't be used.
-        ValueError: the baseline is of another layout, or a setting makes no sense.
-        Float64Error: float64 is off.
+    `baseline`: readings at rest, of `suas baseline`; None: readings are absolute. `zero`: what
+    `suas zero` wrote; None for the one beside the skin file, if there is one, "none" for none.
+    The logger `suas` says which it is. `settings`: of the `LoadEstimator`.
+    Raises ConfigError: the skin file or the zero can't be used.
+    Raises ValueError: the baseline is of another layout, or a setting makes no sense.
+    Raises Float64Error: float64 is off.
     """
     spec, told = skin_with_zero(skin, zero)
     if told:
@@ -53,8 +48,7 @@ def estimator_of(
 def rest_of(spec: SkinSpec, baseline: Path | None) -> tuple[NDArray | None, NDArray | None]:
     """Readings at rest and their variance from a baseline's file; None without one.
 
-    Raises:
-        ValueError: the skin has no electrodes, or the baseline is of another layout.
+    Raises ValueError: the skin has no electrodes, or the baseline is of another layout.
     """
     layout = Layout(spec)
     if baseline is None:

@@ -43,43 +43,28 @@ _QUANTITIES = ("angle", "axial", "force")  # of a press; a line load has no axia
 
 
 class PressReadings(NamedTuple):
-    """Readings under known presses, less those at rest.
+    """Readings under known presses, less those at rest."""
 
-    Attributes:
-        change: [press, taxel] [counts]; NaN where missing.
-        variance: of it, without the model's error [press, taxel] [counts^2].
-        share: elastic load of the long-term constants over the press's force [press]: below one
-            while a membrane that relaxes still creeps.
-        share_deviation: of the share, relative [press].
-    """
-
-    change: Floats
-    variance: Floats
+    change: Floats  # [press, taxel] [counts]; NaN where missing
+    variance: Floats  # of it, without the model's error [press, taxel] [counts^2]
+    # elastic load of the long-term constants over the press's force [press]: below one while a
+    # membrane that relaxes still creeps
     share: Floats
-    share_deviation: Floats | float = 0.0
+    share_deviation: Floats | float = 0.0  # of the share, relative [press]
 
 
 class _Model(NamedTuple):
-    """Change of readings from rest under all presses, with derivatives.
+    """Change of readings from rest under all presses, with derivatives."""
 
-    Attributes:
-        change: [press, taxel].
-        by_press: by place and force of the press [press, quantity, taxel].
-        by_error: [press, error, taxel].
-    """
-
-    change: Floats
-    by_press: Floats
-    by_error: Floats
+    change: Floats  # [press, taxel]
+    by_press: Floats  # by place and force of the press [press, quantity, taxel]
+    by_error: Floats  # [press, error, taxel]
 
 
 class PressModel:
     """The model of a section or a pad under known presses, as its inputs change.
 
-    Args:
-        errors: of its inputs.
-        presses: their number stays.
-        share: see `PressReadings`.
+    `errors`: of its inputs. `presses`: their number stays. `share`: see `PressReadings`.
     """
 
     def __init__(
@@ -120,8 +105,7 @@ class PressModel:
     def at(self, e: Floats, x: Floats) -> _Model:
         """Change of readings at some errors [error] and presses [press, quantity].
 
-        Raises:
-            ValueError: the model has no state there.
+        Raises ValueError: the model has no state there.
         """
         paths = self._errors.paths
         values = dict(zip(paths, inputs_at(self._errors, e).tolist(), strict=True))
@@ -181,21 +165,14 @@ def _along(
 
 
 def zero_of(
-    errors: InputErrors,
-    presses: tuple[KnownPress, ...],
-    readings: PressReadings,
-    model_error: float,
+    errors: InputErrors,  # of the inputs
+    presses: tuple[KnownPress, ...],  # what was known of them
+    readings: PressReadings,  # under them
+    model_error: float,  # of the model's change of readings, relative
 ) -> Zero:
     """Update the errors of a skin's inputs by known presses.
 
-    Args:
-        errors: of the inputs.
-        presses: what was known of them.
-        readings: under them.
-        model_error: of the model's change of readings, relative.
-
-    Raises:
-        ValueError: no inputs within what the file allows explain the readings.
+    Raises ValueError: no inputs within what the file allows explain the readings.
     """
     model = PressModel(errors, presses, readings.share)
     count = len(errors)
@@ -264,10 +241,8 @@ def _jacobian(model: _Model) -> Floats:
 def force_deviations(model: _Model, weight: Floats, covariance: Floats) -> Floats:
     """Standard deviations of forces found from readings alone, at each press [press] [N].
 
-    Args:
-        model: the readings' derivatives there.
-        weight: inverse variances [press, taxel].
-        covariance: of the errors [error, error].
+    `model`: the readings' derivatives there. `weight`: inverse variances [press, taxel].
+    `covariance`: of the errors [error, error].
     """
     found = []
     for k in range(len(weight)):

@@ -14,27 +14,16 @@ _LSB = "electrodes.lsb"
 
 @dataclass(frozen=True)
 class KnownPress:
-    """One press with a known force.
+    """One press with a known force."""
 
-    Attributes:
-        angle: where, as sections define angles [rad].
-        force: inwards [N].
-        angle_deviation: standard deviation of the place [rad].
-        force_deviation: of the force [N].
-        text: as it was told.
-        axial: where along a pad [m]; None in plane strain.
-        axial_deviation: its standard deviation [m].
-        diameter: of the disc that presses on a pad [m].
-    """
-
-    angle: float
-    force: float
-    angle_deviation: float
-    force_deviation: float
-    text: str
-    axial: float | None = None
-    axial_deviation: float = 0.0
-    diameter: float = 0.0
+    angle: float  # where, as sections define angles [rad]
+    force: float  # inwards [N]
+    angle_deviation: float  # standard deviation of the place [rad]
+    force_deviation: float  # of the force [N]
+    text: str  # as it was told
+    axial: float | None = None  # where along a pad [m]; None in plane strain
+    axial_deviation: float = 0.0  # its standard deviation [m]
+    diameter: float = 0.0  # of the disc that presses on a pad [m]
 
     @property
     def quantities(self) -> tuple[float, ...]:
@@ -50,26 +39,16 @@ class KnownPress:
 
 @dataclass(frozen=True)
 class Zero:
-    """What known presses say.
+    """What known presses say."""
 
-    Attributes:
-        errors: of the inputs, as they were before.
-        posterior: of the errors, in standard deviations.
-        presses: in the order of the log.
-        before: standard deviation of a force estimated at each press, without the zero
-            [press], relative.
-        after: the same with it.
-        chi2_per_dof: of the presses' readings; about 1 where the model holds.
-        status: "ok", or "poor_fit" where the covariance is scaled up by chi2.
-    """
-
-    errors: InputErrors
-    posterior: Gaussian
-    presses: tuple[KnownPress, ...]
+    errors: InputErrors  # of the inputs, as they were before
+    posterior: Gaussian  # of the errors, in standard deviations
+    presses: tuple[KnownPress, ...]  # in the order of the log
+    # standard deviation of a force estimated at each press, without the zero [press], relative
     before: Floats
-    after: Floats
-    chi2_per_dof: float
-    status: str
+    after: Floats  # the same with it
+    chi2_per_dof: float  # of the presses' readings; about 1 where the model holds
+    status: str  # "ok", or "poor_fit" where the covariance is scaled up by chi2
 
     @property
     def values(self) -> Floats:
@@ -92,8 +71,7 @@ def inputs_at(errors: InputErrors, e: Floats) -> Floats:
 def zeroed_inputs(spec: SkinSpec, values: dict[str, float]) -> SkinSpec:
     """A skin with other inputs, which state no deviations any more.
 
-    Raises:
-        ValueError: a path is none of its inputs, or a value is not allowed.
+    Raises ValueError: a path is none of its inputs, or a value is not allowed.
     """
     if _LSB in values and spec.electrodes is not None:  # which files need not give
         electrodes = spec.electrodes.model_copy(update={"lsb": values[_LSB]})

@@ -46,13 +46,7 @@ def zero_file_of(skin: Path) -> Path:
 
 
 def zero_text(zero: Zero, skin: Path, log: Path) -> str:
-    """The file of a zero.
-
-    Args:
-        zero: what known presses said.
-        skin: the skin file.
-        log: that held the presses.
-    """
+    """The file of a zero. `zero`: what known presses said. `log`: that held the presses."""
     spec, paths = zero.errors.spec, zero.errors.paths
     document: Any = tomlkit.document()
     document.add(tomlkit.comment(f"{MARK}; used by suas invert; SI units"))
@@ -105,12 +99,8 @@ def _digest(path: Path, most: int) -> str:
 def read_zero(path: Path, skin: Path) -> CalibrationSpec:
     """Read a zero and check that it is the skin's.
 
-    Args:
-        path: what `suas zero` wrote.
-        skin: the skin file.
-
-    Raises:
-        ConfigError: the file can't be understood, or it is another skin file's.
+    `path`: what `suas zero` wrote.
+    Raises ConfigError: the file can't be understood, or it is another skin file's.
     """
     data, file = read_toml(path), str(path)
     foreign = [key for key in data if key not in _TABLES]
@@ -143,8 +133,7 @@ def read_zero(path: Path, skin: Path) -> CalibrationSpec:
 def zeroed(spec: SkinSpec, record: CalibrationSpec) -> SkinSpec:
     """A skin as a zero says it is: its values, and their covariance as its tolerances.
 
-    Raises:
-        ValueError: the record's inputs are not the skin's, or a value is not allowed.
+    Raises ValueError: the record's inputs are not the skin's, or a value is not allowed.
     """
     values = dict(zip(record.parameters, record.values, strict=True))
     changed = zeroed_inputs(as_assembled(spec), values)

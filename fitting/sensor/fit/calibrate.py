@@ -272,9 +272,8 @@ def _settled(
 ) -> tuple[SensorProblem, Found, Shapes, np.ndarray, bool]:
     """Add the priors that are needed; solve shapes again until no constant moves them.
 
-    Returns:
-        The problem, its minimum, the shapes, which readings the wall takes, and whether
-        nothing changes any more.
+    Returns the problem, its minimum, the shapes, which readings the wall takes, and whether
+    nothing changes any more.
     """
     names, moving = problem.family.names, problem.model.shaping
     same = _SAME * problem.family.sizes[moving]

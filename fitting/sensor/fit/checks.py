@@ -29,16 +29,9 @@ def check_agreement(
 ) -> list[str]:
     """Refuse logs that don't follow the skin's model at all.
 
-    Args:
-        problem: what is fitted to what.
-        constants: fitted, SI [p].
-        data: names the logs.
-
-    Returns:
-        What is doubtful, but not refused.
-
-    Raises:
-        NoCalibration: the logs are of another skin, or units are mixed up.
+    `problem`: what is fitted to what. `constants`: fitted, SI [p].
+    Returns what is doubtful but not refused.
+    Raises NoCalibration: the logs are of another skin, or units are mixed up.
     """
     if not problem.readings.offsets:
         _refuse_another_layout(problem, constants, data)
@@ -156,11 +149,8 @@ def drift_warning(problem: SensorProblem, constants: np.ndarray) -> str:
 def _powers_of_load(so: np.ndarray) -> np.ndarray:
     """What counts change with: powers of their first principal component, and two more.
 
-    Args:
-        so: predicted counts [taxel, frame].
-
-    Returns:
-        Columns, the first constant [frame, column].
+    `so`: predicted counts [taxel, frame].
+    Returns the columns, the first constant [frame, column].
     """
     centred = so - so.mean(1, keepdims=True)
     _, size, components = np.linalg.svd(centred, full_matrices=False)
@@ -211,10 +201,8 @@ def masked_taxels(
 ) -> list[Masked]:
     """What the fit itself left out.
 
-    Args:
-        problem: what is fitted to what.
-        touching: readings of taxels that the membrane touches [taxel, frame].
-        data: names the taxels.
+    `problem`: what is fitted to what. `touching`: readings of taxels that the membrane touches
+    [taxel, frame]. `data`: names the taxels.
     """
     modules, numbers = taxel_names(data.spec.electrodes)  # type: ignore[arg-type]
     here = problem.readings

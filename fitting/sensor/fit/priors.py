@@ -67,10 +67,8 @@ def prior_of(part: SensorConstant, stated: float | None, reason: str) -> Prior:
 
     Its standard deviation is the skin file's (``+-``), or `TOLERANCE` where that states none.
 
-    Args:
-        part: the constant.
-        stated: what the skin file says, SI; None where it says nothing.
-        reason: why it is needed.
+    `stated`: what the skin file says, SI; None where it says nothing. `reason`: why it is
+    needed.
     """
     mean = stated if stated is not None else (part.size if part.positive else 0.0)
     deviation = deviation_of(stated)
@@ -86,10 +84,7 @@ def as_built_priors(
 ) -> tuple[dict[str, Prior], np.ndarray]:
     """Priors of all that a unit has of its own, and their correlations [p, p].
 
-    Args:
-        drawing: the skin file.
-        parts: the constants.
-        stated: their values as the skin file has them [p].
+    `stated`: their values as the skin file has them [p].
     """
     deviations, correlation = as_built_deviations(drawing, parts)
     found = {}
@@ -125,10 +120,8 @@ def needed_priors(
 ) -> dict[str, Prior]:
     """Priors that the data ask for beside those that there are.
 
-    Args:
-        problem: what is fitted to what.
-        constants: where, SI [p].
-        stated: what the skin file says of each.
+    `problem`: what is fitted to what. `constants`: where, SI [p]. `stated`: what the skin file
+    says of each.
     """
     names = problem.family.names
     information = problem.information(constants) + problem.prior_information(constants)
@@ -163,10 +156,8 @@ def _order(names: tuple[str, ...]) -> list[int]:
 def findings(problem: SensorProblem, constants: np.ndarray, inflation: float) -> list[str]:
     """What the data don't determine, in words.
 
-    Args:
-        problem: what is fitted to what.
-        constants: fitted, SI [p].
-        inflation: factor on standard errors.
+    `problem`: what is fitted to what. `constants`: fitted, SI [p]. `inflation`: factor on
+    standard errors.
     """
     names = problem.family.names
     information = problem.information(constants) / inflation**2
@@ -253,11 +244,8 @@ def log_contributions(
 ) -> list[dict[str, Any]]:
     """Standard errors that each log and each fluid would give alone, without priors.
 
-    Args:
-        problem: what is fitted to what.
-        constants: fitted, SI [p].
-        inflation: factor on standard errors.
-        data: names the logs.
+    `problem`: what is fitted to what. `constants`: fitted, SI [p]. `inflation`: factor on
+    standard errors.
     """
     here = problem.readings
     rows: list[tuple[str, np.ndarray]] = []

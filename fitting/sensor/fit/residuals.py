@@ -20,17 +20,11 @@ _HELD = 1e-9
 
 @dataclasses.dataclass(frozen=True)
 class Prior:
-    """What is assumed of a constant.
+    """What is assumed of a constant."""
 
-    Attributes:
-        mean: SI.
-        sd: standard deviation, SI.
-        reason: why it was needed.
-    """
-
-    mean: float
-    sd: float
-    reason: str
+    mean: float  # SI
+    sd: float  # standard deviation, SI
+    reason: str  # why it was needed
 
     @property
     def given(self) -> bool:
@@ -39,24 +33,16 @@ class Prior:
 
 
 class SensorResiduals(AbstractResiduals):
-    """Misfit of the model to the counts of all logs, priors included.
+    """Misfit of the model to the counts of all logs, priors included."""
 
-    Attributes:
-        model: the counts.
-        state: which state a frame is in [frame].
-        value: readings, taxel after taxel, then the means of the priors [n].
-        inverse_scale: 1 / standard deviation [n]; zero for what is not used.
-        basis: orthonormal columns, in units of the noise, of what is taken out of every
-            taxel's readings [taxel, frame, column].
-        mixing: inverse root of the priors' correlations; None where they are independent.
-        family: the constants.
-    """
-
-    model: SensorModel
-    state: Int[Array, " frame"]
-    value: Float[Array, " n"]
-    inverse_scale: Float[Array, " n"]
+    model: SensorModel  # the counts
+    state: Int[Array, " frame"]  # which state a frame is in [frame]
+    value: Float[Array, " n"]  # readings, taxel after taxel, then the means of the priors [n]
+    inverse_scale: Float[Array, " n"]  # 1 / standard deviation [n]; zero for what is not used
+    # orthonormal columns, in units of the noise, of what is taken out of every taxel's readings
+    # [taxel, frame, column]
     basis: Float[Array, "taxel frame column"]
+    # inverse root of the priors' correlations; None where they are independent
     mixing: Float[Array, "p p"] | None
 
     @property
@@ -111,18 +97,12 @@ def _counts(model: SensorModel, constants: Float[Array, " p"]) -> Float[Array, "
 
 @dataclasses.dataclass(frozen=True)
 class SensorProblem:
-    """What is fitted to what.
+    """What is fitted to what."""
 
-    Attributes:
-        model: the counts as a function of the constants.
-        readings: what was read, and which of it is used.
-        priors: by name of the constant.
-        correlation: of the priors' errors [p, p]; None where they are independent.
-    """
-
-    model: SensorModel
-    readings: LoggedCounts
-    priors: Mapping[str, Prior]
+    model: SensorModel  # the counts as a function of the constants
+    readings: LoggedCounts  # what was read, and which of it is used
+    priors: Mapping[str, Prior]  # by name of the constant
+    # of the priors' errors [p, p]; None where they are independent
     correlation: np.ndarray | None = None
 
     @property
@@ -143,9 +123,8 @@ class SensorProblem:
     ) -> SensorResiduals:
         """The misfit in units of the noise.
 
-        Args:
-            weight: of each reading beside its noise [taxel, frame].
-            held: positions of constants that are kept at their floors.
+        `weight`: of each reading beside its noise [taxel, frame]. `held`: positions of
+        constants that are kept at their floors.
         """
         here = self.readings
         inverse = np.where(here.used, np.sqrt(weight) / here.sigma, 0.0)
@@ -209,9 +188,7 @@ class SensorProblem:
     ) -> np.ndarray:
         """JᵀJ of the readings alone, in relative sizes [p, p].
 
-        Args:
-            constants: where, SI [p].
-            frames: which frames; all of them by default.
+        `constants`: where, SI [p]. `frames`: which frames; all of them by default.
         """
         _, jacobian = sensitivity(self.residuals(), jnp.asarray(constants))
         shape = self.readings.so.shape
@@ -225,8 +202,7 @@ class SensorProblem:
 def bounds_of(information: np.ndarray) -> np.ndarray:
     """Cramer-Rao bounds, infinite along null directions [p].
 
-    Args:
-        information: the Fisher information, in relative sizes [p, p].
+    `information`: the Fisher information, in relative sizes [p, p].
     """
     values, vectors = np.linalg.eigh(information)
     largest = max(float(values[-1]), 1e-300)

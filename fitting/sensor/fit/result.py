@@ -116,28 +116,16 @@ class SensorFit:
 
 def judged_fit(
     data: SensorData,
-    problem: SensorProblem,
-    found: Found,
-    shapes: Shapes,
-    loads: KnownLoads,
-    noise: np.ndarray,
-    touching: np.ndarray,
-    steady: bool,
+    problem: SensorProblem,  # what was fitted to what, with the measured noise
+    found: Found,  # its minimum
+    shapes: Shapes,  # the membrane in the known states
+    loads: KnownLoads,  # the known states, the baseline's included
+    noise: np.ndarray,  # standard deviation of a reading [taxel, log], counts
+    touching: np.ndarray,  # readings of taxels that the membrane touches [taxel, frame]
+    steady: bool,  # whether the shapes change no more
     warnings: list[str],
 ) -> SensorFit:
-    """A calibration with its errors, its misfit and its warnings.
-
-    Args:
-        data: the logs.
-        problem: what was fitted to what, with the measured noise.
-        found: its minimum.
-        shapes: the membrane in the known states.
-        loads: the known states, the baseline's included.
-        noise: standard deviation of a reading [taxel, log], counts.
-        touching: readings of taxels that the membrane touches [taxel, frame].
-        steady: whether the shapes change no more.
-        warnings: of the search.
-    """
+    """A calibration with its errors, its misfit and its warnings."""
     constants, family, here = found.constants, problem.family, problem.readings
     r = problem.standardised(constants)
     paths = [

@@ -25,17 +25,11 @@ _BAD_SKIN = 0.3
 
 @dataclasses.dataclass(frozen=True)
 class Found:
-    """The constants that follow the readings best.
+    """The constants that follow the readings best."""
 
-    Attributes:
-        constants: SI [p].
-        minima: what the starts found.
-        held: positions of constants that stopped at their floors.
-    """
-
-    constants: np.ndarray
-    minima: Minima
-    held: tuple[int, ...]
+    constants: np.ndarray  # SI [p]
+    minima: Minima  # what the starts found
+    held: tuple[int, ...]  # positions of constants that stopped at their floors
 
 
 def search(
@@ -45,13 +39,9 @@ def search(
 
     A constant that would fall below its floor is held there, and the others follow.
 
-    Args:
-        problem: what is fitted to what.
-        start: constants to start from, SI [p].
-        weight: of each reading beside its noise [taxel, frame].
-
-    Raises:
-        NoCalibration: no constants give finite counts.
+    `problem`: what is fitted to what. `start`: constants to start from, SI [p]. `weight`: of
+    each reading beside its noise [taxel, frame].
+    Raises NoCalibration: no constants give finite counts.
     """
     family = problem.family
     held: tuple[int, ...] = ()
@@ -90,12 +80,8 @@ def search(
 def robust(problem: SensorProblem, start: np.ndarray) -> tuple[SensorProblem, Found]:
     """Fit with little weight on outliers, then without them.
 
-    Args:
-        problem: all that is present is used at first.
-        start: constants, SI [p].
-
-    Returns:
-        The problem without the outliers, and its minimum.
+    `problem`: all that is present is used at first. `start`: constants, SI [p].
+    Returns the problem without the outliers, and its minimum.
     """
     present = problem.readings.present
     problem = problem.using(present)

@@ -28,51 +28,30 @@ class NoCalibration(ValueError):  # noqa: N818
 
 @dataclasses.dataclass(frozen=True)
 class LogFile:
-    """Where readings came from.
+    """Where readings came from."""
 
-    Attributes:
-        path: as given.
-        sha256: of the file's bytes.
-        frames: how many are used.
-        fluids: what filled the gap.
-        inputs: the second file with its hash, or None.
-    """
-
-    path: str
-    sha256: str
-    frames: int
-    fluids: tuple[str, ...]
-    inputs: tuple[str, str] | None
+    path: str  # as given
+    sha256: str  # of the file's bytes
+    frames: int  # how many are used
+    fluids: tuple[str, ...]  # what filled the gap
+    inputs: tuple[str, str] | None  # the second file with its hash, or None
 
 
 @dataclasses.dataclass(frozen=True)
 class SensorData:
-    """Readings of all logs.
-
-    Attributes:
-        spec: the skin.
-        so: raw counts [taxel, frame]; NaN where missing or masked.
-        time: since the first frame of its log [frame, s].
-        log: which log a frame is from [frame].
-        state: which known state a frame is in [frame].
-        loads: the distinct known states.
-        permittivity: of the fluid, state by state; NaN where it is the oil [state].
-        files: where the readings came from.
-        masked: what was left out.
-        warnings: what a person should know.
-        simulated: whether `suas simulate` made all of them, which has the shell's shapes.
-    """
+    """Readings of all logs."""
 
     spec: SkinSpec
-    so: np.ndarray
-    time: np.ndarray
-    log: np.ndarray
-    state: np.ndarray
-    loads: KnownLoads
-    permittivity: np.ndarray
-    files: tuple[LogFile, ...]
-    masked: tuple[Masked, ...]
-    warnings: tuple[str, ...]
+    so: np.ndarray  # raw counts [taxel, frame]; NaN where missing or masked
+    time: np.ndarray  # since the first frame of its log [frame, s]
+    log: np.ndarray  # which log a frame is from [frame]
+    state: np.ndarray  # which known state a frame is in [frame]
+    loads: KnownLoads  # the distinct known states
+    permittivity: np.ndarray  # of the fluid, state by state; NaN where it is the oil [state]
+    files: tuple[LogFile, ...]  # where the readings came from
+    masked: tuple[Masked, ...]  # what was left out
+    warnings: tuple[str, ...]  # what a person should know
+    # whether `suas simulate` made all of them, which has the shell's shapes
     simulated: bool = False
 
     @property
@@ -240,8 +219,7 @@ def _forget_idle_places(table: np.ndarray) -> None:
 def _only_bodies(table: np.ndarray, parts: Sequence[AlignedLog], warnings: list[str]) -> None:
     """Take the travels of bodies for all that is known, every body with its radius.
 
-    Raises:
-        ValueError: other loads are known, too.
+    Raises ValueError: other loads are known, too.
     """
     for p in parts:
         for load in {load for load, _ in p.known.values}:

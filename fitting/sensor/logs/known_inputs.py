@@ -60,23 +60,18 @@ OIL = "oil"
 
 @dataclasses.dataclass(frozen=True)
 class Known:
-    """Known inputs, row by row.
+    """Known inputs, row by row."""
 
-    Attributes:
-        values: by load and quantity, SI units [row]; NaN where a row has none.
-        fluid: names or permittivities, as given [row]; None where nothing is said.
-        names: the column that each quantity came from.
-    """
-
+    # by load and quantity, SI units [row]; NaN where a row has none
     values: dict[Key, np.ndarray]
+    # names or permittivities, as given [row]; None where nothing is said
     fluid: np.ndarray | None
-    names: dict[Key, str]
+    names: dict[Key, str]  # the column that each quantity came from
 
     def merged(self, other: "Known") -> "Known":
         """Together with what another source knows.
 
-        Raises:
-            ValueError: both give the same quantity with different values.
+        Raises ValueError: both give the same quantity with different values.
         """
         for key in sorted(self.values.keys() & other.values.keys()):
             own, given = self.values[key], other.values[key]
@@ -93,8 +88,7 @@ class Known:
 def understood(name: str, where: str) -> tuple[Key, float] | None:
     """Load, quantity and unit of a column; None if it is no known input.
 
-    Raises:
-        ValueError: it looks like one, but its unit is missing or unknown.
+    Raises ValueError: it looks like one, but its unit is missing or unknown.
     """
     found = _COLUMN.fullmatch(name.strip())
     if found is None:
@@ -124,8 +118,7 @@ def understood(name: str, where: str) -> tuple[Key, float] | None:
 def from_columns(columns: Mapping[str, Iterable[object]], where: str) -> Known:
     """Known inputs among some columns.
 
-    Raises:
-        ValueError: naming file, column, value and what is allowed.
+    Raises ValueError: naming file, column, value and what is allowed.
     """
     values: dict[Key, np.ndarray] = {}
     names: dict[Key, str] = {}
@@ -160,16 +153,10 @@ def from_file(path: Path, time: np.ndarray, clock: str) -> tuple[Known, np.ndarr
 
     Numbers change linearly between rows, the fluid holds until the next row.
 
-    Args:
-        path: CSV with a time column and known inputs; load paths of `suas simulate` are.
-        time: of the log's frames [s].
-        clock: which of the log's clocks that is, for messages.
-
-    Returns:
-        The inputs, and which frames the file covers.
-
-    Raises:
-        ValueError: naming file, line, column, value and what is allowed.
+    `path`: CSV with a time column and known inputs; load paths of `suas simulate` are. `time`:
+    of the log's frames [s]. `clock`: which of the log's clocks that is, for messages.
+    Returns the inputs, and which frames the file covers.
+    Raises ValueError: naming file, line, column, value and what is allowed.
     """
     table = read_csv_table(path)
     if not table.rows:

@@ -8,30 +8,25 @@ import numpy as np
 
 @dataclasses.dataclass(frozen=True)
 class KnownLoads:
-    """What is known of the loads, state by state.
+    """What is known of the loads, state by state."""
 
-    Attributes:
-        angle: where they act, as sections define angles [load, state, rad].
-        turn: of the force from the inward radial, counter-clockwise [load, state, rad].
-        force: total over the width [load, state, N]; NaN where the displacement is known.
-        displacement: of the material point under the load, along the load's direction
-            [load, state, m]; NaN where the force is known.
-        inner: whether the displacement is the inner face's; else the mid-surface's [load].
-        axial: where they act, from the middle of a pad [load, state, m].
-        diameter: of round contacts on a pad [load, state, m]; zero where it is not known.
-        depth: travel of a rigid body beyond first touch [load, state, m]; zero off the skin.
-        radius: of a body: a cylinder on a section, a ball on a pad [load, state, m]; zero where
-            loads are no bodies.
-    """
-
-    angle: np.ndarray
+    angle: np.ndarray  # where they act, as sections define angles [load, state, rad]
+    # of the force from the inward radial, counter-clockwise [load, state, rad]
     turn: np.ndarray
+    # total over the width [load, state, N]; NaN where the displacement is known
     force: np.ndarray
+    # of the material point under the load, along the load's direction [load, state, m]; NaN
+    # where the force is known
     displacement: np.ndarray
+    # whether the displacement is the inner face's; else the mid-surface's [load]
     inner: np.ndarray
-    axial: np.ndarray
+    axial: np.ndarray  # where they act, from the middle of a pad [load, state, m]
+    # of round contacts on a pad [load, state, m]; zero where it is not known
     diameter: np.ndarray
+    # travel of a rigid body beyond first touch [load, state, m]; zero off the skin
     depth: np.ndarray
+    # of a body: a cylinder on a section, a ball on a pad [load, state, m]; zero where loads are
+    # no bodies
     radius: np.ndarray
 
     @classmethod
@@ -40,10 +35,8 @@ class KnownLoads:
     ) -> "KnownLoads":
         """Radial loads of known force; see the attributes.
 
-        Args:
-            angle: where they act.
-            force: inwards.
-            axial: where they act on a pad; its middle if None.
+        `angle`: where they act. `force`: inwards. `axial`: where they act on a pad; its middle
+        if None.
         """
         zero, inner = np.zeros_like(force), np.zeros(len(force), bool)
         axial = zero if axial is None else axial
@@ -66,9 +59,7 @@ class KnownLoads:
     def shifted(self, name: str, change: np.ndarray) -> "KnownLoads":
         """The same with another first load.
 
-        Args:
-            name: of what changes: "angle", "axial" or "force".
-            change: by how much, SI [state].
+        `name`: of what changes: "angle", "axial" or "force". `change`: by how much, SI [state].
         """
         moved = getattr(self, name).copy()
         moved[0] += change

@@ -39,23 +39,14 @@ _SAME_SCALE = 0.01
 
 @dataclasses.dataclass(frozen=True)
 class Masked:
-    """Readings of a taxel that are left out.
+    """Readings of a taxel that are left out."""
 
-    Attributes:
-        module: from 0.
-        taxel: number in its module, from 1.
-        reason: why, in words.
-        frames: how many readings.
-        whole: whether nothing of the taxel is left in this log.
-        log: the file.
-    """
-
-    module: int
-    taxel: int
-    reason: str
-    frames: int
-    whole: bool
-    log: str
+    module: int  # from 0
+    taxel: int  # number in its module, from 1
+    reason: str  # why, in words
+    frames: int  # how many readings
+    whole: bool  # whether nothing of the taxel is left in this log
+    log: str  # the file
 
 
 def without_faults(
@@ -99,31 +90,18 @@ def without_faults(
 
 @dataclasses.dataclass(frozen=True)
 class AlignedLog:
-    """One log, aligned with the skin's taxels.
+    """One log, aligned with the skin's taxels."""
 
-    Attributes:
-        path: of the log.
-        so: raw counts [taxel, frame]; NaN where missing or left out.
-        time: since the first frame [frame, s].
-        known: loads and displacements [frame].
-        permittivity: of the fluid; NaN where it is the oil [frame].
-        masked: what was left out.
-        warnings: what a person should know.
-        inputs: second file of known inputs, or None.
-        simulated: whether `suas simulate` made it.
-        temperature: of the skin [frame]; None where the log says nothing.
-    """
-
-    path: Path
-    so: np.ndarray
-    time: np.ndarray
-    known: Known
-    permittivity: np.ndarray
-    masked: list[Masked]
-    warnings: list[str]
-    inputs: Path | None
-    simulated: bool
-    temperature: LogTemperature | None
+    path: Path  # of the log
+    so: np.ndarray  # raw counts [taxel, frame]; NaN where missing or left out
+    time: np.ndarray  # since the first frame [frame, s]
+    known: Known  # loads and displacements [frame]
+    permittivity: np.ndarray  # of the fluid; NaN where it is the oil [frame]
+    masked: list[Masked]  # what was left out
+    warnings: list[str]  # what a person should know
+    inputs: Path | None  # second file of known inputs, or None
+    simulated: bool  # whether `suas simulate` made it
+    temperature: LogTemperature | None  # of the skin [frame]; None where the log says nothing
 
 
 def read_aligned(
@@ -131,15 +109,10 @@ def read_aligned(
 ) -> AlignedLog:
     """Read a log and what is known of its frames.
 
-    Args:
-        spec: the skin that it was taken with.
-        path: the log.
-        inputs: a second file of known inputs, joined on time.
-        fluid: what filled the gap, if the log doesn't say.
-
-    Raises:
-        ValueError: the log can't be used; names file, column, value and what is allowed.
-        OSError: a file can't be read.
+    `spec`: the skin that it was taken with. `inputs`: a second file of known inputs, joined on
+    time. `fluid`: what filled the gap, if the log doesn't say.
+    Raises ValueError: the log can't be used; names file, column, value and what is allowed.
+    Raises OSError: a file can't be read.
     """
     for file in (path, inputs):
         if file is not None and not file.exists():

@@ -20,31 +20,18 @@ _MANY, _FEW = 50, 10
 
 @dataclasses.dataclass(frozen=True)
 class LoggedCounts:
-    """Counts, what is known of their noise, and which of them are used.
+    """Counts, what is known of their noise, and which of them are used."""
 
-    Attributes:
-        so: counts [taxel, frame]; NaN where missing.
-        state: which known state a frame is in [frame].
-        log: which log a frame is from, -1 for the baseline [frame].
-        time: since the first frame of its log [frame, s].
-        sigma: standard deviation of the noise [taxel, frame], counts.
-        present: what may be used [taxel, frame].
-        used: what is used [taxel, frame].
-        offsets: whether every taxel has an offset.
-        drifting: whether every taxel drifts steadily in every log.
-        logs: how many logs there are.
-    """
-
-    so: np.ndarray
-    state: np.ndarray
-    log: np.ndarray
-    time: np.ndarray
-    sigma: np.ndarray
-    present: np.ndarray
-    used: np.ndarray
-    offsets: bool
-    drifting: bool
-    logs: int
+    so: np.ndarray  # counts [taxel, frame]; NaN where missing
+    state: np.ndarray  # which known state a frame is in [frame]
+    log: np.ndarray  # which log a frame is from, -1 for the baseline [frame]
+    time: np.ndarray  # since the first frame of its log [frame, s]
+    sigma: np.ndarray  # standard deviation of the noise [taxel, frame], counts
+    present: np.ndarray  # what may be used [taxel, frame]
+    used: np.ndarray  # what is used [taxel, frame]
+    offsets: bool  # whether every taxel has an offset
+    drifting: bool  # whether every taxel drifts steadily in every log
+    logs: int  # how many logs there are
 
     @property
     def extras(self) -> int:
@@ -74,12 +61,9 @@ class LoggedCounts:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Least-squares offsets and drifts, from the readings that are used.
 
-        Args:
-            errors: measured less predicted counts [taxel, frame].
-            weight: of each reading beside its noise.
-
-        Returns:
-            The numbers and their standard errors, each [taxel, column].
+        `errors`: measured less predicted counts [taxel, frame]. `weight`: of each reading
+        beside its noise.
+        Returns the numbers and their standard errors, each [taxel, column].
         """
         w = np.where(self.used, np.sqrt(weight) / self.sigma, 0.0)
         stack = self.columns() * w[..., None]
@@ -91,8 +75,7 @@ class LoggedCounts:
 def averaged(data: SensorData) -> tuple[SensorData, np.ndarray]:
     """Every known state of every log as one frame, and of how many it is the mean [frame].
 
-    Raises:
-        ValueError: no state is at rest, or one has several loads, or a known displacement.
+    Raises ValueError: no state is at rest, or one has several loads, or a known displacement.
     """
     if np.isfinite(data.loads.displacement).any():
         raise ValueError(f"{data.paths}: --fit as-built takes known forces")
@@ -124,11 +107,9 @@ def with_model_error(
 ) -> LoggedCounts:
     """Means of frames with their noise, and with the model's error.
 
-    Args:
-        readings: with frames at rest, the baseline's last.
-        count: of how many frames each is the mean [frame], without the baseline's.
-        loaded: states with a load [state], without the baseline's.
-        share: the model's error, relative to a reading's change from rest.
+    `readings`: with frames at rest, the baseline's last. `count`: of how many frames each is
+    the mean [frame], without the baseline's. `loaded`: states with a load [state], without the
+    baseline's. `share`: the model's error, relative to a reading's change from rest.
     """
     more = len(readings.state) - len(count)  # a baseline states the noise of its own mean
     pressed = np.concatenate([loaded, np.zeros(more, bool)])[readings.state]
@@ -142,16 +123,10 @@ def gathered(
 ) -> tuple[LoggedCounts, KnownLoads, np.ndarray]:
     """LoggedCounts with the noise to start from, the baseline as one more frame.
 
-    Args:
-        data: the logs.
-        baseline: counts at rest, which fix an offset of every taxel.
-        offsets: give every taxel an offset without a baseline, too.
-
-    Returns:
-        The readings, the known states, and the permittivity of the fluid in each.
-
-    Raises:
-        ValueError: the baseline has no taxel of the skin.
+    `baseline`: counts at rest, which fix an offset of every taxel. `offsets`: give every taxel
+    an offset without a baseline, too.
+    Returns the readings, the known states, and the permittivity of the fluid in each.
+    Raises ValueError: the baseline has no taxel of the skin.
     """
     so, state, log, time = data.so, data.state, data.log, data.time
     loads, permittivity = data.loads, data.permittivity
@@ -211,10 +186,8 @@ def _first_noise(data: SensorData, so: np.ndarray) -> np.ndarray:
 def measured_noise(readings: LoggedCounts, errors: np.ndarray, constants: int) -> np.ndarray:
     """Standard deviation of the noise of every taxel in every log [taxel, log], counts.
 
-    Args:
-        readings: what is used.
-        errors: residuals, offsets and drift taken out [taxel, frame], counts.
-        constants: how many constants were fitted.
+    `readings`: what is used. `errors`: residuals, offsets and drift taken out [taxel, frame],
+    counts. `constants`: how many constants were fitted.
     """
     noise = np.full((len(errors), readings.logs), np.nan)
     for k in range(readings.logs):

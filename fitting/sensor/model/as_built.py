@@ -116,13 +116,8 @@ def _is_node(name: str) -> bool:
 def press_errors(spec: SkinSpec, presses: int, place: float) -> list[SensorConstant]:
     """Errors of presses: angles [rad], on pads then axial positions [m], relative forces.
 
-    Args:
-        spec: the skin.
-        presses: how many.
-        place: standard deviation of a place, along the arc and along the axis [m].
-
-    Raises:
-        ValueError: a deviation is not above zero.
+    `place`: standard deviation of a place, along the arc and along the axis [m].
+    Raises ValueError: a deviation is not above zero.
     """
     if not place > 0:
         raise ValueError("--place-error: a length above zero is needed")
@@ -142,9 +137,8 @@ def as_built_deviations(
 ) -> tuple[dict[str, float], Floats]:
     """Standard deviations of the constants before any press, and their correlations [p, p].
 
-    Args:
-        drawing: the skin file, which may state deviations.
-        parts: the constants, with those of presses, whose sizes are their deviations.
+    `drawing`: the skin file, which may state deviations. `parts`: the constants, with those of
+    presses, whose sizes are their deviations.
     """
     given = given_inputs(drawing)
     shares = {key: _share(given.get(f"geometry.{key}"), _TOLERANCE) for key in _TABLES}

@@ -40,21 +40,13 @@ _SMALL_FILL, _SMALL_MOUNTING = 0.03, 5e-3  # natural sizes: what these are judge
 
 @dataclasses.dataclass(frozen=True)
 class SensorConstant:
-    """One constant to be calibrated.
+    """One constant to be calibrated."""
 
-    Attributes:
-        name: key of the skin file; of a material constant with its table.
-        unit: SI unit, "1" for a number.
-        size: natural size, SI.
-        positive: whether it is an exponential of its parameter; else it is linear.
-        floor: the smallest value that there is, SI.
-    """
-
-    name: str
-    unit: str
-    size: float
-    positive: bool = True
-    floor: float = -np.inf
+    name: str  # key of the skin file; of a material constant with its table
+    unit: str  # SI unit, "1" for a number
+    size: float  # natural size, SI
+    positive: bool = True  # whether it is an exponential of its parameter; else it is linear
+    floor: float = -np.inf  # the smallest value that there is, SI
 
 
 @dataclasses.dataclass(frozen=True)
@@ -135,11 +127,9 @@ def with_constants(
 ) -> dict[str, Any]:
     """Inputs by TOML path with constants in their places.
 
-    Args:
-        spec: the skin.
-        inputs: without them; a stiffness is a factor on what they have.
-        names: of the constants; gaps of single taxels and errors of places are no inputs.
-        values: of the constants, SI.
+    `inputs`: without them; a stiffness is a factor on what they have. `names`: of the
+    constants; gaps of single taxels and errors of places are no inputs. `values`: of the
+    constants, SI.
     """
     found = dict(inputs)
     for name, value in zip(names, values, strict=True):
@@ -153,8 +143,7 @@ def with_constants(
 def naming(spec: SkinSpec, names: Iterable[str]) -> SkinSpec:
     """A skin whose file names its filling and mounting where they are to be found.
 
-    Raises:
-        ValueError: its oil is vented, so it has no filling.
+    Raises ValueError: its oil is vented, so it has no filling.
     """
     own = {ALIASES.get(name.strip(), name.strip()) for name in names}
     tables: dict[str, Any] = {}
@@ -170,8 +159,7 @@ def naming(spec: SkinSpec, names: Iterable[str]) -> SkinSpec:
 def named(spec: SkinSpec, name: str) -> SensorConstant:
     """The constant of a skin that a name stands for.
 
-    Raises:
-        ValueError: there is none; names those that there are.
+    Raises ValueError: there is none; names those that there are.
     """
     own = ALIASES.get(name.strip(), name.strip())
     assert spec.electrodes is not None
@@ -234,8 +222,7 @@ def single_gaps(
 ) -> tuple[tuple[SensorConstant, ...], tuple[int, ...] | None]:
     """Constants with a gap for each module or taxel, and which of them a taxel has.
 
-    Raises:
-        ValueError: `gaps` is none of GAPS.
+    Raises ValueError: `gaps` is none of GAPS.
     """
     if gaps not in GAPS:
         raise ValueError(f"--gap {gaps}: unknown; allowed: {', '.join(GAPS)}")

@@ -33,10 +33,8 @@ def parts_of(
 ) -> tuple[SkinGeometry, AbstractLaw, AbstractOil, Electrodes]:
     """Geometry, law, oil and electrodes of a skin for the numbers at hand.
 
-    Args:
-        spec: says which law and formula.
-        inputs: SI values by TOML path, every continuous input; `layers` in metres.
-        oil: how the fluid answers, if not as the skin file says.
+    `spec`: says which law and formula. `inputs`: SI values by TOML path, every continuous
+    input; `layers` in metres. `oil`: how the fluid answers, if not as the skin file says.
     """
     parts = skin_parts(spec, inputs)
     electrodes = parts.electrodes
@@ -48,36 +46,25 @@ def parts_of(
 
 
 class SensorModel(eqx.Module):
-    """Counts of every taxel in every state as a function of the constants.
+    """Counts of every taxel in every state as a function of the constants."""
 
-    Attributes:
-        inputs: SI values by TOML path of all that is not calibrated.
-        face: inner faces at the constants `at` [..., state].
-        slope: derivatives of the faces' arrays by the constants, along a leading axis; None
-            where no constant moves the membrane.
-        at: constants where the faces were computed [p].
-        moving: positions of the constants that the derivatives belong to.
-        permittivity: of the fluid; NaN where it is the oil [state].
-        spec: the skin.
-        family: the constants.
-        factor: capacitances of the field over the formula's [taxel, state]; None for the
-            formula alone.
-        gap_of: position of each taxel's own gap among the constants; None where all share
-            one.
-        latent: positions among the constants of the errors of each state's place, -1 where
-            there is none [kind, state]; their derivatives follow those of `moving`.
-    """
-
-    inputs: dict[str, Array]
-    face: AbstractFace
+    inputs: dict[str, Array]  # SI values by TOML path of all that is not calibrated
+    face: AbstractFace  # inner faces at the constants `at` [..., state]
+    # derivatives of the faces' arrays by the constants, along a leading axis; None where no
+    # constant moves the membrane
     slope: AbstractFace | None
-    at: Float[Array, " p"]
-    permittivity: Float[Array, " state"]
+    at: Float[Array, " p"]  # constants where the faces were computed [p]
+    permittivity: Float[Array, " state"]  # of the fluid; NaN where it is the oil [state]
+    # capacitances of the field over the formula's [taxel, state]; None for the formula alone
     factor: Float[Array, "taxel state"] | None
     spec: SkinSpec = eqx.field(static=True)
-    family: SensorFamily = eqx.field(static=True)
+    family: SensorFamily = eqx.field(static=True)  # the constants
+    # positions of the constants that the derivatives belong to
     moving: tuple[int, ...] = eqx.field(static=True, default=())
+    # position of each taxel's own gap among the constants; None where all share one
     gap_of: tuple[int, ...] | None = eqx.field(static=True, default=None)
+    # positions among the constants of the errors of each state's place, -1 where there is none
+    # [kind, state]; their derivatives follow those of `moving`
     latent: tuple[tuple[int, ...], ...] = eqx.field(static=True, default=())
 
     @property

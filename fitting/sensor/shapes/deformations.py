@@ -35,23 +35,14 @@ class NoDeformation(ArithmeticError):  # noqa: N818
 
 @dataclasses.dataclass(frozen=True)
 class Deformed:
-    """Solved states.
+    """Solved states."""
 
-    Attributes:
-        press: the states.
-        force: on each load, given or found [load, state, N].
-        displacement: of each load [load, state, m].
-        pressure: of the oil [state, Pa].
-        face: the deformed inner faces.
-        state: the equilibria, to start neighbouring ones from.
-    """
-
-    press: Press
-    force: np.ndarray
-    displacement: np.ndarray
-    pressure: np.ndarray
-    face: NormalFace
-    state: State
+    press: Press  # the states
+    force: np.ndarray  # on each load, given or found [load, state, N]
+    displacement: np.ndarray  # of each load [load, state, m]
+    pressure: np.ndarray  # of the oil [state, Pa]
+    face: NormalFace  # the deformed inner faces
+    state: State  # the equilibria, to start neighbouring ones from
 
 
 def deform(
@@ -63,8 +54,7 @@ def deform(
 ) -> Deformed:
     """Find the shape of the membrane in every state.
 
-    Raises:
-        NoDeformation: a state has no equilibrium, or its displacement is not met.
+    Raises NoDeformation: a state has no equilibrium, or its displacement is not met.
     """
     half_angle = float(geometry.half_angle[0])
     kinks = [float(x[0]) for x in geometry.section.breakpoints]

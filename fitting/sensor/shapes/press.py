@@ -31,36 +31,22 @@ ELEMENTS = 48
 
 
 class Meshes(eqx.Module):
-    """Stations and load points of every state.
+    """Stations and load points of every state."""
 
-    Attributes:
-        angles: of the stations [station, state].
-        select: element of each load [element, load, state].
-        xi: place of each load in its element [load, state].
-    """
-
-    angles: Float[Array, "station state"]
-    select: Float[Array, "element load state"]
-    xi: Float[Array, "load state"]
+    angles: Float[Array, "station state"]  # of the stations [station, state]
+    select: Float[Array, "element load state"]  # element of each load [element, load, state]
+    xi: Float[Array, "load state"]  # place of each load in its element [load, state]
 
     @classmethod
     def under(
         cls,
-        angle: np.ndarray,
-        half_angle: float,
-        layer: float,
-        kinks: Sequence[float] = (),
-        elements: int = ELEMENTS,
+        angle: np.ndarray,  # of the loads [load, state, rad]
+        half_angle: float,  # of the skin [rad]
+        layer: float,  # decay length of the boundary layers as an angle [rad]
+        kinks: Sequence[float] = (),  # where the section's curvature jumps [rad]
+        elements: int = ELEMENTS,  # along the whole arc
     ) -> "Meshes":
-        """Mesh every state with a station at each load.
-
-        Args:
-            angle: of the loads [load, state, rad].
-            half_angle: of the skin [rad].
-            layer: decay length of the boundary layers as an angle [rad].
-            kinks: where the section's curvature jumps [rad].
-            elements: along the whole arc.
-        """
+        """Mesh every state with a station at each load."""
         distinct, inverse = np.unique(angle, axis=1, return_inverse=True)
         stations, positions, elements_of = [], [], []
         for places in distinct.T:
@@ -85,18 +71,12 @@ def first_only(loads: Array) -> Array:
 
 
 class Press(eqx.Module):
-    """States of one fluid in JAX arrays: everything but the skin and the forces.
+    """States of one fluid in JAX arrays: everything but the skin and the forces."""
 
-    Attributes:
-        meshes: of the states.
-        angle: of the loads [load, state, rad].
-        turn: of the loads [load, state, rad].
-        inner: one where displacements are the inner face's, else zero [load, 1].
-    """
-
-    meshes: Meshes
-    angle: Float[Array, "load state"]
-    turn: Float[Array, "load state"]
+    meshes: Meshes  # of the states
+    angle: Float[Array, "load state"]  # of the loads [load, state, rad]
+    turn: Float[Array, "load state"]  # of the loads [load, state, rad]
+    # one where displacements are the inner face's, else zero [load, 1]
     inner: Float[Array, "load 1"]
 
     def problem(
@@ -120,8 +100,7 @@ class Press(eqx.Module):
     def shifted(self, angle: Array | float) -> "Press":
         """The same with the first load moved within its element, on the same mesh.
 
-        Args:
-            angle: by which it moves [rad].
+        `angle`: by which it moves [rad].
         """
         first = first_only(self.angle)
         lengths = jnp.diff(self.meshes.angles, axis=0)
@@ -148,23 +127,14 @@ class Press(eqx.Module):
 
 
 class Response(NamedTuple):
-    """What some forces do; every entry has a state axis.
+    """What some forces do; every entry has a state axis."""
 
-    Attributes:
-        state: the shell's equilibrium.
-        pressure: of the oil [state, Pa].
-        displacement: under each load, along it [load, state, m].
-        compliance: derivative of the displacements by the forces [of, by, state, m/N].
-        face: the deformed inner face.
-        result: index of the outcome.
-    """
-
-    state: State
-    pressure: Array
-    displacement: Array
-    compliance: Array
-    face: NormalFace
-    result: Array
+    state: State  # the shell's equilibrium
+    pressure: Array  # of the oil [state, Pa]
+    displacement: Array  # under each load, along it [load, state, m]
+    compliance: Array  # derivative of the displacements by the forces [of, by, state, m/N]
+    face: NormalFace  # the deformed inner face
+    result: Array  # index of the outcome
 
 
 @eqx.filter_jit

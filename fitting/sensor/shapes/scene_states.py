@@ -53,39 +53,27 @@ _AS_BUILT_ROUNDS = 2
 
 
 class Solved(NamedTuple):
-    """Solved states.
+    """Solved states."""
 
-    Attributes:
-        face: the deformed inner faces.
-        force: on each load, given or found [load, state] [N].
-        displacement: of the material under each load, inwards [load, state] [m].
-        slope: derivatives of the faces' arrays by the constants that move the membrane, along
-            a leading axis; None where there are none.
-    """
-
-    face: AbstractFace
-    force: Floats
-    displacement: Floats
+    face: AbstractFace  # the deformed inner faces
+    force: Floats  # on each load, given or found [load, state] [N]
+    displacement: Floats  # of the material under each load, inwards [load, state] [m]
+    # derivatives of the faces' arrays by the constants that move the membrane, along a leading
+    # axis; None where there are none
     slope: AbstractFace | None
 
 
 class SceneStates:
     """Solves known states one by one.
 
-    Args:
-        spec: the skin.
-        told: the loads as they were told, around which meshes are made.
-        progress: called with what is being done.
-
-    Raises:
-        ValueError: a load on a pad is turned, or several displacements are known at once.
+    Raises ValueError: a load on a pad is turned, or several displacements are known at once.
     """
 
     def __init__(
         self,
         spec: SkinSpec,
-        told: KnownLoads,
-        progress: Callable[[str], None] = lambda text: None,
+        told: KnownLoads,  # the loads as they were told, around which meshes are made
+        progress: Callable[[str], None] = lambda text: None,  # called with what is being done
     ) -> None:
         if np.any(told.turn):
             raise ValueError("known loads on a pad are radial: leave the direction out")
@@ -154,25 +142,17 @@ class SceneStates:
 
     def solve(
         self,
-        index: np.ndarray,
-        loads: KnownLoads,
-        held: Inputs,
-        moving: Mapping[str, float],
+        index: np.ndarray,  # which states
+        loads: KnownLoads,  # of these states, errors of presses included
+        held: Inputs,  # SI values by TOML path, without the constants that move the membrane
+        moving: Mapping[str, float],  # those constants by name
         latent: tuple[str, ...],
-        oil: AbstractOil | None,
+        oil: AbstractOil | None,  # how the fluid answers, if not as the skin file says
     ) -> Solved:
         """Find the shape of the membrane in some states, and its derivatives.
 
-        Args:
-            index: which states.
-            loads: of these states, errors of presses included.
-            held: SI values by TOML path, without the constants that move the membrane.
-            moving: those constants by name.
-            latent: kinds of errors of the first load that derivatives are wanted by, too.
-            oil: how the fluid answers, if not as the skin file says.
-
-        Raises:
-            NoDeformation: a state has no equilibrium, or its displacement is not met.
+        `latent`: kinds of errors of the first load that derivatives are wanted by, too.
+        Raises NoDeformation: a state has no equilibrium, or its displacement is not met.
         """
         both = Moving.of({**moving, **dict.fromkeys(latent, 0.0)})
         held = {path: x for path, x in held.items() if path in self._numbers}

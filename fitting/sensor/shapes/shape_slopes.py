@@ -28,14 +28,10 @@ from suas_jax.skin.oil import AbstractOil
 
 
 class Moving(eqx.Module):
-    """Constants that move the membrane, and then the errors of the first load.
+    """Constants that move the membrane, and then the errors of the first load."""
 
-    Attributes:
-        values: SI [constant].
-        names: of the constants, those of `PRESS_ERRORS` among them.
-    """
-
-    values: Float[Array, " constant"]
+    values: Float[Array, " constant"]  # SI [constant]
+    # of the constants, those of `PRESS_ERRORS` among them
     names: tuple[str, ...] = eqx.field(static=True)
 
     @classmethod
@@ -55,11 +51,8 @@ Shape = Callable[[Array, Array], tuple[Array, AbstractFace]]
 def slopes_of(shape: Shape, values: Array, force: Array, wanted: Array) -> AbstractFace:
     """Derivatives of the faces by each constant, what is known kept.
 
-    Args:
-        shape: of constants and forces.
-        values: of the constants [constant].
-        force: on the loads [load, state] [N].
-        wanted: one where a displacement is known [load, state].
+    `shape`: of constants and forces. `values`: of the constants [constant]. `force`: on the
+    loads [load, state] [N]. `wanted`: one where a displacement is known [load, state].
     """
     _, push = jax.linearize(shape, values, force)
     loads = force.shape[0]
@@ -106,26 +99,17 @@ def _of_section(
 
 
 def shape_slopes(
-    shape: Deformed,
-    loads: KnownLoads,
+    shape: Deformed,  # the solved states
+    loads: KnownLoads,  # what is known of them
     spec: SkinSpec,
-    inputs: Mapping[str, Array],
-    moving: Mapping[str, float],
-    oil: AbstractOil | None,
+    inputs: Mapping[str, Array],  # SI values by TOML path, without the constants that move
+    moving: Mapping[str, float],  # the constants by name, then errors of the first load
+    oil: AbstractOil | None,  # how the fluid answers, if not as the skin file says
 ) -> AbstractFace:
     """How the faces of solved states change with constants that move the membrane.
 
-    Args:
-        shape: the solved states.
-        loads: what is known of them.
-        spec: the skin.
-        inputs: SI values by TOML path, without the constants that move.
-        moving: the constants by name, then errors of the first load.
-        oil: how the fluid answers, if not as the skin file says.
-
-    Returns:
-        A face whose arrays hold derivatives, by the constants along a leading axis; none
-        where it holds no numbers.
+    Returns a face whose arrays hold derivatives, by the constants along a leading axis; none
+    where it holds no numbers.
     """
     slopes: AbstractFace = COMPILED.run(
         _of_section,

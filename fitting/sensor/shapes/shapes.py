@@ -47,63 +47,41 @@ MODELS = ("auto", "shell", "solid")
 
 @dataclasses.dataclass(frozen=True)
 class Shapes:
-    """The model with the membrane's shapes at some constants.
+    """The model with the membrane's shapes at some constants."""
 
-    Attributes:
-        model: counts as a function of the constants.
-        force: on each load, given or found [load, state, N].
-        displacement: of each load [load, state, m].
-    """
-
-    model: SensorModel
-    force: np.ndarray
-    displacement: np.ndarray
+    model: SensorModel  # counts as a function of the constants
+    force: np.ndarray  # on each load, given or found [load, state, N]
+    displacement: np.ndarray  # of each load [load, state, m]
 
 
 class ShapeSolver:
-    """Solves the known states for constants at hand.
-
-    Attributes:
-        inputs: SI values by TOML path as the skin file has them.
-        moving: positions of the constants that move the membrane.
-        warnings: what a person should know of the shapes.
-    """
+    """Solves the known states for constants at hand."""
 
     def __init__(
         self,
         data: SensorData,
-        loads: KnownLoads,
-        permittivity: np.ndarray,
+        loads: KnownLoads,  # the known states, the baseline's included
+        permittivity: np.ndarray,  # of the fluid [state]
         family: SensorFamily,
-        gap_of: tuple[int, ...] | None,
+        gap_of: tuple[int, ...] | None,  # see `SensorModel`
         *,
-        air: str,
-        model: str,
+        air: str,  # how air answers
+        model: str,  # of the shapes
         progress: Callable[[str], None],
         pressed: Sequence[int] = (),
     ) -> None:
         """Prepare.
 
-        Args:
-            data: the logs.
-            loads: the known states, the baseline's included.
-            permittivity: of the fluid [state].
-            family: the constants.
-            gap_of: see `SensorModel`.
-            air: how air answers.
-            model: of the shapes.
-            progress: called with what is being done.
-            pressed: states whose only load has errors of its own, which are constants.
-
-        Raises:
-            ValueError: `air` or `model` is unknown.
+        `pressed`: states whose only load has errors of its own, which are constants.
+        Raises ValueError: `air` or `model` is unknown.
         """
         if model not in MODELS:
             raise ValueError(f"--model {model}: unknown; allowed: {', '.join(MODELS)}")
+        # SI values by TOML path as the skin file has them
         self.inputs = {
             k: jnp.asarray(v, float) for k, v in continuous_inputs(data.spec).items()
         }
-        self.warnings: list[str] = []
+        self.warnings: list[str] = []  # what a person should know of the shapes
         self._data, self._loads, self._permittivity = data, loads, permittivity
         self._family, self._gap_of, self._progress = family, gap_of, progress
         self._shell = model == "shell" or (model == "auto" and data.simulated)
@@ -112,6 +90,7 @@ class ShapeSolver:
         alone = data.spec.geometry.dimension == 3 or loads.bodies
         self._states = SceneStates(data.spec, loads, progress) if alone else None
         yields = data.spec.oil.yields or (self._air is not None and self._air.yields)
+        # positions of the constants that move the membrane
         self.moving = tuple(
             i
             for i, name in enumerate(family.names)
@@ -142,11 +121,7 @@ class ShapeSolver:
         return float(value) if deviation is None else UncertainQuantity(value, deviation)
 
     def at(self, constants: np.ndarray) -> Shapes:
-        """Shapes at some constants.
-
-        Raises:
-            NoCalibration: a known state has no equilibrium.
-        """
+        """Shapes at some constants. Raises NoCalibration: a known state has no equilibrium."""
         self._progress("deforming the membrane")
         names = self._family.names
         values = [float(x) for x in constants]
@@ -195,8 +170,7 @@ class ShapeSolver:
     def again(self, shapes: Shapes, loads: KnownLoads, constants: np.ndarray) -> Shapes:
         """Shapes of an earlier calibration of the same states.
 
-        Raises:
-            ValueError: its states are others, or it moved the membrane.
+        Raises ValueError: its states are others, or it moved the membrane.
         """
         old, new, model = loads, self._loads, shapes.model
         names = (x.name for x in dataclasses.fields(KnownLoads) if x.name != "inner")

@@ -39,23 +39,14 @@ _GRID = 721
 
 @dataclasses.dataclass(frozen=True)
 class SolidCorrection:
-    """Solid less shell for one place of one load.
+    """Solid less shell for one place of one load."""
 
-    Attributes:
-        angle: of the load [rad].
-        turn: of the load [rad].
-        scale: displacement that the powers are taken of [m].
-        displacement: coefficients of powers 1, 2, ... [power, m].
-        grid: polar angles [point, rad].
-        height: coefficients of the inner face's height [power, point, m].
-    """
-
-    angle: float
-    turn: float
-    scale: float
-    displacement: np.ndarray
-    grid: np.ndarray
-    height: np.ndarray
+    angle: float  # of the load [rad]
+    turn: float  # of the load [rad]
+    scale: float  # displacement that the powers are taken of [m]
+    displacement: np.ndarray  # coefficients of powers 1, 2, ... [power, m]
+    grid: np.ndarray  # polar angles [point, rad]
+    height: np.ndarray  # coefficients of the inner face's height [power, point, m]
 
     def powers(self, moved: np.ndarray) -> np.ndarray:
         """Powers of the shell's displacement [state, power]."""

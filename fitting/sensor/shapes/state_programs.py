@@ -28,22 +28,15 @@ Inputs = Mapping[str, Any]
 
 
 class SolvedState(NamedTuple):
-    """What a program says of one state, beside face, force and displacement of `Solved`.
+    """What a program says of one state, beside face, force and displacement of `Solved`."""
 
-    Attributes:
-        state: the equilibrium.
-        change: what the state that is read adds to it, see `corrected`.
-        gap: the smallest [m].
-        result: index of the outcome.
-    """
-
-    state: State
-    change: State
+    state: State  # the equilibrium
+    change: State  # what the state that is read adds to it, see `corrected`
     face: AbstractFace
     force: Array
     displacement: Array
-    gap: Array
-    result: Array
+    gap: Array  # the smallest [m]
+    result: Array  # index of the outcome
 
 
 def _problem(

@@ -13,13 +13,10 @@ from suas_jax.skin.geometry import SkinGeometry
 
 
 class TaxelFace(AbstractFace):
-    """A deformed inner face that is known along the taxels' own rays alone.
-
-    Attributes:
-        heights: over the undeformed face, ray by ray [ray, taxel, state] [m].
-    """
+    """A deformed inner face that is known along the taxels' own rays alone."""
 
     varies_along_axis: ClassVar[bool] = True
+    # over the undeformed face, ray by ray [ray, taxel, state] [m]
     heights: Float[Array, "ray taxel state"]
 
     def gaps(
@@ -33,8 +30,7 @@ class TaxelFace(AbstractFace):
     def height(self, angle: Array, axial: Array) -> Array:
         """See the base class.
 
-        Raises:
-            ValueError: always; heights are known along the taxels' own rays alone.
+        Raises ValueError: always; heights are known along the taxels' own rays alone.
         """
         raise ValueError("a calibration knows the pad along its taxels' own rays alone")
 
