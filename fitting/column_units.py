@@ -70,8 +70,8 @@ UNITS: dict[str, str] = {
 def unit_size(unit: str, dimension: str) -> float:
     """Size of a unit in SI units; an area's is the square of its length's.
 
-    `unit`: as the units library calls it, such as a value of `UNITS`. `dimension`: kind of unit
-    of the units library, or "area".
+    The unit is named as the units library calls it, such as a value of `UNITS`; the dimension
+    is a kind of unit of that library, or "area".
     Raises ValueError: the unit is none of this kind.
     """
     if dimension == "area":

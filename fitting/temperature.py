@@ -91,7 +91,7 @@ def spec_at(
 ) -> tuple[SkinSpec, list[str]]:
     """A skin at a log's temperature, and in words what that assumes.
 
-    `found`: the log's temperature; None leaves the skin as it is. `where`: the log, for
+    `found` is the log's temperature; None leaves the skin as it is. `where` names the log, for
     messages.
     """
     if found is None:

@@ -46,7 +46,7 @@ class LocalWorkers(Executor):
     Spawned, not forked: a fork of a process that runs JAX hangs. They import the script that
     runs, which must not start work unless its ``__name__`` is ``"__main__"``.
 
-    `lost`: called with a sentence that names a process that died, from any thread.
+    `lost` is called with a sentence that names a process that died, from any thread.
     """
 
     def __init__(self, count: int, lost: Callable[[str], None] = lambda sentence: None) -> None:
@@ -216,8 +216,8 @@ def scheduler_workers(address: str, *, trust_network: bool = False) -> Iterator[
     sides show certificates of one authority, which Dask's configuration names:
     ``distributed.comm.tls.ca-file``, ``distributed.comm.tls.client.cert`` and ``.key``.
 
-    `address`: ``tls://host:port``. `trust_network`: also allow ``tcp://host:port``: whoever can
-    reach that port, or is on the way to it, can run code as this user and as the workers'.
+    The address is ``tls://host:port``. `trust_network` also allows ``tcp://host:port``: whoever
+    can reach that port, or is on the way to it, can run code as this user and as the workers'.
     Raises ValueError: the address is no such address, a certificate is not named, or Dask is
     not installed.
     Raises OSError: no scheduler answers, or a certificate can't be used.

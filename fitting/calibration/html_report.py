@@ -47,7 +47,8 @@ def verify(
 ) -> list[Verification]:
     """Estimate known loads.
 
-    `baseline`: at rest, from which the readings count. `logs`: the known loads, and their logs.
+    The skin is the calibrated one. `baseline`: at rest, from which the readings count. `logs`:
+    the known loads, and their logs.
     """
     from fitting.inverse_load.readings import Layout
 
@@ -104,8 +105,8 @@ def html_report(
 ) -> str:
     """The page.
 
-    `places`: of the taxels on the unrolled wall, along arc and axis [m]. `verified`: known
-    loads and their estimates; empty where none were asked for.
+    Places are those of the taxels on the unrolled wall, along arc and axis [m]. The list of
+    verified known loads is empty where none were asked for.
     """
     passed = all(check.passed for check in verified)
     verdict = "verified" if passed else "verification failed"

@@ -115,7 +115,7 @@ def told_by(candidates: Candidates) -> Floats:
 def force_errors(candidates: Candidates, information: Floats) -> Floats:
     """Least relative standard deviation of every candidate's force, if it were found [press].
 
-    `candidates`: contacts over the skin. `information`: C^-1 of the constants [p, p].
+    Candidates are contacts over the skin, the information is C^-1 of the constants [p, p].
     """
     found = []
     pairs = zip(
@@ -132,9 +132,9 @@ def force_errors(candidates: Candidates, information: Floats) -> Floats:
 def planned(candidates: Candidates, most: int, accuracy: float = 0.0) -> Plan:
     """Choose presses one by one, each the one that helps most.
 
-    `candidates`: to choose from, each once: equal presses would share one place error. `most`:
-    how many presses at most. `accuracy`: median relative standard deviation of forces at which
-    to stop.
+    Each candidate is there once: equal presses would share one place error. At most `most`
+    presses are chosen; choosing stops where the median relative standard deviation of forces
+    has come down to `accuracy`.
     """
     information = np.asarray(np.linalg.inv(candidates.covariance), float)
     told = told_by(candidates)

@@ -80,7 +80,7 @@ def steps_of(presses: Sequence[Press], verified: Sequence[Press]) -> tuple[Step,
 def usual_presses(spec: SkinSpec, force: float) -> tuple[tuple[Press, ...], tuple[Press, ...]]:
     """Places where nothing else is asked for: three to calibrate, one to verify.
 
-    `force`: of all presses [N].
+    All presses have the same force [N].
     """
     axial = 0.0 if spec.geometry.dimension == 3 else None
     by = place_name(spec)

@@ -13,7 +13,7 @@ from suas_jax.figures.style import CONTACT, written
 def plot_plan(plan: Plan, file: Path | None = None) -> Figure:
     """Draw the presses on the unrolled skin, and the expected error of forces after each.
 
-    `file`: where to write the figure; its ending chooses the format.
+    The ending of the file chooses the figure's format.
     """
     figure = Figure(figsize=(11, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))

@@ -37,8 +37,8 @@ class Rest(NamedTuple):
 class SteadyWindow:
     """The last frames of a stream.
 
-    `hold`: length of the window [s]. `rest`: readings at rest; None while they are unknown.
-    `fewest`: frames of the window, which a slow device takes longer for.
+    The window is `hold` [s] long; it is longer where a slow device takes longer for the fewest
+    frames. Readings at rest are None while they are unknown.
     """
 
     def __init__(self, hold: float, rest: Rest | None = None, *, fewest: int = 50) -> None:

@@ -24,7 +24,7 @@ _PLAN = "plan.json"
 class CalibrationFolder:
     """The logs of a calibration, each written whole when its step is done.
 
-    `folder`: made by `owned`. `skin`: the file that is calibrated. `steps`: what is recorded.
+    The folder is made by `owned`; the skin is the file that is calibrated.
     Raises ValueError: the folder holds a calibration of another skin, or with other loads.
     """
 

@@ -97,8 +97,8 @@ class DriftFollower:
     def follow(self, time: Floats, change: Floats) -> Drift:
         """Take frames; return the drift in each of them.
 
-        `time`: of the frames [frame] [s]. `change`: readings less those at rest [frame, taxel]
-        [counts]; NaN where missing.
+        Times are [frame] [s]; changes are readings less those at rest [frame, taxel] [counts],
+        NaN where missing.
         """
         drift, variance = np.zeros_like(change), np.zeros_like(change)
         for begin in range(0, len(change), _BLOCK):
@@ -218,9 +218,9 @@ def zero_of_readings(
 ) -> tuple[Floats, Floats]:
     """What is taken off readings to compare them with the model, and its variance.
 
-    `spec`: the skin; its calibration may have offsets. `model_rest`: the model's readings at
-    rest [taxel] [counts]. `rest`: those of a baseline; None: readings are absolute.
-    `rest_variance`: of `rest` [counts^2].
+    The skin's calibration may have offsets. Readings at rest are the model's, `model_rest`, and
+    those of a baseline, `rest` [taxel] [counts]; without a baseline (None) readings are
+    absolute. `rest_variance` is the variance of `rest` [counts^2].
     Raises ValueError: a calibration has offsets for another number of taxels.
     """
     if rest is not None:

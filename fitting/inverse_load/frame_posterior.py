@@ -94,8 +94,8 @@ def likely_modes(
 ) -> tuple[Explanations, Floats]:
     """Distinct fits of one frame and their probabilities, the most probable first.
 
-    `y`: readings as the model has them [1, channel], see `LoadEstimator.weigh`. `weight`: their
-    inverse variances [1, channel].
+    Readings are as the model has them [1, channel], with their inverse variances [1, channel];
+    see `LoadEstimator.weigh`.
     Raises ValueError: the readings determine no load.
     """
     selection = estimator.selection

@@ -82,8 +82,8 @@ class Layout:
     def check(self, modules: Sequence[int], counts: CountsOf, source: str) -> None:
         """Refuse readings of another layout.
 
-        `modules`: their numbers. `counts`: readings of a module, by its index in `modules`.
-        `source`: where they are from, for the message.
+        Modules are given by number, counts are the readings of a module by its index in
+        `modules`, and the source is where they are from, for the message.
         Raises LayoutMismatchError: modules or taxels that the skin doesn't have, or a log too
         narrow for its modules.
         """
@@ -111,7 +111,8 @@ class Layout:
 
         Fewer counts don't say which taxel is missing, so none of them can be placed.
 
-        `sent`: number of counts by module. `source`: where they are from, for the message.
+        `sent` is the number of counts by module, and the source where they are from, for the
+        message.
         Raises LayoutMismatchError: a number differs.
         """
         for module, count in sent.items():
@@ -126,7 +127,7 @@ class Layout:
     def pick(self, modules: Sequence[int], counts: CountsOf) -> Floats:
         """Readings [..., taxel] of the whole layout; NaN where a module is absent.
 
-        `modules`: as for `check`. `counts`: likewise.
+        Modules and counts are as for `check`.
         """
         _, row, column = self._in(modules)
         out: Floats | None = None

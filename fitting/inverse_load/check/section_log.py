@@ -54,7 +54,7 @@ def section_verdict(
 ) -> ModelVerdict | None:
     """Look at the contacts of a log; None where too few are single and no cause is seen.
 
-    `force`: known of the one contact [frame] [N]; NaN where there is none.
+    The known force is that of the one contact [frame] [N]; it is NaN where there is none.
     """
     touched = [i for i, e in enumerate(estimates) if e.status in USABLE]
     single = [i for i in touched if len(estimates[i].contacts) < 2]

@@ -38,7 +38,7 @@ _LEAST_CHANGE = 1e-2  # relative, of an input that is named: less may be the mod
 
 
 def model_verdict(
-    estimator: LoadEstimator,
+    estimator: LoadEstimator,  # of a pad
     so: Floats,  # readings [frame, taxel] [counts]
     faulty: Flags,  # taxels known to be faulty [frame, taxel]
     pressure: Floats | None,  # measured of the oil [frame] [Pa]; None where it was not

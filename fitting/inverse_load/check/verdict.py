@@ -116,8 +116,8 @@ class Gain(NamedTuple):
 def verdict_of(named: list[Gain], chi2: float, dof: int) -> ModelVerdict:
     """The verdict that names the best of some inputs, and those that explain as much.
 
-    `named`: inputs that explain the log, the best first. `chi2`: of the frames as the file has
-    it. `dof`: degrees of freedom.
+    The named inputs explain the log, the best first; chi2 is that of the frames as the file has
+    it, `dof` its degrees of freedom.
     """
     best, left = named[0], chi2 - named[0].chi2
     equal = max(GAIN, _ALIKE * left)
@@ -131,9 +131,9 @@ def gain_of(
 ) -> Gain:
     """The best change of an input, contacts fitted anew to first order.
 
-    `name`: of the input. `slopes`: of the readings by it [frame, channel]. `weight`: inverse
-    variances [frame, channel]. `residual`: readings less the model's [frame, channel].
-    `jacobian`: of the readings by the contact [frame, parameter, channel].
+    Slopes are those of the readings by the input [frame, channel], the jacobian is that by the
+    contact [frame, parameter, channel]. Residuals are readings less the model's, weights
+    inverse variances [frame, channel].
     """
     slopes = np.where((weight > 0) & np.isfinite(slopes), slopes, 0.0)
     top, size = 0.0, 0.0

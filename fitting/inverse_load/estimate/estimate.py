@@ -179,7 +179,7 @@ def load_type(names: Sequence[str]) -> np.dtype:
     Its fields are the quantities with their units, such as `angle_rad` and `force_N`, and
     `covariance`, a square of as many rows in their order and units.
 
-    `names`: of the quantities, as `Contact.names` has them.
+    The quantities have their names from `Contact.names`.
     """
     size = len(names)
     fields = [(FIELDS.get(name, name), float) for name in names]

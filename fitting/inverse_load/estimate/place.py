@@ -16,7 +16,7 @@ _POINTS = 4001  # of the tables along the arc: good to 1e-9 of it
 class ContactPlaces:
     """Places along the arc of one skin, as its scenes state them.
 
-    `spec`: the [geometry] table. `geometry`: its dimensions.
+    They are made from the [geometry] table and its dimensions.
     """
 
     def __init__(self, spec: GeometrySpec, geometry: SkinGeometry) -> None:

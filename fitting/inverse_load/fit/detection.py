@@ -134,8 +134,8 @@ class ArcDetector(AbstractDetector):
 class PadDetector(AbstractDetector):
     """The test for a pad: places lie on a grid.
 
-    `signatures`: change of readings under a light contact [place, taxel]. `shape`: of the grid;
-    its places are in row-major order.
+    Signatures are changes of readings under a light contact [place, taxel]. The grid has the
+    stated shape, its places are in row-major order.
     """
 
     def __init__(self, signatures: Floats, shape: tuple[int, int]) -> None:
@@ -189,8 +189,9 @@ class PadDetector(AbstractDetector):
 def without_errors(change: Floats, weight: Floats, errors: Floats) -> tuple[Floats, Floats]:
     """Take what errors of the inputs explain best off the readings at rest.
 
-    `change`: readings less those at rest, zero where not used [frame, taxel]. `weight`: inverse
-    variance [frame, taxel]. `errors`: change of the readings by each error [error, taxel].
+    The change is that of the readings from those at rest, zero where not used [frame, taxel];
+    errors are changes of the readings by each error [error, taxel]; weights are inverse
+    variances [frame, taxel].
     Returns the rest of the change [frame, taxel], and R with R^T R = W S^T (1 + S W S^T)^-1 S W
     [frame, error, taxel].
     """

@@ -68,7 +68,7 @@ class Doubts:
     def of(self, y: Any, best: Explanations) -> Flags:
         """Frames that one contact may not explain.
 
-        `y`: readings [frame, taxel] [counts]. `best`: their explanations by one contact.
+        Readings are [frame, taxel] [counts], the best explanations those by one contact.
         """
         if self._live:
             return self._lasting(y, best)
@@ -108,8 +108,8 @@ class FaultyTaxels:
     ) -> Explanations:
         """Fit frames without the taxels that stand out, each counted against the fit.
 
-        `y`: readings [frame, taxel] [counts]. `weight`: inverse variances, zero where a taxel
-        is not used [frame, taxel]. `frames`: those that are fitted. `best`: explanations of all
+        Readings are [frame, taxel] [counts], weights inverse variances, zero where a taxel is
+        not used [frame, taxel]. The frames are those that are fitted; `best` explains all
         frames.
         Returns the explanations, with those of the frames where they are cheaper.
         """
@@ -152,9 +152,9 @@ class FaultyTaxels:
 def _inliers(y: Any, weight: Any, so: Any) -> Floats:
     """Weights without the taxels that stand out from a model.
 
-    `y`: readings [frame, taxel] [counts]. `weight`: inverse variances, zero where a taxel is
-    not used [frame, taxel]. `so`: what the model reads [frame, taxel] [counts]; all stand out
-    where it is not finite.
+    `y` and `so` are what was read and what the model reads [frame, taxel] [counts]; all taxels
+    stand out where `so` is not finite. Weights are inverse variances, zero where a taxel is not
+    used [frame, taxel].
     """
     residual = np.abs(np.where(np.isfinite(so), y - so, np.inf))
     limit = np.where(weight > 0, _OUTLIER / np.sqrt(np.where(weight > 0, weight, 1.0)), 0.0)
@@ -166,8 +166,8 @@ def _least_trimmed(
 ) -> tuple[Rows, Floats]:
     """Nodes that explain all but the worst taxels best (least trimmed squares).
 
-    `nodes`: states of one contact. `y`: readings [frame, taxel] [counts]. `weight`: inverse
-    variances, zero where a taxel is not used [frame, taxel]. `most`: taxels that may be left
+    Nodes are states of one contact. Readings are [frame, taxel] [counts], weights inverse
+    variances, zero where a taxel is not used [frame, taxel]; at most `most` taxels may be left
     out [frame].
     Returns the node of every frame, and weights without its worst taxels [frame, taxel].
     """

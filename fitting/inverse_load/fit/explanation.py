@@ -69,8 +69,8 @@ class Explanations:
     def cheapest(self, frames: Rows, candidates: "Explanations") -> tuple["Explanations", Rows]:
         """The explanation of lowest score of every frame, and which frames changed.
 
-        `frames`: what each candidate explains; a frame may have several or none. `candidates`:
-        other explanations.
+        Candidates are other explanations, and `frames` says which frame each of them explains;
+        a frame may have several or none.
         """
         rows = np.flatnonzero(candidates.score < self.score[frames])
         rows = rows[np.argsort(-candidates.score[rows], kind="stable")]  # cheapest last
@@ -113,8 +113,8 @@ class Explanations:
 def widened(values: Floats, *sizes: int) -> Floats:
     """Arrays by frame with NaN for the parameters that a fit doesn't have.
 
-    `values`: a frame first, then one axis or more over parameters. `sizes`: that these axes
-    should have.
+    Values have a frame first, then one axis or more over parameters; these axes get the stated
+    sizes.
     """
     whole = np.full((len(values), *sizes, *values.shape[1 + len(sizes) :]), np.nan)
     whole[tuple(slice(n) for n in values.shape)] = values

@@ -73,7 +73,7 @@ class SectionErrors(AbstractSystematicErrors):
     def under_one(self, angle: Floats, force: Floats, jacobian: Floats) -> Floats:
         """Change of readings under one radial contact [frame, error, taxel].
 
-        `angle`: of the contact [frame, rad]. `force`: of the contact [frame, N]. `jacobian`:
+        The contact has an angle [frame, rad] and a force [frame, N]; the jacobian has the
         derivatives of the readings by the two [frame, 2, taxel].
         """
         table = self._table
@@ -173,8 +173,8 @@ class SectionErrors(AbstractSystematicErrors):
 def _most_alike(jacobian: Floats, moved: Floats) -> Floats:
     """Changes of a contact that come nearest to changes of readings [frame, change, 2].
 
-    `jacobian`: derivatives of readings by the contact [frame, 2, taxel]. `moved`: changes of
-    readings [frame, change, taxel].
+    The jacobian is that of readings by the contact [frame, 2, taxel]; `moved` are the changes
+    of readings [frame, change, taxel].
     """
     size = np.sqrt((jacobian**2).sum(-1, keepdims=True))
     unit = jacobian / np.where(size > 0, size, 1.0)
@@ -194,8 +194,8 @@ def _filled(values: Floats) -> Floats:
 def changed_skin(spec: SkinSpec, skin: Skin, inputs: Mapping[str, ArrayLike]) -> Skin:
     """A skin with some inputs changed.
 
-    `skin`: the model made from it, whose wall and mesh are kept. `inputs`: values by TOML path,
-    traced or not.
+    `skin` is the model made from the file; its wall and mesh are kept. Inputs are values by
+    TOML path, traced or not.
     """
     parts = skin_parts(spec, {**continuous_inputs(spec), **inputs})
     wall = None if skin.wall is None else parts.wall
@@ -205,7 +205,8 @@ def changed_skin(spec: SkinSpec, skin: Skin, inputs: Mapping[str, ArrayLike]) ->
 def skin_tangent(spec: SkinSpec, skin: Skin, paths: tuple[str, ...], column: Floats) -> Skin:
     """Derivative of a skin by its inputs along a direction.
 
-    `skin`: the model made from it. `paths`: of the inputs. `column`: their change [path], SI.
+    `skin` is the model made from the file; `column` is the change of the inputs at the paths
+    [path], SI.
     """
     at = [value_of(spec, path) for path in paths]
 

@@ -30,9 +30,9 @@ _FIRST_STEPS, _MORE_STEPS = 2, 30
 class SectionFitter(AbstractLoadFitter):
     """Least squares on a skin in plane strain.
 
-    `table`: its states, which bound the forces. `direction`: whether directions are free.
-    `live`: fit single frames, whole at once; otherwise many lanes side by side.
-    `most_contacts`: widest set of parameters.
+    The table's states bound the forces. Live, single frames are fitted, whole at once;
+    otherwise many lanes side by side. `direction` says whether directions are free,
+    `most_contacts` sets the widest set of parameters.
     """
 
     program = staticmethod(FIT_PROGRAMS.__getitem__)

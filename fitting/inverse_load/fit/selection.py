@@ -78,8 +78,8 @@ class Selection:
     ) -> tuple[Explanations, list[Alternative | None]]:
         """The best explanation of every frame, and its second mode where there is one.
 
-        `y`: readings [frame, taxel] [counts]. `weight`: inverse variances, zero where a taxel
-        is not used [frame, taxel].
+        Readings are [frame, taxel] [counts], weights inverse variances, zero where a taxel is
+        not used [frame, taxel].
         """
         self.seconds = np.zeros(len(y))
         followed = self._followed(y, weight)

@@ -34,8 +34,8 @@ UNUSUAL = 25e-3
 class WideContactFitter(SectionFitter):
     """Least squares on a skin in plane strain, for one radial contact over an arc.
 
-    `table`: its states, which bound the forces. `live`: fit single frames, whole at once;
-    otherwise many lanes side by side. `most_contacts`: widest set of parameters.
+    The table's states bound the forces. Live, single frames are fitted, whole at once;
+    otherwise many lanes side by side. `most_contacts` sets the widest set of parameters.
     """
 
     program = staticmethod(lambda contacts: WIDE_FIT_PROGRAM)

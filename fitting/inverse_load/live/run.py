@@ -61,8 +61,8 @@ def run_live(
 ) -> None:
     """`suas invert --live`: until Ctrl-C, SIGTERM or the end of the duration.
 
-    `prepare`: makes the estimator, which takes long: a port that can't be opened is refused
-    before. `watchers`: makes what takes part; what it enters into the stack is left at the end.
+    `prepare` makes the estimator, which takes long: a port that can't be opened is refused
+    before. `watchers` makes what takes part; what it enters into the stack is left at the end.
     Raises ValueError: the log was deleted, moved or replaced, and went on beside its place.
     Raises PortError: the port can't be opened.
     """

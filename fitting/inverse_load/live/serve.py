@@ -23,7 +23,7 @@ _STALLED = 5.0  # a client that takes nothing, or shows no token, for so long is
 class LineServer(LiveWatcher):
     """Sends a line a frame to every client.
 
-    `address`: HOST:PORT to listen at; port 0 takes a free one.
+    It listens at an address HOST:PORT; port 0 takes a free one.
     Raises ValueError: the address is none, or the environment's token is.
     Raises OSError: it can't be listened at.
     """

@@ -108,10 +108,9 @@ def live_frames(
 ) -> Generator[LiveFrame, None, None]:
     """Loads of a stream's frames, in the order of arrival.
 
-    `latency`: once a frame has waited longer before its turn, it and all others up to the
-    newest are dropped; the newest is always estimated [s]. `on_reading`: called with every
-    reading, dropped or not. `on_frame`: called with every frame of the skin's layout, dropped
-    or not.
+    Once a frame has waited longer than the latency [s] before its turn, it and all others up to
+    the newest are dropped; the newest is always estimated. `on_reading` is called with every
+    reading, `on_frame` with every frame of the skin's layout, dropped or not.
     """
     builder = FrameBuilder(Layout(estimator.spec))
     watch = StuckWatch(estimator.reading_noise, estimator.taxels)

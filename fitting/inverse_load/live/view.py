@@ -24,8 +24,8 @@ _REFRESH = 0.1  # between two pictures [s]
 class LoadView(LiveTerminal, LiveWatcher):
     """Messages on stderr; on a terminal also a picture that moves.
 
-    `estimator`: names the skin. `show`: whether a picture is wanted; without a terminal there
-    is none.
+    The estimator names the skin, the title is the port. `show`: whether a picture is wanted;
+    without a terminal there is none.
     """
 
     def __init__(self, estimator: LoadEstimator, title: str, *, show: bool) -> None:
@@ -75,8 +75,8 @@ def picture(
 ) -> str:
     """The pad from edge to edge as a line of characters, a mark at each contact.
 
-    `angles`: of the contacts, or their places along the axis. `edge`: the largest angle, or
-    place. `unit`: of what is written at the edges. `scale`: size of one, in that unit.
+    Angles are those of the contacts, or their places along the axis; `edge` is the largest that
+    there is. `scale` turns them into the unit that is written at the edges.
     """
     line = ["─"] * _WIDTH
     line[0], line[-1], line[_WIDTH // 2] = "├", "┤", "┼"

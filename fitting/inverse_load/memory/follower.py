@@ -56,7 +56,7 @@ class RememberingNodes(NodeSearch):
 class RememberedErrors(AbstractSystematicErrors):
     """Errors of the inputs, and of the shares of the stress that relax.
 
-    `base`: errors of the inputs; None for none. `memory`: of the membrane.
+    `base` are the errors of the inputs, None for none; `memory` is the membrane's.
     """
 
     def __init__(

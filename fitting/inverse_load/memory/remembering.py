@@ -102,8 +102,8 @@ class Expected(NamedTuple):
 def response_of(series: Series, gamma: Array, past: Past, elapsed: Array) -> Response:
     """How the membrane answers at the end of a step; linear in gamma, but for the one.
 
-    `series`: of the membrane, for its times. `gamma`: shares [term]. `past`: at the begin of
-    the step; its parts are the R_i. `elapsed`: its length [s].
+    The series is the membrane's, for its times; gamma are shares [term]. The past is that at
+    the begin of the step, its parts are the R_i; the step takes `elapsed` [s].
     """
     fade, mean = series.states.over(elapsed)
     left = jnp.tensordot(gamma * fade, past.parts, 1)

@@ -73,7 +73,7 @@ def creeping_load(memory: LoadMemory, time: Floats) -> Floats:
     E(t) with E + sum gamma_i R_i = 1, the load coming at once at t = 0: the states
     R follow A R' = -R/tau with A = 1 + 1 gamma^T, from R = E(0) = 1 / (1 + sum gamma).
 
-    `memory`: of the membrane. `time`: since the load came on [s].
+    Time counts since the load came on [s].
     """
     total = 1 + memory.gamma.sum()
     # R' = -R/tau + E', and E' = -gamma . R'

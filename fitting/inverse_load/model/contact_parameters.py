@@ -38,7 +38,8 @@ SECTION_WITH_DIRECTION = ContactParameters(("angle", "force", "direction"))
 def pad_parameters(*, diameter: bool, direction: bool) -> ContactParameters:
     """Parameters of a contact on a pad.
 
-    `diameter`: whether it is estimated. `direction`: whether turn and tilt of the force are.
+    `diameter` says whether the diameter is estimated, `direction` whether turn and tilt of the
+    force are.
     """
     names = ("angle", "axial", "force")
     more = ("diameter",) * diameter + ("direction", "tilt") * direction

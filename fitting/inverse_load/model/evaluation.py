@@ -47,8 +47,8 @@ def loads_from(parameters: Float[Array, "parameter lane"], contacts: int) -> Loa
 def wide_load(parameters: Float[Array, "parameter lane"], skin: Skin) -> Loads:
     """One load of one direction, even over an arc of the outer face.
 
-    `parameters`: angle of its middle [rad], force [N], square of the arc's length [m^2], in
-    which readings are nearly linear. `skin`: whose outer face it is.
+    The parameters are the angle of its middle [rad], the force [N] and the square of the arc's
+    length [m^2], in which readings are nearly linear.
     """
     angle, force, square = parameters
     points, weights = gauss_legendre(SPREAD_POINTS, -1.0, 1.0)

@@ -69,7 +69,7 @@ class Columns:
     ) -> Column:
         """Readings [place, level, ...] of places [place, 2] under shares of forces.
 
-        `across`: places where derivatives by tangential forces are wanted; nowhere if None.
+        Derivatives by tangential forces are wanted at the places `across`; nowhere if None.
         """
         skin = self.skin if elements is None else replace(self.skin, elements=elements)
         once = self._total < _FEW
@@ -115,9 +115,9 @@ def solve_column(skin: Skin, numbers: Floats, levels: Floats, once: bool) -> Col
     States follow one another by extrapolation; those that Newton's method doesn't find that way
     are solved from rest, each for itself.
 
-    `numbers`: angle [rad], axial position [m], force [N], diameter [m], and whether derivatives
-    by tangential forces are wanted. `levels`: shares of the force. `once`: whether few columns
-    will be solved.
+    The numbers are angle [rad], axial position [m], force [N], diameter [m], and whether
+    derivatives by tangential forces are wanted. Levels are shares of the force. `once` says
+    whether few columns will be solved.
     """
     angle, axial, force, diameter, wanted = numbers
     loads = Loads.patch(angle, axial, force, diameter)

@@ -18,8 +18,8 @@ _MOST = 0.05  # a mesh that differs by more differs in the shape of its readings
 def force_surplus(coarse: Column, fine: Column, levels: Floats) -> Floats:
     """Share e of the force by which the coarse mesh has to be loaded more [place, level].
 
-    `coarse`: readings on the table's mesh [place, level, taxel]. `fine`: likewise on the finer
-    one. `levels`: shares of the largest force, none of them zero.
+    Readings are those on the table's mesh and on the finer one [place, level, taxel]; levels
+    are shares of the largest force, none of them zero.
     Returns the share, 5 % at most; that of the next lighter load where a mesh has no solution,
     and zero where there is none.
     """

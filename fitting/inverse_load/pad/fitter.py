@@ -95,9 +95,9 @@ class PadFitter(AbstractLoadFitter):
     def _found_before(self, start: Floats, state: State, contacts: int) -> Floats:
         """Where fits begin: with the extents and tangents of a fit nearby, if there was one.
 
-        `start`: places and forces [frame, parameter]. `state`: its unknowns are the parameters
-        that a fit found [1, parameter, frame], or none. Those of another number of contacts
-        count for nothing.
+        The start has places and forces [frame, parameter]. The state's unknowns are the
+        parameters that a fit found [1, parameter, frame], or none; those of another number of
+        contacts count for nothing.
         """
         whole = np.asarray(state.q)
         known = np.isfinite(whole).all(0).sum(0) if whole.size else np.zeros(1)
@@ -155,7 +155,7 @@ class PadFitter(AbstractLoadFitter):
     def correction(self, parameters: Floats, contacts: int) -> Correction | None:
         """What the interpolant leaves out at some contacts; None for nothing, or unknown.
 
-        `parameters`: of the contacts, places and forces first [parameter].
+        The contacts' parameters have places and forces first [parameter].
         """
         if contacts == 1:
             return None
@@ -192,8 +192,8 @@ class PadFitter(AbstractLoadFitter):
     def first_contact(self, places: Floats, extents: Floats) -> Floats:
         """Force at which the membrane under single contacts reaches the wall [contact] [N].
 
-        `places`: angle [rad] and axial position [m] [contact, 2]. `extents`: along arc and axis
-        [contact, 2] [m]; NaN where unknown: the table's.
+        Places are angle [rad] and axial position [m] [contact, 2]. Extents are along arc and
+        axis [contact, 2] [m]; where they are unknown (NaN), they are the table's.
         """
         known = np.where(np.isnan(extents), self.table.diameter, extents)
         relief, _ = self.interpolant.relief((known**2 - self.table.diameter**2) / 16)

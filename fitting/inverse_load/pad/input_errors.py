@@ -136,7 +136,7 @@ class PadErrors(AbstractSystematicErrors):
 def gap_line(spec: SkinSpec, inputs: Mapping[str, float]) -> tuple[Floats, Floats, Floats]:
     """Stray counts, a and b of 1 / (SO - stray) = a + b w [taxel], w from the undeformed pad.
 
-    `inputs`: electrical ones that replace its own, by TOML path.
+    The inputs are electrical ones that replace the pad's own, by TOML path.
     """
     own = {**continuous_inputs(spec), **inputs}
     gaps = {p: x for p, x in own.items() if p == _GAP or p.startswith(f"{_GAP}.value.")}

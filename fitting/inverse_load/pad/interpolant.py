@@ -74,7 +74,8 @@ class Interpolated(NamedTuple):
 class PadInterpolant:
     """The interpolant of one pad.
 
-    `table`: of its states. `radius`: of the outer face [m]; needed where extents are told.
+    The table has the pad's states; the radius is that of the outer face [m], needed where
+    extents are told.
     """
 
     def __init__(self, table: PadTable, radius: float = float("nan")) -> None:
@@ -97,8 +98,9 @@ class PadInterpolant:
     ) -> Interpolated:
         """Readings and derivatives.
 
-        `parameters`: [frame, parameter], all of a name together, PLAIN or WHOLE of them a
-        contact. `correction`: of u and the pressure; none where not given.
+        Parameters are [frame, parameter], all of a name together, PLAIN or WHOLE of them a
+        contact. The correction is that of u and the pressure; there is none where it is not
+        given.
         """
         frames, taxels = len(parameters), len(self._rest)
         by_contact = parameters.reshape(frames, -1, contacts)
@@ -235,7 +237,8 @@ class PadInterpolant:
     def relief(self, excess: Floats) -> tuple[Floats, Floats]:
         """Depth of the disc's dent over that of another contact of the same force.
 
-        `excess`: second moments beyond the disc's, along arc and axis [contact, 2] [m^2].
+        The excess is the contact's second moments beyond the disc's, along arc and axis
+        [contact, 2] [m^2].
         Returns the ratio, above one where it is wider [contact], and its derivatives
         [contact, 2].
         """

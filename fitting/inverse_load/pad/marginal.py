@@ -60,7 +60,7 @@ class Told:
     def turned(self, whole: Floats, contacts: int) -> tuple[Floats, Floats]:
         """Whole parameters with forces as they are told, and what theirs do to the fit's.
 
-        `whole`: of the fit [frame, parameter].
+        `whole` are the parameters of the fit [frame, parameter].
         Returns parameters [frame, parameter]; derivatives of the fit's by them [frame, p, p].
         """
         frames, size = whole.shape
@@ -113,8 +113,8 @@ class Told:
 def beside(whole: Floats, information: Floats, prior: Floats, contacts: int) -> Floats:
     """Extents and tangential forces of contacts [frame, contact, quantity, 2] [m], [N].
 
-    `whole`: parameters of the fit [frame, parameter]. `information`: of them, priors included.
-    `prior`: standard deviations of the last four parameters.
+    `whole` are the parameters of the fit [frame, parameter], with their information, priors
+    included. `prior` are the standard deviations of the last four.
     Returns values and standard deviations in the order of `BESIDE`; NaN where readings tell
     hardly more than the prior.
     """

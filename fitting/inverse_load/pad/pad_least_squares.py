@@ -61,8 +61,8 @@ class PadFit(NamedTuple):
 class PadLeastSquares:
     """Least squares for contacts on one pad, on its interpolant alone.
 
-    `interpolant`: of its table. `edge`: largest angle [rad] and axial position [m] of a
-    contact. `direction`: whether nothing is known of directions before.
+    The interpolant is that of the pad's table. The edge is the largest angle [rad] and axial
+    position [m] of a contact. `direction` says whether nothing is known of directions before.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class PadLeastSquares:
 
         Forces that are small enough anywhere on the pad are only told so.
 
-        `parameters`: where they are wanted [frame, parameter]. `pull`: whether forces pull
+        They are wanted at the parameters [frame, parameter]; `pull` says whether forces pull
         outwards.
         """
         ones = np.ones((len(parameters), contacts))
@@ -170,8 +170,8 @@ class PadLeastSquares:
     ) -> PadFit:
         """Fit frames, a few together: what they need fits in the cache.
 
-        `start`: parameters [frame, parameter], PLAIN, WHOLE or ASKEW of them a contact: so many
-        are fitted.
+        The start has parameters [frame, parameter], PLAIN, WHOLE or ASKEW of them a contact: so
+        many are fitted.
         """
         parts = []
         for begin in range(0, len(y), _CHUNK):
@@ -234,8 +234,8 @@ def _moved(best: PadFit, rows: Rows, step: Floats, low: Floats, high: Floats) ->
 def step_of(fit: PadFit, low: Any, high: Any, damping: Floats) -> tuple[Floats, Floats]:
     """Damped Gauss-Newton step [frame, parameter] and the decrease of chi2 it predicts.
 
-    `fit`: where it begins. `low`: lower bounds [frame, parameter]. `high`: upper bounds,
-    likewise. `damping`: of the step [frame].
+    The step begins where the fit is, between lower and upper bounds [frame, parameter], with
+    the damping [frame].
     """
     information = fit.information.transpose(1, 2, 0)
     here = Descent(fit.parameters.T, fit.gradient.T, information, low.T, high.T)

@@ -41,7 +41,7 @@ _DIAMETER = 6e-3  # of the table's discs where it is estimated [m]
 class PadNodeSearch(AbstractNodeSearch):
     """The coarse search of one pad.
 
-    `table`: states under one radial contact. `radius`: of the outer face [m].
+    The table has states under one radial contact; the radius is that of the outer face [m].
     """
 
     def __init__(self, table: PadTable, radius: float) -> None:
@@ -137,8 +137,8 @@ class PadPosterior(AbstractLoadPosterior):
 class PadAssessment(AbstractLoadAssessment):
     """Estimates on a pad.
 
-    `fitter`: which knows edges and forces of first contact. `nodes`: which know distances.
-    `along`: what scenes call places. `taxels`: angle and axial position [taxel, 2].
+    The fitter knows edges and forces of first contact, the nodes know distances, and `along`
+    knows what scenes call places. Taxels are angle and axial position [taxel, 2].
     """
 
     limit_error = 0.03  # of the table, which knows it at a few places
@@ -178,8 +178,8 @@ def pad_parts(
 ) -> tuple[EstimationParts, Skin, PadTable]:
     """The parts for a pad, its model and its table of solved states.
 
-    `diameter`: of the table's discs, around which contacts' diameters are expected [m]; None
-    tells the diameter, too.
+    The diameter is that of the table's discs, around which contacts' diameters are expected
+    [m]; None tells the diameter, too.
     """
     skin = skin_of(spec, elements=resolution.elements, contact=False)
     if not skin_of(even_spec(spec), contact=False).geometry.symmetric:
@@ -225,8 +225,8 @@ def table_of_pad(
 ) -> tuple[Skin, PadTable]:
     """A pad's model and its table of solved states.
 
-    `diameter`: of the contacts [m]. `workers`: that solve the table's states; None: this
-    process.
+    The diameter is that of the contacts [m]. Workers solve the table's states; without them
+    (None) this process does.
     """
     return skin_of(spec, contact=False), _table(spec, diameter, progress, workers)
 

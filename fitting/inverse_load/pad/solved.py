@@ -19,8 +19,8 @@ def near(
 ) -> bool:
     """Whether a correction holds well enough for other contacts.
 
-    `parameters`: of the contacts [parameter]. `radius`: of the outer face [m]. `live`: whether
-    time counts more than accuracy.
+    Parameters are those of the other contacts [parameter]; the radius is that of the outer face
+    [m]. Live, time counts more than accuracy.
     """
     share = 1.0 if live else _STRICT
     old, new = (x.reshape(-1, contacts).T for x in (kept.parameters, parameters))
@@ -33,7 +33,7 @@ def near(
 class SolvedContacts:
     """Solves contacts on a pad; one compiled program for any number of them.
 
-    `interpolant`: that is corrected. `most_contacts`: most at a time.
+    The interpolant is what is corrected; there are at most `most_contacts` at a time.
     """
 
     def __init__(self, skin: Skin, interpolant: PadInterpolant, most_contacts: int) -> None:
@@ -45,7 +45,7 @@ class SolvedContacts:
     def correction(self, parameters: Floats, contacts: int) -> Correction | None:
         """Solve some contacts of the table's diameter; None where no state was found.
 
-        `parameters`: angles, axial positions and inward forces [parameter].
+        The parameters are angles, axial positions and inward forces [parameter].
         """
         found = self._solve(parameters.reshape(-1, contacts))
         if found is None:

@@ -65,7 +65,7 @@ class SplineBasis:
 
         What reaches beyond the nodes counts as nothing.
 
-        `x`: middles [place]. `variance`: of a point of the interval [place].
+        Intervals have middles `x` [place], and their points a variance [place].
         Returns the first of the functions [place]; their means, and the slopes of these by
         place and by variance [3, place, function].
         """
@@ -191,7 +191,7 @@ class TensorSpline:
     def __call__(self, *x: Floats) -> tuple[Floats, Floats]:
         """Values [place, channel] and derivatives [place, variable, channel] at places.
 
-        `x`: the variables [place].
+        `x` are the variables [place].
         """
         both = self._products(self._at(x), np.eye(len(x) + 1, len(x), -1, dtype=np.intp))
         return both[:, 0], both[:, 1:]
@@ -206,8 +206,8 @@ class TensorSpline:
     def over(self, x: Floats, variance: Floats, level: Floats) -> tuple[Floats, Floats]:
         """Means over boxes of the first two variables, at values of the third.
 
-        `x`: middles of the boxes [place, 2]. `variance`: of their points, along each side
-        [place, 2]. `level`: the third variable [place].
+        Boxes have middles `x` [place, 2], and their points a variance along each side
+        [place, 2]. The level is the third variable [place].
         Returns means [place, channel], and derivatives by the middle's coordinates, the level
         and the variances [place, 5, channel].
         """
@@ -218,8 +218,8 @@ class TensorSpline:
     def _products(self, found: list[tuple[Rows, Floats]], orders: Rows) -> Floats:
         """Products of one-dimensional rows with the coefficients [place, row, channel].
 
-        `found`: of each variable the first function and rows (values, slopes and so on).
-        `orders`: which row of each variable a product takes [product, variable].
+        `found` has the first function of each variable and its rows (values, slopes and so on),
+        `orders` which row of each variable a product takes [product, variable].
         """
         count, channels = len(found[0][0]), self.coefficients.shape[-1]
         products = np.ones((len(orders), count, 1))

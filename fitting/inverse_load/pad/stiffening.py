@@ -44,8 +44,7 @@ class Stiffening:
     def at(self, angle: Floats, axial: Floats, force: Floats) -> Floats:
         """Changes of stiffness by every error under contacts [..., error].
 
-        `angle`: of the contacts [rad]. `axial`: their axial positions [m]. `force`: their
-        forces [N].
+        Contacts have angles [rad], axial positions [m] and forces [N].
         """
         corners = [
             ((i, k), side * end)
@@ -77,8 +76,8 @@ def stiffening_of(
 ) -> Stiffening:
     """Changes of stiffness by some errors, from solved states; those are kept.
 
-    `mechanical`: change of the inputs of the membrane and the oil by each error [error], by
-    path.
+    `mechanical` has the changes of the membrane's and the oil's inputs by each error [error],
+    by path.
     """
     spec, even = errors.spec, np.zeros(len(errors))
     steps = {}
@@ -157,9 +156,9 @@ def _readings(skin: Skin, loads: Floats, diameter: float, slots: int) -> Floats:
 def solved_channels(skin: Skin, parameters: Floats, diameter: float, slots: int) -> Floats:
     """Readings and the oil's pressure under single contacts, from the model [frame, channel].
 
-    `parameters`: angle, axial position and force, and a diameter where it is estimated
-    [frame, parameter]. `diameter`: of the contacts else [m]. `slots`: contacts that the program
-    has room for. Channels are NaN where no state was found.
+    Parameters are angle, axial position and force, and a diameter where it is estimated
+    [frame, parameter]; else contacts have the given diameter [m]. The program has room for
+    `slots` contacts. Channels are NaN where no state was found.
     """
     rows = []
     for x in parameters:

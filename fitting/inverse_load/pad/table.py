@@ -73,7 +73,7 @@ class PadTable:
     def first_contact_at(self, angle: Floats, axial: Floats) -> Floats:
         """Force of one contact at which the membrane reaches the wall [place] [N].
 
-        `angle`: of the contact [place] [rad]. `axial`: likewise [m].
+        The contact is at an angle [rad] and an axial position [m], each [place].
         """
         inverse = reciprocal(self.first_contact)
         i, j = (
@@ -89,7 +89,7 @@ class PadTable:
     def force_on_mesh(self, angle: Floats, axial: Floats, force: Floats) -> Floats:
         """Force under which the table's mesh reads what a finer mesh reads [contact] [N].
 
-        `angle`: of the contact [contact] [rad]. `axial`: likewise [m]. `force`: likewise [N].
+        Contacts have an angle [rad], an axial position [m] and a force [N], each [contact].
         """
         cap = np.exp(self.largest(angle, axial)[0][:, 0])
         level = np.clip(force / cap, LEVELS[0], LEVELS[-1])

@@ -60,8 +60,8 @@ def pad_table_of(
     That of a pad whose thickness or gap differ from side to side is made from an even pad's,
     see `fitting.inverse_load.pad.uneven`.
 
-    `progress`: called with the number of columns solved and their total. `workers`: that solve
-    it (`fitting.workers`); None: this process, on all cores.
+    `progress` is called with the number of columns solved and their total. Workers solve the
+    table (`fitting.workers`); without them (None) this process does, on all cores.
     """
     skin = skin_of(spec, elements=resolution.elements, contact=False)
     name = content_key(
@@ -98,7 +98,7 @@ def build_pad_table(
 ) -> PadTable:
     """Solve all states of the table, on all cores or on workers.
 
-    `progress`: called with the number of columns solved and their total.
+    `progress` is called with the number of columns solved and their total.
     """
     images, where = mirror_images(skin)
     edge = edge_of(skin, diameter)
@@ -238,8 +238,8 @@ def _four_quarters(quarters: list[NDArray]) -> NDArray:
 def _across(found: Column, u: NDArray) -> Floats:
     """Derivatives of u and the pressure by tangential forces at all levels; lines join them.
 
-    `found`: the solved states. `u`: reciprocal readings, the state at rest among them
-    [place, level, taxel].
+    `found` are the solved states, `u` their reciprocal readings, with the state at rest among
+    them [place, level, taxel].
     """
     known = [LEVELS[LEVELS != 0][k] for k in ACROSS]
     share = np.stack([np.interp(LEVELS, known, row) for row in np.eye(len(known))], 1)

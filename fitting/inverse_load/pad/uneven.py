@@ -89,9 +89,9 @@ def force_shares(table: PadTable, places: Floats, force: Floats, found: Column) 
 
     e minimises the squares of so(F (1 + e)) - so by Gauss and Newton.
 
-    `table`: of the even pad. `places`: angle [rad] and axial position [m] [place, 2]. `force`:
-    on the unit [place, level] [N]. `found`: what its states read, seen by the table's taxels
-    [place, level, taxel].
+    The table is the even pad's. Places are angle [rad] and axial position [m] [place, 2],
+    forces those on the unit [place, level] [N]; `found` is what the unit's states read, seen by
+    the table's taxels [place, level, taxel].
     Returns the share; that of the next lighter load where the unit has no state.
     """
     interpolant = PadInterpolant(table)
@@ -136,9 +136,9 @@ def uneven_table(
 ) -> PadTable:
     """The table of a unit.
 
-    `on_unit`: the unit's angles of places from the even pad's: sections of uneven thickness
-    count them along their own mid-line. `progress`: called with the number of columns solved
-    and their total.
+    `on_unit` gives the unit's angles of places from the even pad's: sections of uneven
+    thickness count them along their own mid-line. `progress` is called with the number of
+    columns solved and their total.
     """
     of_even, of_unit = lines
     probes = tuple(

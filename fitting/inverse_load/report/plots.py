@@ -37,7 +37,7 @@ def plot_loads(
     Bars are what the noise of a frame leaves open. The band is what the skin file's tolerances
     leave open beside it, by one error that all frames share.
 
-    `filtered`: loads filtered over time, drawn as points.
+    Loads that are filtered over time are drawn as points.
     """
     contacts = [estimate.contacts for estimate in estimates]
     estimated = {name for found in contacts for c in found for name in c.names}

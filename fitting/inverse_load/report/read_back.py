@@ -19,8 +19,8 @@ _AT_THE_WALL = "saturated by wall contact"  # as `LoadEstimate.status_text` begi
 def read_estimates(path: Path, seq: NDArray[np.int64]) -> list[LoadEstimate]:
     """Read the estimates of a log's frames.
 
-    `path`: what `suas invert LOG --json` printed for the log. `seq`: numbers of the log's
-    frames, in their order.
+    The file has what `suas invert LOG --json` printed for the log; `seq` are the numbers of the
+    log's frames, in their order.
     Raises ValueError: a line is none of `suas invert`, or the frames are not the log's.
     Raises OSError: the file can't be read.
     """

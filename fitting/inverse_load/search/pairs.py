@@ -116,8 +116,8 @@ class PairSearch(AbstractSeveralSearch):
 def _scaled(products: Floats, along: Floats) -> tuple[Floats, Floats, Floats]:
     """Scales of the nodes of all pairs and what is left, but for a constant.
 
-    `products`: of the nodes' weighted changes [node, node]. `along`: of the nodes' changes and
-    the measured one [node].
+    `products` are those of the nodes' weighted changes with one another [node, node], `along`
+    those of the nodes' changes with the measured one [node].
     Returns scales of the first and of the second node of a pair, and the weighted squares of
     what is left [node, node].
     """

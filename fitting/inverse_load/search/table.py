@@ -146,8 +146,8 @@ def build_table(skin: Skin) -> LoadTable:
 def first_contacts(skin: Skin, angles: np.ndarray, below: np.ndarray) -> np.ndarray:
     """Forces of one radial load at which the membrane reaches the wall [N].
 
-    `skin`: the skin, without its wall. `angles`: of the load [rad]. `below`: forces a little
-    less than that.
+    The skin comes without its wall; angles are those of the load [rad]. `below` are forces a
+    little less than those of first contact.
     """
     low = below.copy()
     _, gap, _, failed = _solve(skin, angles, low, None)

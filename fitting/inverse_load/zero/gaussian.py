@@ -23,9 +23,9 @@ def conditioned(
     x = x_0 + P (J^T W r + P_0^-1 (m - x_0)). Repeated at its own mean it is the
     Gauss-Newton method for the most probable x.
 
-    `prior`: of the parameters, of full rank. `at`: x_0 [parameter]. `jacobian`: J
-    [measurement, parameter]. `residual`: r [measurement]. `weight`: inverse variances of the
-    noise, zero where nothing was measured [measurement].
+    The prior is one of full rank; the point is x_0 [parameter], with J [measurement, parameter]
+    and r [measurement] there. Weights are inverse variances of the noise, zero where nothing
+    was measured [measurement].
     """
     before = np.linalg.inv(prior.covariance)
     information = before + jacobian.T @ (weight[:, None] * jacobian)

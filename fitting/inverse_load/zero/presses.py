@@ -48,7 +48,8 @@ def known_press(text: str, geometry: GeometrySpec, diameter: float | None = None
     Masses weigh 9.80665 m/s^2. Places are angles, or arc lengths of the inner face from its
     middle; along the axis, distances from the middle of the pad.
 
-    `text`: a press in words. `diameter`: of what presses on a pad [m]; None for a fingertip's.
+    The text is a press in words; the diameter is that of what presses on a pad [m], None for a
+    fingertip's.
     Raises ValueError: the text can't be understood, or the skin has no such place.
     """
     where = f'--known "{text}"'
@@ -139,9 +140,9 @@ def _quantity(text: str, kind: DimensionName, where: str) -> tuple[float, float 
 def frames_of_presses(so: Floats, patterns: Floats, noise: float) -> PressedFrames:
     """Which frames hold the presses, in their order; the log begins at rest.
 
-    `so`: readings [frame, taxel] [counts]; NaN where missing. `patterns`: change of readings
-    that is expected under every press [press, taxel]. `noise`: standard deviation of a reading
-    [counts].
+    Readings are [frame, taxel] [counts], NaN where missing. Patterns are the changes of
+    readings that are expected under every press [press, taxel], and the noise is the standard
+    deviation of a reading [counts].
     Raises ValueError: the log has no rest before the first press, or another number of presses.
     """
     first = np.nanmedian(so[:_FEWEST], 0)

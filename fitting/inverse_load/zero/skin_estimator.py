@@ -22,9 +22,10 @@ def skin_estimator(
 ) -> LoadEstimator:
     """Make the estimator of a skin.
 
-    `baseline`: readings at rest, of `suas baseline`; None: readings are absolute. `zero`: what
-    `suas zero` wrote; None for the one beside the skin file, if there is one, "none" for none.
-    The logger `suas` says which it is. `settings`: of the `LoadEstimator`.
+    The baseline has readings at rest, of `suas baseline`; without one (None) readings are
+    absolute. `zero` is what `suas zero` wrote; None takes the one beside the skin file, if
+    there is one, and "none" takes none. The logger `suas` says which it is. Settings are those
+    of the `LoadEstimator`.
     Raises ConfigError: the skin file or the zero can't be used.
     Raises ValueError: the baseline is of another layout, or a setting makes no sense.
     Raises Float64Error: float64 is off.

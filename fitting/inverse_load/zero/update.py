@@ -64,7 +64,8 @@ class _Model(NamedTuple):
 class PressModel:
     """The model of a section or a pad under known presses, as its inputs change.
 
-    `errors`: of its inputs. `presses`: their number stays. `share`: see `PressReadings`.
+    The errors are those of the model's inputs, the number of presses stays the same, and
+    `share` is that of `PressReadings`.
     """
 
     def __init__(
@@ -241,8 +242,8 @@ def _jacobian(model: _Model) -> Floats:
 def force_deviations(model: _Model, weight: Floats, covariance: Floats) -> Floats:
     """Standard deviations of forces found from readings alone, at each press [press] [N].
 
-    `model`: the readings' derivatives there. `weight`: inverse variances [press, taxel].
-    `covariance`: of the errors [error, error].
+    The model has the readings' derivatives there, weights are inverse variances [press, taxel],
+    and the covariance is that of the errors [error, error].
     """
     found = []
     for k in range(len(weight)):

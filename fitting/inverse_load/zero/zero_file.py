@@ -99,7 +99,7 @@ def _digest(path: Path, most: int) -> str:
 def read_zero(path: Path, skin: Path) -> CalibrationSpec:
     """Read a zero and check that it is the skin's.
 
-    `path`: what `suas zero` wrote.
+    The file is what `suas zero` wrote.
     Raises ConfigError: the file can't be understood, or it is another skin file's.
     """
     data, file = read_toml(path), str(path)

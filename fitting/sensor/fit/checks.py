@@ -29,7 +29,7 @@ def check_agreement(
 ) -> list[str]:
     """Refuse logs that don't follow the skin's model at all.
 
-    `problem`: what is fitted to what. `constants`: fitted, SI [p].
+    The constants are the fitted ones, SI [p].
     Returns what is doubtful but not refused.
     Raises NoCalibration: the logs are of another skin, or units are mixed up.
     """
@@ -149,7 +149,7 @@ def drift_warning(problem: SensorProblem, constants: np.ndarray) -> str:
 def _powers_of_load(so: np.ndarray) -> np.ndarray:
     """What counts change with: powers of their first principal component, and two more.
 
-    `so`: predicted counts [taxel, frame].
+    Counts are the predicted ones [taxel, frame].
     Returns the columns, the first constant [frame, column].
     """
     centred = so - so.mean(1, keepdims=True)
@@ -201,8 +201,8 @@ def masked_taxels(
 ) -> list[Masked]:
     """What the fit itself left out.
 
-    `problem`: what is fitted to what. `touching`: readings of taxels that the membrane touches
-    [taxel, frame]. `data`: names the taxels.
+    `touching` are the readings of taxels that the membrane touches [taxel, frame]; the data
+    name the taxels.
     """
     modules, numbers = taxel_names(data.spec.electrodes)  # type: ignore[arg-type]
     here = problem.readings

@@ -67,8 +67,8 @@ def prior_of(part: SensorConstant, stated: float | None, reason: str) -> Prior:
 
     Its standard deviation is the skin file's (``+-``), or `TOLERANCE` where that states none.
 
-    `stated`: what the skin file says, SI; None where it says nothing. `reason`: why it is
-    needed.
+    `stated` is what the skin file says, SI, None where it says nothing; the reason is why the
+    prior is needed.
     """
     mean = stated if stated is not None else (part.size if part.positive else 0.0)
     deviation = deviation_of(stated)
@@ -84,7 +84,7 @@ def as_built_priors(
 ) -> tuple[dict[str, Prior], np.ndarray]:
     """Priors of all that a unit has of its own, and their correlations [p, p].
 
-    `stated`: their values as the skin file has them [p].
+    The stated values are those of the constants in the skin file [p].
     """
     deviations, correlation = as_built_deviations(drawing, parts)
     found = {}
@@ -120,8 +120,7 @@ def needed_priors(
 ) -> dict[str, Prior]:
     """Priors that the data ask for beside those that there are.
 
-    `problem`: what is fitted to what. `constants`: where, SI [p]. `stated`: what the skin file
-    says of each.
+    The data are judged at the constants, SI [p]; `stated` is what the skin file says of each.
     """
     names = problem.family.names
     information = problem.information(constants) + problem.prior_information(constants)
@@ -156,8 +155,7 @@ def _order(names: tuple[str, ...]) -> list[int]:
 def findings(problem: SensorProblem, constants: np.ndarray, inflation: float) -> list[str]:
     """What the data don't determine, in words.
 
-    `problem`: what is fitted to what. `constants`: fitted, SI [p]. `inflation`: factor on
-    standard errors.
+    The constants are the fitted ones, SI [p]; inflation is a factor on standard errors.
     """
     names = problem.family.names
     information = problem.information(constants) / inflation**2
@@ -244,8 +242,7 @@ def log_contributions(
 ) -> list[dict[str, Any]]:
     """Standard errors that each log and each fluid would give alone, without priors.
 
-    `problem`: what is fitted to what. `constants`: fitted, SI [p]. `inflation`: factor on
-    standard errors.
+    The constants are the fitted ones, SI [p]; inflation is a factor on standard errors.
     """
     here = problem.readings
     rows: list[tuple[str, np.ndarray]] = []

@@ -123,8 +123,8 @@ class SensorProblem:
     ) -> SensorResiduals:
         """The misfit in units of the noise.
 
-        `weight`: of each reading beside its noise [taxel, frame]. `held`: positions of
-        constants that are kept at their floors.
+        Each reading has its weight beside its noise [taxel, frame]; the constants at the
+        positions `held` are kept at their floors.
         """
         here = self.readings
         inverse = np.where(here.used, np.sqrt(weight) / here.sigma, 0.0)
@@ -188,7 +188,8 @@ class SensorProblem:
     ) -> np.ndarray:
         """JᵀJ of the readings alone, in relative sizes [p, p].
 
-        `constants`: where, SI [p]. `frames`: which frames; all of them by default.
+        The derivatives J are those at the constants, SI [p]. Only the given frames count; all
+        of them do by default.
         """
         _, jacobian = sensitivity(self.residuals(), jnp.asarray(constants))
         shape = self.readings.so.shape
@@ -202,7 +203,7 @@ class SensorProblem:
 def bounds_of(information: np.ndarray) -> np.ndarray:
     """Cramer-Rao bounds, infinite along null directions [p].
 
-    `information`: the Fisher information, in relative sizes [p, p].
+    The Fisher information is in relative sizes [p, p].
     """
     values, vectors = np.linalg.eigh(information)
     largest = max(float(values[-1]), 1e-300)

@@ -123,7 +123,7 @@ def judged_fit(
     noise: np.ndarray,  # standard deviation of a reading [taxel, log], counts
     touching: np.ndarray,  # readings of taxels that the membrane touches [taxel, frame]
     steady: bool,  # whether the shapes change no more
-    warnings: list[str],
+    warnings: list[str],  # of the search
 ) -> SensorFit:
     """A calibration with its errors, its misfit and its warnings."""
     constants, family, here = found.constants, problem.family, problem.readings

@@ -39,8 +39,8 @@ def search(
 
     A constant that would fall below its floor is held there, and the others follow.
 
-    `problem`: what is fitted to what. `start`: constants to start from, SI [p]. `weight`: of
-    each reading beside its noise [taxel, frame].
+    The search starts from constants, SI [p]; each reading has its weight beside its noise
+    [taxel, frame].
     Raises NoCalibration: no constants give finite counts.
     """
     family = problem.family
@@ -80,7 +80,7 @@ def search(
 def robust(problem: SensorProblem, start: np.ndarray) -> tuple[SensorProblem, Found]:
     """Fit with little weight on outliers, then without them.
 
-    `problem`: all that is present is used at first. `start`: constants, SI [p].
+    All readings that are present are used at first; the search starts from constants, SI [p].
     Returns the problem without the outliers, and its minimum.
     """
     present = problem.readings.present

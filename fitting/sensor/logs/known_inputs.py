@@ -153,8 +153,9 @@ def from_file(path: Path, time: np.ndarray, clock: str) -> tuple[Known, np.ndarr
 
     Numbers change linearly between rows, the fluid holds until the next row.
 
-    `path`: CSV with a time column and known inputs; load paths of `suas simulate` are. `time`:
-    of the log's frames [s]. `clock`: which of the log's clocks that is, for messages.
+    The file is a CSV with a time column and known inputs, as load paths of `suas simulate` are.
+    Times are those of the log's frames [s], and the clock says which of the log's clocks that
+    is, for messages.
     Returns the inputs, and which frames the file covers.
     Raises ValueError: naming file, line, column, value and what is allowed.
     """

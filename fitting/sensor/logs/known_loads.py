@@ -33,10 +33,10 @@ class KnownLoads:
     def pushes(
         cls, angle: np.ndarray, force: np.ndarray, axial: np.ndarray | None = None
     ) -> "KnownLoads":
-        """Radial loads of known force; see the attributes.
+        """Radial loads of known force; see the fields.
 
-        `angle`: where they act. `force`: inwards. `axial`: where they act on a pad; its middle
-        if None.
+        Forces are inwards; loads act at angles, and on a pad at axial positions, its middle if
+        None.
         """
         zero, inner = np.zeros_like(force), np.zeros(len(force), bool)
         axial = zero if axial is None else axial
@@ -59,7 +59,7 @@ class KnownLoads:
     def shifted(self, name: str, change: np.ndarray) -> "KnownLoads":
         """The same with another first load.
 
-        `name`: of what changes: "angle", "axial" or "force". `change`: by how much, SI [state].
+        What changes is named "angle", "axial" or "force"; the change is SI [state].
         """
         moved = getattr(self, name).copy()
         moved[0] += change

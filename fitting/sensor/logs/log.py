@@ -109,8 +109,8 @@ def read_aligned(
 ) -> AlignedLog:
     """Read a log and what is known of its frames.
 
-    `spec`: the skin that it was taken with. `inputs`: a second file of known inputs, joined on
-    time. `fluid`: what filled the gap, if the log doesn't say.
+    `spec` is the skin that the log was taken with, `inputs` a second file of known inputs,
+    joined on time, and `fluid` what filled the gap, if the log doesn't say.
     Raises ValueError: the log can't be used; names file, column, value and what is allowed.
     Raises OSError: a file can't be read.
     """

@@ -61,7 +61,7 @@ class LoggedCounts:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Least-squares offsets and drifts, from the readings that are used.
 
-        `errors`: measured less predicted counts [taxel, frame]. `weight`: of each reading
+        Errors are measured less predicted counts [taxel, frame]; each reading has its weight
         beside its noise.
         Returns the numbers and their standard errors, each [taxel, column].
         """
@@ -107,9 +107,9 @@ def with_model_error(
 ) -> LoggedCounts:
     """Means of frames with their noise, and with the model's error.
 
-    `readings`: with frames at rest, the baseline's last. `count`: of how many frames each is
-    the mean [frame], without the baseline's. `loaded`: states with a load [state], without the
-    baseline's. `share`: the model's error, relative to a reading's change from rest.
+    The readings have frames at rest, the baseline's last. `count` says of how many frames each
+    is the mean [frame], `loaded` which states have a load [state], both without the baseline's.
+    `share` is the model's error, relative to a reading's change from rest.
     """
     more = len(readings.state) - len(count)  # a baseline states the noise of its own mean
     pressed = np.concatenate([loaded, np.zeros(more, bool)])[readings.state]
@@ -123,8 +123,8 @@ def gathered(
 ) -> tuple[LoggedCounts, KnownLoads, np.ndarray]:
     """LoggedCounts with the noise to start from, the baseline as one more frame.
 
-    `baseline`: counts at rest, which fix an offset of every taxel. `offsets`: give every taxel
-    an offset without a baseline, too.
+    The baseline's counts at rest fix an offset of every taxel; `offsets` gives every taxel one
+    without a baseline, too.
     Returns the readings, the known states, and the permittivity of the fluid in each.
     Raises ValueError: the baseline has no taxel of the skin.
     """
@@ -186,8 +186,8 @@ def _first_noise(data: SensorData, so: np.ndarray) -> np.ndarray:
 def measured_noise(readings: LoggedCounts, errors: np.ndarray, constants: int) -> np.ndarray:
     """Standard deviation of the noise of every taxel in every log [taxel, log], counts.
 
-    `readings`: what is used. `errors`: residuals, offsets and drift taken out [taxel, frame],
-    counts. `constants`: how many constants were fitted.
+    Errors are the residuals, with offsets and drift taken out [taxel, frame], counts;
+    `constants` says how many constants were fitted.
     """
     noise = np.full((len(errors), readings.logs), np.nan)
     for k in range(readings.logs):

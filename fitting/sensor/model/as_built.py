@@ -116,7 +116,7 @@ def _is_node(name: str) -> bool:
 def press_errors(spec: SkinSpec, presses: int, place: float) -> list[SensorConstant]:
     """Errors of presses: angles [rad], on pads then axial positions [m], relative forces.
 
-    `place`: standard deviation of a place, along the arc and along the axis [m].
+    `place` is the standard deviation of a place, along the arc and along the axis [m].
     Raises ValueError: a deviation is not above zero.
     """
     if not place > 0:
@@ -137,7 +137,7 @@ def as_built_deviations(
 ) -> tuple[dict[str, float], Floats]:
     """Standard deviations of the constants before any press, and their correlations [p, p].
 
-    `drawing`: the skin file, which may state deviations. `parts`: the constants, with those of
+    The drawing is the skin file, which may state deviations; among the constants are those of
     presses, whose sizes are their deviations.
     """
     given = given_inputs(drawing)

@@ -127,9 +127,9 @@ def with_constants(
 ) -> dict[str, Any]:
     """Inputs by TOML path with constants in their places.
 
-    `inputs`: without them; a stiffness is a factor on what they have. `names`: of the
-    constants; gaps of single taxels and errors of places are no inputs. `values`: of the
-    constants, SI.
+    The inputs come without the constants; a stiffness is a factor on what they have. Names and
+    values are those of the constants, SI; gaps of single taxels and errors of places are no
+    inputs.
     """
     found = dict(inputs)
     for name, value in zip(names, values, strict=True):

@@ -33,8 +33,9 @@ def parts_of(
 ) -> tuple[SkinGeometry, AbstractLaw, AbstractOil, Electrodes]:
     """Geometry, law, oil and electrodes of a skin for the numbers at hand.
 
-    `spec`: says which law and formula. `inputs`: SI values by TOML path, every continuous
-    input; `layers` in metres. `oil`: how the fluid answers, if not as the skin file says.
+    `spec` says which law and formula. Inputs are SI values by TOML path, every continuous
+    input, with `layers` in metres. `oil` is how the fluid answers, if not as the skin file
+    says.
     """
     parts = skin_parts(spec, inputs)
     electrodes = parts.electrodes

@@ -28,8 +28,8 @@ def plot_sensor(
 ) -> Figure:
     """Draw predicted against measured counts, residuals over the pad, and the constants.
 
-    `file`: where to write the figure; its ending chooses the format. `posterior`: samples of
-    the constants, drawn behind the ellipses of the fit.
+    The ending of the file chooses the figure's format. Samples of the constants, `posterior`,
+    are drawn behind the ellipses of the fit.
     """
     figure = Figure(figsize=(12.0, 8.0), layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=(3, 2), squeeze=False)[0]

@@ -100,7 +100,7 @@ class Press(eqx.Module):
     def shifted(self, angle: Array | float) -> "Press":
         """The same with the first load moved within its element, on the same mesh.
 
-        `angle`: by which it moves [rad].
+        The load moves by an angle [rad].
         """
         first = first_only(self.angle)
         lengths = jnp.diff(self.meshes.angles, axis=0)

@@ -151,7 +151,7 @@ class SceneStates:
     ) -> Solved:
         """Find the shape of the membrane in some states, and its derivatives.
 
-        `latent`: kinds of errors of the first load that derivatives are wanted by, too.
+        `latent` are kinds of errors of the first load that derivatives are wanted by, too.
         Raises NoDeformation: a state has no equilibrium, or its displacement is not met.
         """
         both = Moving.of({**moving, **dict.fromkeys(latent, 0.0)})

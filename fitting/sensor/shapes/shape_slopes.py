@@ -51,8 +51,8 @@ Shape = Callable[[Array, Array], tuple[Array, AbstractFace]]
 def slopes_of(shape: Shape, values: Array, force: Array, wanted: Array) -> AbstractFace:
     """Derivatives of the faces by each constant, what is known kept.
 
-    `shape`: of constants and forces. `values`: of the constants [constant]. `force`: on the
-    loads [load, state] [N]. `wanted`: one where a displacement is known [load, state].
+    `shape` gives the shape for constants and forces, here constants [constant] and forces on
+    the loads [load, state] [N]. `wanted` is one where a displacement is known [load, state].
     """
     _, push = jax.linearize(shape, values, force)
     loads = force.shape[0]

@@ -72,7 +72,7 @@ class ShapeSolver:
     ) -> None:
         """Prepare.
 
-        `pressed`: states whose only load has errors of its own, which are constants.
+        `pressed` are the states whose only load has errors of its own, which are constants.
         Raises ValueError: `air` or `model` is unknown.
         """
         if model not in MODELS:
