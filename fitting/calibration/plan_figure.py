@@ -34,6 +34,7 @@ def plot_plan(plan: Plan, file: Path | None = None) -> Figure:
         )
         figure.colorbar(shown, ax=left, label="force's error after the presses [%]")
         left.set_ylabel("axial [mm]")
+        left.margins(y=0.1)
     else:
         for row, label in ((0, "before"), (-1, "after")):
             left.plot(at[largest], 100 * plan.errors[row][largest], "o-", ms=3, label=label)
@@ -45,6 +46,8 @@ def plot_plan(plan: Plan, file: Path | None = None) -> Figure:
         left.annotate(
             f"{number + 1}: {press.force:.3g} N",
             (x, y),
+            xytext=(0, 7 if pad else 0),  # above the place's dot
+            textcoords="offset points",
             xycoords="data" if pad else left.get_xaxis_transform(),
             color=CONTACT,
             ha="center",
@@ -54,7 +57,7 @@ def plot_plan(plan: Plan, file: Path | None = None) -> Figure:
     right.plot(range(len(plan.accuracy)), 100 * np.array(plan.accuracy), "o-")
     right.set(
         xlabel="presses",
-        ylabel="median standard deviation of forces over the skin [%]",
+        ylabel="deviation of forces, median over the skin [%]",
         yscale="log",
     )
     for axes in (left, right):
