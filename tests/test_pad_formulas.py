@@ -309,6 +309,20 @@ def test_a_dimension_stiffens_as_less_force_does(
     np.testing.assert_allclose(forces, [*own, *(0.98 * nodes[2].ravel()), *own], rtol=1e-12)
 
 
+def test_errors_of_constants_alone_need_no_solved_states(spec: SkinSpec) -> None:
+    errors = InputErrors(("material.C1",), np.array([[40e3]]), ("C1",), (), spec)
+    table: Any = SimpleNamespace(
+        angle=np.array([-1.0, 1.0]),
+        axial=np.array([-0.02, 0.02]),
+        diameter=6e-3,
+        largest=lambda angle, axial: (np.log(10.0) + 0 * angle[:, None],),
+    )
+    skin = skin_of(spec, contact=False)
+    constants = {"material.C1": errors.directions[:, 0]}
+    found = stiffening.stiffening_of(errors, constants, skin, table, 1)
+    np.testing.assert_allclose(found.at(*np.array([[0.3], [0.01], [4.0]])), 0.1, rtol=1e-6)
+
+
 def test_stiffening_is_linear_between_places_and_forces() -> None:
     """Of a change a + b |angle| + c |axial| + d F, for forces whose range differs by place."""
     angle, axial = np.array([0.0, 0.6]), np.array([0.0, 0.03])

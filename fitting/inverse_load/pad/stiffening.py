@@ -106,7 +106,7 @@ def stiffening_of(
 
     change = kept_arrays(name, solved)["change"] if steps else np.zeros((2, 2, 2, 0))
     share = np.array([mechanical[path] / step for path, step in steps.items()])
-    return Stiffening(even, share.reshape(len(steps), -1).T, *edges, force, change)
+    return Stiffening(even, share.reshape(len(steps), len(errors)).T, *edges, force, change)
 
 
 def _by_constant(spec: SkinSpec, path: str, size: float) -> float:
