@@ -136,10 +136,13 @@ class PressModel:
             so.append(np.asarray(found.so).T)
             columns = [COMPILED.run(_along, skin, loads, found.state, *by) for by in along]
             slopes.append(np.stack([np.asarray(column).T for column in columns], 1))
-        both = np.concatenate(so), np.concatenate(slopes)
-        change, moved = (x[:-1] - x[-1] for x in (both[0], both[1][:, : len(tangents)]))
-        by_press = both[1][:-1, len(tangents) :] * self._scale[..., None]
-        return _Model(change, by_press, moved)
+        readings, moved = np.concatenate(so), np.concatenate(slopes)
+        by_error, by_press = moved[:, : len(tangents)], moved[:-1, len(tangents) :]
+        return _Model(
+            readings[:-1] - readings[-1],
+            by_press * self._scale[..., None],
+            by_error[:-1] - by_error[-1],
+        )
 
 
 def _on(skin: Skin, mesh: PadPlan | None) -> Skin:
