@@ -33,7 +33,6 @@ from fitting.inverse_load.pad.uneven import (
     Line,
     _changed,
     force_shares,
-    misfit,
 )
 from suas_jax.config import InputErrors, SkinSpec, load_skin
 from suas_jax.config.geometry import SheetSpec
@@ -115,6 +114,18 @@ def linear_table(
 
 
 # --- the table of a pad that is not its own mirror image ---
+
+
+def misfit(table: PadTable, places: Floats, force: Floats, found: Column) -> float:
+    """Root mean square of what `force_shares` leaves, over that of the change from rest."""
+    share = force_shares(table, places, force, found)
+    loads = np.column_stack(
+        [np.repeat(places, force.shape[1], 0), (force * (1 + share)).reshape(-1)]
+    )
+    so = PadInterpolant(table)(loads, 1).readings[:, :-1].reshape(found.so.shape)
+    good = np.isfinite(found.so) & found.found[..., None]
+    left, change = (np.where(good, found.so - x, 0.0) for x in (so, table.rest))
+    return float(np.sqrt(np.sum(left**2) / np.sum(change**2)))
 
 
 def test_a_softer_unit_is_the_even_pad_under_more_force_with_taxels_of_its_own() -> None:

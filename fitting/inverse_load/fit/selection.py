@@ -252,7 +252,7 @@ class Selection:
         return self.pairs.of_one_more(y, weight, best.parameters[i], best.so[i], count - 1)
 
     def _followed(self, y: Any, weight: Any) -> Explanations | None:
-        """Live: as many contacts as before, two or more, where they leave nothing but noise."""
+        """Live: as many contacts as before, two or more, where they explain the readings."""
         last = self.last
         if last is None or last.contacts[0] < 2:
             return None

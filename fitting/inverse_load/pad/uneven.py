@@ -9,8 +9,7 @@ at rest 0 ::
 
     u = u_0 + (b / b_even) (u_even(F (1 + e)) - u_0,even),    p = p_even(F (1 + e)) / (1 + e)
 
-What of the unit is no such share, a dent of another width above all, is left out; `misfit` says
-how large it is.
+What of the unit is no such share, a dent of another width above all, is left out.
 """
 
 from collections.abc import Callable
@@ -113,18 +112,6 @@ def force_shares(table: PadTable, places: Floats, force: Floats, found: Column) 
         before = share[:, k - 1] if k else np.zeros(count)
         share[:, k] = np.where(found.found[:, k], share[:, k], before)
     return np.asarray(share)
-
-
-def misfit(table: PadTable, places: Floats, force: Floats, found: Column) -> float:
-    """Root mean square of what `force_shares` leaves, over that of the change from rest."""
-    share = force_shares(table, places, force, found)
-    loads = np.column_stack(
-        [np.repeat(places, force.shape[1], 0), (force * (1 + share)).reshape(-1)]
-    )
-    so = PadInterpolant(table)(loads, 1).readings[:, :-1].reshape(found.so.shape)
-    good = np.isfinite(found.so) & found.found[..., None]
-    left, change = (np.where(good, found.so - x, 0.0) for x in (so, table.rest))
-    return float(np.sqrt(np.sum(left**2) / np.sum(change**2)))
 
 
 def uneven_table(
