@@ -116,7 +116,7 @@ def linear_table(
 # --- the table of a pad that is not its own mirror image ---
 
 
-def misfit(table: PadTable, places: Floats, force: Floats, found: Column) -> float:
+def misfit(table: PadTable, places: np.ndarray, force: np.ndarray, found: Column) -> float:
     """Root mean square of what `force_shares` leaves, over that of the change from rest."""
     share = force_shares(table, places, force, found)
     loads = np.column_stack(
