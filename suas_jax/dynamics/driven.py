@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from suas_jax.config import SkinSpec
+from suas_jax.config import SceneSpec, SkinSpec
 from suas_jax.constitutive.relaxation import Past, PronySeries, Response
 from suas_jax.equilibrium.balance import Problem, State, Verification, verify
 from suas_jax.equilibrium.continuation import LoadStepping
@@ -51,6 +51,16 @@ class Travels(NamedTuple):
 
     length: Float[Array, " body"]  # of each of them [m]
     slope: Float[Array, "body body"]  # of the logarithms of the forces by those of the travels
+
+
+class Step(NamedTuple):
+    """A step in time that is tried."""
+
+    values: Values  # at its end
+    before: Travels  # of bodies that are pressed by forces, at its begin
+    past: Past  # what the material remembers at its begin
+    length: Array  # [s]
+    guessed: Bool[Array, ""]  # whether it starts at what is expected at its end
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,32 +96,21 @@ class AbstractDriven(abc.ABC):
         return jnp.reshape(values.get(FACTOR, jnp.ones(())), 1)
 
     def balanced(
-        self,
-        start: State,
-        values: Values,
-        travels: Travels,
-        before: Travels,
-        past: Past,
-        step: Array,
-        guessed: Bool[Array, ""],
+        self, start: State, travels: Travels, step: Step
     ) -> tuple[Equilibrium, Travels]:
         """The equilibrium at the end of a step.
 
         Args:
             start: from which the path begins.
-            values: at the end.
             travels: of bodies that are pressed by forces, to begin with.
-            before: the same at the begin of the step.
-            past: what the material remembers at the begin of the step.
-            step: its length [s].
-            guessed: whether the start is expected at these values, no equilibrium of others.
+            step: what changes.
         """
-        del before
-        problem = self.answering(values, travels, past.seen(self.series, step))
-        level = self.level(values)
+        past = step.past.seen(self.series, step.length)
+        problem = self.answering(step.values, travels, past)
+        level = self.level(step.values)
         y = BorderedVector(start.q, start.pressure if problem.oil.trapped else None)
         # The residual is linear in dead loads, not in how far a body has come.
-        begin = level if self.touched else jnp.where(guessed, level, start.factor)
+        begin = level if self.touched else jnp.where(step.guessed, level, start.factor)
         # A membrane with a past has no equilibrium without loads at hand: paths that are
         # lost begin anew where they began.
         path = problem, y, begin, level, LoadStepping()
@@ -169,33 +168,26 @@ class DrivenSkin(AbstractDriven):
         return self.parts(values, travels)[1]
 
     def balanced(
-        self,
-        start: State,
-        values: Values,
-        travels: Travels,
-        before: Travels,
-        past: Past,
-        step: Array,
-        guessed: Bool[Array, ""],
+        self, start: State, travels: Travels, step: Step
     ) -> tuple[Equilibrium, Travels]:
         """The equilibrium, and travels at which bodies carry their forces; see the base."""
         find = super().balanced
 
         def found(start: State, travels: Travels) -> Equilibrium:
-            return find(start, values, travels, before, past, step, guessed)[0]
+            return find(start, travels, step)[0]
 
         if not self.pressed:
             return found(start, travels), travels
 
         def forces(travels: Travels, at: Equilibrium) -> Array:
-            parts, problem = self.parts(values, travels)
+            parts, problem = self.parts(step.values, travels)
             stress = membrane_of(problem).deviator(at.state.q)
-            after = past.after(self.series, step, stress).relaxed(self.series)
+            after = step.past.after(self.series, step.length, stress).relaxed(self.series)
             return self.forces(parts, answering(problem, after), at.state)
 
-        wanted = jnp.stack([values[f"load.{i}.force"] for i in self.pressed])
+        wanted = jnp.stack([step.values[f"load.{i}.force"] for i in self.pressed])
         first = FIRST * self.scene.scene.geometry.mean_thickness
-        return _under_forces(found, forces, start, wanted, (travels, before), first)
+        return _under_forces(found, forces, start, wanted, (travels, step.before), first)
 
     def forces(self, parts: SceneParts, problem: Problem, state: State) -> Array:
         """What bodies that are pressed by forces carry, as reports tell it [N]."""
@@ -222,6 +214,14 @@ def series_of(skin: SkinSpec, inputs: Inputs) -> PronySeries:
         return jnp.stack([jnp.asarray(x, float) for x in values] or [jnp.zeros(())])[:count]
 
     return PronySeries(terms("g"), terms("tau"))
+
+
+def responding(scene: SceneSpec, response: str) -> SceneSpec:
+    """The scene with one of its material's two elastic responses."""
+    if scene.material.relaxation is None:
+        return scene
+    material = scene.material.model_copy(update={"response": response})
+    return scene.model_copy(update={"material": material})
 
 
 def membrane_of(problem: Problem) -> Shell | Solid | Pad:
@@ -323,20 +323,7 @@ def _under_forces(
     none = jax.tree.map(jnp.zeros_like, jax.eval_shape(found, start, lengths(x)))
     count, false = jnp.zeros((), jnp.int32), jnp.zeros((), bool)
     search = _Search(
-        *(
-            x,
-            travels.slope,
-            start,
-            near,
-            x,
-            false,
-            never,
-            none,
-            x,
-            none.iterations,
-            count,
-            false,
-        )
+        x, travels.slope, start, near, x, false, never, none, x, none.iterations, count, false
     )
     end = jax.lax.while_loop(lambda at: ~at.done & (at.runs < _MOST_TRAVELS), attempt, search)
     lost = index_of("no_convergence")

@@ -27,7 +27,7 @@ from jaxtyping import Float
 
 from suas_jax.config import SceneSpec, continuous_inputs, with_inputs, with_solve
 from suas_jax.config.csv_table import number_in, read_csv_table
-from suas_jax.dynamics.driven import FACTOR
+from suas_jax.dynamics.driven import FACTOR, responding
 from suas_jax.dynamics.film import Film, film_of
 from suas_jax.dynamics.history_gradient import history_gradient, reason_against, record
 from suas_jax.dynamics.steps import Moment, Rows, at_rest, through
@@ -263,7 +263,7 @@ class _Errors(NamedTuple):
     @classmethod
     def at(cls, scene: SceneSpec) -> "_Errors":
         """Errors under a scene's loads."""
-        held, models = _responding(scene, "long-term"), MODELS[scene.geometry.dimension]
+        held, models = responding(scene, "long-term"), MODELS[scene.geometry.dimension]
 
         def solved(name: str) -> Solution:
             model = models[name]
@@ -300,14 +300,6 @@ class _Errors(NamedTuple):
         return cls(found.plan, np.nan, np.nan, size)
 
 
-def _responding(scene: SceneSpec, response: str) -> SceneSpec:
-    """The scene with one of its material's two elastic responses."""
-    if scene.material.relaxation is None:
-        return scene
-    material = scene.material.model_copy(update={"response": response})
-    return scene.model_copy(update={"material": material})
-
-
 @dataclasses.dataclass(frozen=True)
 class _Follower:
     """Follows one scene on one mesh."""
@@ -336,7 +328,7 @@ class _Follower:
 
         Raises SweepError: there is no such row, or the history has no derivatives.
         """
-        known = Structure(_responding(self.course.scene, "instantaneous")), self.errors.plan
+        known = Structure(responding(self.course.scene, "instantaneous")), self.errors.plan
         reason = reason_against(*known, self.film.included)
         if reason is not None:
             raise SweepError(f"--gradient: this history can't be differentiated: {reason}")
@@ -360,7 +352,7 @@ class _Follower:
         if any(p["status"] != "converged" for p in own):
             return None
         wall = course.scene.wall.contact and any(p["wall_contact"] for p in own)
-        spec = _responding(course.scene, "instantaneous")
+        spec = responding(course.scene, "instantaneous")
         known = Structure(spec, wall=wall), self.errors.plan, inputs_of(spec)
         rows, _ = course.block(0, row + 1)
         tolerance = np.asarray(_STEP_SHARE * course.scene.rtol)
@@ -372,7 +364,7 @@ class _Follower:
         self, first: int, moment: Moment | Moving | None, *, wall: bool
     ) -> tuple[list[dict[str, Any]], Moment | Moving]:
         course = self.course
-        spec = _responding(course.scene, "instantaneous")
+        spec = responding(course.scene, "instantaneous")
         known = Structure(spec, wall=wall), self.errors.plan, inputs_of(spec)
         rows, count = course.block(first, _BLOCK)
         moves = self.film.included

@@ -25,6 +25,7 @@ from suas_jax.constitutive.relaxation import Past, Response
 from suas_jax.dynamics.driven import (
     AbstractDriven,
     DrivenSkin,
+    Step,
     Travels,
     Values,
     answering,
@@ -249,8 +250,8 @@ def attempt(skin: AbstractDriven, now: Moment, row: Rows, tolerance: Array) -> M
     here = now.state, now.travels.length
     expected, length = jax.tree.map(lambda a, b: a + step * b, here, now.pace)
     guessed = (step > 0) & jnp.any(now.pace[0].q != 0)
-    guess = expected, values, now.travels._replace(length=length), now.travels
-    found, travels = skin.balanced(*guess, now.past, step, guessed)
+    way = Step(values, now.travels, now.past, step, guessed)
+    found, travels = skin.balanced(expected, now.travels._replace(length=length), way)
     # A step that leads nowhere is tried again without a guess, and then made shorter.
     failed = jnp.any(found.result != 0)
     length = jnp.where(jumps, now.stride, step / jnp.where(jumps, 1.0, row.end - row.begin))

@@ -32,7 +32,6 @@ def plot_pad(
     file: Path | None = None,
     *,
     label: str = "sensor output [counts]",
-    numbers: bool = False,
 ) -> Figure:
     """Draw every taxel as the disc it is, in the colour of its value.
 
@@ -43,7 +42,6 @@ def plot_pad(
         values: one a taxel, in the order of the report's `taxels`.
         file: where to write the figure; its ending chooses the format.
         label: of the colour bar, with the unit.
-        numbers: write module.taxel on every disc.
 
     Raises:
         ValueError: the skin has no electrodes, or values don't match its taxels.
@@ -68,9 +66,6 @@ def plot_pad(
     patches.get_cmap().set_bad("0.9")
     axes.add_collection(patches)
     axes.plot(*[c[np.isnan(value)] for c in (x, y)], "x", color=CONTACT, ms=6)
-    if numbers:
-        for a, b, m, k in zip(x, y, taxels.module, taxels.number, strict=True):
-            axes.text(a, b, f"{m}.{k}", ha="center", va="center", fontsize=5)
     axes.set(
         xlim=(-length, length),
         ylim=(-width, width),

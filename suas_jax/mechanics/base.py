@@ -68,6 +68,10 @@ class Displacements(NamedTuple):
 class AbstractMechanics(eqx.Module):
     """A membrane: strain energy, enclosed volume, the work of its loads.
 
+    Methods take a state: its unknowns `q`, of the part that is discretised or, to be shown, of
+    the whole membrane; the net pressure on the inner face, oil less external [Pa]; and the
+    dimensionless `factor` on all dead loads and on the travel of bodies. A `body` is placed.
+
     Attributes:
         per_width: whether energies, forces and volumes are per unit of width; else they
             are totals.
@@ -109,24 +113,12 @@ class AbstractMechanics(eqx.Module):
 
     @abc.abstractmethod
     def assemble(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Assembly:
-        """Residual and its derivatives at a trial state.
-
-        Args:
-            q: unknowns.
-            pressure: net pressure on the inner face, oil less external [Pa].
-            factor: dimensionless factor on all line loads, and on the travel of bodies.
-        """
+        """Residual and its derivatives at a trial state."""
 
     def imbalance(
         self, q: StationVector, pressure: Lanes, factor: Lanes
     ) -> tuple[StationVector, Lanes]:
-        """Residual and volume change of `assemble`, for derivatives by anything.
-
-        Args:
-            q: unknowns.
-            pressure: net pressure on the inner face, oil less external [Pa].
-            factor: dimensionless factor on all line loads.
-        """
+        """Residual and volume change of `assemble`, for derivatives by anything."""
         a = self.assemble(q, pressure, factor)
         return a.residual, a.volume_change
 
@@ -144,20 +136,13 @@ class AbstractMechanics(eqx.Module):
 
     @abc.abstractmethod
     def contact_energy(self, q: StationVector, factor: Lanes | float = 1.0) -> Lanes:
-        """Energy of contact with wall and bodies per width [J/m]; zero without them.
-
-        Args:
-            q: unknowns.
-            factor: on the travel of bodies.
-        """
+        """Energy of contact with wall and bodies per width [J/m]; zero without them."""
 
     @abc.abstractmethod
     def contact(self, q: StationVector, wall: Wall) -> ContactState:
         """The inner face against a wall, which needn't be the mechanics' own.
 
-        Args:
-            q: unknowns.
-            wall: where it is, and how it answers.
+        `wall`: where it is, and how it answers.
         """
 
     @abc.abstractmethod
@@ -166,20 +151,13 @@ class AbstractMechanics(eqx.Module):
     ) -> BodyContact:
         """The outer face against a body.
 
-        Args:
-            q: unknowns.
-            body: where it is.
-            shift: added to the gaps [m].
+        `shift`: added to the gaps [m].
         """
 
     def gap_shift(self, q: StationVector, body: PlacedBody) -> Array | None:
         """What the omitted energy adds to the gaps to a body, to first order [m].
 
         None where the model leaves out nothing there.
-
-        Args:
-            q: unknowns.
-            body: where it is.
         """
         del q, body
         return None
@@ -188,10 +166,6 @@ class AbstractMechanics(eqx.Module):
         """What a body touches of a membrane thinner than the zone of contact is wide.
 
         None where the points of the face tell it.
-
-        Args:
-            q: unknowns.
-            body: where it is.
         """
         del q, body
         return None
@@ -202,28 +176,18 @@ class AbstractMechanics(eqx.Module):
 
     @abc.abstractmethod
     def shape(self, q: StationVector) -> AbstractShape:
-        """The deformed membrane, sampled.
-
-        Args:
-            q: unknowns of the whole membrane.
-        """
+        """The deformed membrane, the whole of it, sampled."""
 
     @abc.abstractmethod
     def under(self, q: StationVector, load: Any) -> Displacements:
         """How the membrane moves under the centre of a load [component, lane].
 
-        Args:
-            q: unknowns.
-            load: one of those that the mechanics was built for.
+        `load`: one of those that the mechanics was built for.
         """
 
     @abc.abstractmethod
     def face(self, q: StationVector) -> AbstractFace:
-        """The deformed inner face, ready to be asked for gaps.
-
-        Args:
-            q: unknowns of the whole membrane.
-        """
+        """The deformed inner face of the whole membrane, ready to be asked for gaps."""
 
     @abc.abstractmethod
     def mirrored(self, q: StationVector) -> StationVector:
@@ -233,9 +197,7 @@ class AbstractMechanics(eqx.Module):
     def to_comparison_mesh(self, q: StationVector, counts: tuple[int, ...]) -> StationVector:
         """The same deformation on a mesh that errors are estimated with.
 
-        Args:
-            q: unknowns.
-            counts: elements of that mesh, one of `AbstractPlan.comparisons`.
+        `counts`: elements of that mesh, one of `AbstractPlan.comparisons`.
         """
 
     @property
@@ -255,9 +217,6 @@ class AbstractMechanics(eqx.Module):
         """Mean force along the arc per width of the membrane, positive in tension [N/m].
 
         What makes the membrane longer does work against it.
-
-        Args:
-            q: unknowns.
         """
         growth = self.growth or Growth.none()
         free, zero = self.with_wall(None), jnp.zeros_like(self.mid_extent)
@@ -278,22 +237,12 @@ class AbstractMechanics(eqx.Module):
         return any(body.friction is not None for body in self.bodies)
 
     def grip(self, q: StationVector, body: PlacedBody) -> Grip | None:
-        """How a body's friction holds the outer face; None without friction.
-
-        Args:
-            q: unknowns.
-            body: where it is.
-        """
+        """How a body's friction holds the outer face; None without friction."""
         del q, body
         return None
 
     def gripped(self, q: StationVector, factor: Lanes) -> Self:
-        """The same membrane, the bound of friction that of a state.
-
-        Args:
-            q: unknowns.
-            factor: on the travel of bodies.
-        """
+        """The same membrane, the bound of friction that of a state."""
         bodies = [body.holding(None) for body in self.bodies]
         return self.with_bodies(
             [body.holding(self.grip(q, body.placed(factor))) for body in bodies]
@@ -338,10 +287,6 @@ class AbstractMechanics(eqx.Module):
         """Derivative, by the free unknowns, of the energy that the model leaves out [N/m].
 
         None where it leaves out nothing.
-
-        Args:
-            q: unknowns.
-            factor: dimensionless factor on all line loads.
         """
         del q, factor
         return None

@@ -5,6 +5,7 @@ its name in `suas_jax.mechanics.registry`; nothing else tells models apart.
 """
 
 import abc
+import dataclasses
 from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -14,6 +15,7 @@ import numpy as np
 from suas_jax.config import SceneSpec
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.mechanics.base import AbstractMechanics
+from suas_jax.mesh.plan import MeshPlan
 from suas_jax.skin.body import Body
 from suas_jax.skin.geometry import SkinGeometry
 
@@ -67,6 +69,28 @@ class AbstractPlan(eqx.Module):
     def meshes(self) -> "Meshes":
         """The meshes that a solve works on, for this one of the whole membrane."""
         return Meshes(self, self.reduced(), self.comparisons(), None)
+
+
+class AbstractArcPlan(AbstractPlan):
+    """A mesh of the section, by its stations along the arc.
+
+    Attributes:
+        arc: where the elements lie along the arc.
+    """
+
+    dimension: ClassVar[int] = 2
+    arc: eqx.AbstractVar[MeshPlan]
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether it covers the left half only."""
+        return self.arc.symmetric
+
+    def reduced(self) -> Self:
+        """The left half where stations and loads are symmetric."""
+        if not self.arc.mirrors_itself:
+            return self
+        return dataclasses.replace(self, arc=self.arc.half())
 
 
 class Meshes(NamedTuple):

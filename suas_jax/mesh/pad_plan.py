@@ -122,15 +122,14 @@ class PadPlan(eqx.Module):
         )
 
 
-def footprint(load: PadLoad, outer_size: float, lane: int = 0) -> Footprint:
-    """A load's place in one lane.
+def footprint(load: PadLoad, outer_size: float) -> Footprint:
+    """A load's place in the first lane.
 
     `load`: with known numbers. `outer_size`: length of the outer face per angle [m].
     """
 
     def number(x: Array) -> float:
-        values = np.asarray(x)
-        return float(values[min(lane, len(values) - 1)])
+        return float(np.asarray(x)[0])
 
     arc, length = (number(x) for x in load.extent())
     disc = load.diameter is not None

@@ -155,15 +155,15 @@ def _across(skin: Skin, loads: Loads, y: BorderedVector, state: State) -> Array:
     return jnp.concatenate([jnp.stack(so), pressure], 1)
 
 
-def extrapolation(levels: np.ndarray, order: int = 3) -> np.ndarray:
-    """Weights of earlier states in a polynomial of an order at the next of the levels to visit.
+def extrapolation(levels: np.ndarray) -> np.ndarray:
+    """Weights of earlier states in a cubic polynomial at the next of the levels to visit.
 
     A row a level, a column for rest and each level but the last.
     """
     weights = np.zeros((len(levels), len(levels)))
     places = np.concatenate([[0.0], levels])
     for i, level in enumerate(levels):
-        used = range(max(0, i - order), i + 1)
+        used = range(max(0, i - 3), i + 1)
         for k in used:
             others = [places[j] for j in used if j != k]
             weights[i, k] = np.prod([(level - x) / (places[k] - x) for x in others])

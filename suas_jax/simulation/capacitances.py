@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from suas_jax.acquisition.baseline import Baseline
 from suas_jax.config import SceneSpec
+from suas_jax.dynamics.driven import responding
 from suas_jax.runtime.jit import jit
 from suas_jax.runtime.settings import configure
 from suas_jax.scene.forward import forward
@@ -24,7 +25,7 @@ from suas_jax.simulation.pad_frames import (
     pad_path,
     same_mesh,
 )
-from suas_jax.simulation.remembering import followed_pad, followed_section, instantaneous
+from suas_jax.simulation.remembering import followed_pad, followed_section
 from suas_jax.skin.plain import clamped_edge
 from suas_jax.skin.section import AbstractSection
 
@@ -43,7 +44,7 @@ def capacitances(
     Raises NoSolutionError: some loads have no equilibrium.
     """
     remembers = path.scene.material.relaxation is not None
-    scene = instantaneous(path.scene) if remembers else path.scene
+    scene = responding(path.scene, "instantaneous")
     if scene.geometry.dimension == 3:
         if remembers:
             return _remembering_pad(dataclasses.replace(path, scene=scene), time, progress)

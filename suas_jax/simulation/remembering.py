@@ -94,12 +94,6 @@ def _pad_block(
     return _block(driven, electrodes, rows, start)
 
 
-def instantaneous(scene: SceneSpec) -> SceneSpec:
-    """The scene with the law that its material answers with at once."""
-    material = scene.material.model_copy(update={"response": "instantaneous"})
-    return scene.model_copy(update={"material": material})
-
-
 def followed_section(
     scene: SceneSpec,  # that remembers, with the instantaneous response
     skins: tuple[Skin, Skin],  # without and with its wall

@@ -73,6 +73,30 @@ class AbstractCurve(eqx.Module):
         return direction
 
 
+class AbstractArc(AbstractCurve):
+    """A curve by the angle of scenes, alike on both sides of the crown.
+
+    Attributes:
+        last: angle of the right clamp [rad].
+    """
+
+    last: eqx.AbstractVar[Lanes]
+
+    @property
+    def symmetric(self) -> bool:
+        """Always."""
+        return True
+
+    def edges(self) -> Float[Array, "edge lane"]:
+        """The clamps [rad]."""
+        return jnp.stack([-self.last, self.last])
+
+    def given_angle(self, parameter: Array, direction: Array) -> Array:
+        """The parameter."""
+        del direction
+        return parameter
+
+
 _FIELDS = ("parameter", "arc", "direction", "mid_direction", "thickness", "x", "y")
 """What is tabulated: the curve's parameter, arc length and normal of the inner face, normal of
 the mid-line, thickness, position of the inner face."""

@@ -60,14 +60,6 @@ class PadLane(AbstractLane):
         """See `Pad.deviator`."""
         return deviator(self.law, self.surface(self.net.gather(q)), self.fibres)
 
-    def strain_energy(self, q: Array) -> Array:
-        """Strain energy [J]."""
-        return self.energies(q)[0]
-
-    def volume_change(self, q: Array) -> Array:
-        """Enclosed volume less its value at rest [m^3]."""
-        return self.energies(q)[1]
-
     def _swelling(self) -> Array | float:
         """Growth of the membrane's lower half, which takes room below it, per area [m]."""
         if self.growth is None:
@@ -78,10 +70,6 @@ class PadLane(AbstractLane):
 
     def _layers(self, rest: Rest) -> Layers:
         return layers(self.layer_count, rest, self.growth)
-
-    def work(self, q: Array) -> Array:
-        """Work of the loads at unit factor [J]."""
-        return self.energies(q)[2]
 
     def energies(self, q: Array) -> tuple[Array, Array, Array]:
         """Strain energy, volume change and work of the loads."""

@@ -140,6 +140,12 @@ class Pad(AbstractMechanics):
             response = Response(response.share, response.rest[..., 0])
         return PadLane(self._lane_parts(), response)
 
+    def _shell_lane(self) -> PadLane:
+        """The same of a shell, which knows what it leaves out."""
+        lane = self.one_lane()
+        assert isinstance(lane, PadLane)
+        return lane
+
     def _lane_parts(self) -> LaneParts:
         points = jax.tree.map(lambda x: x[..., 0], self.points)
         quadrature = (self.gauss, self.layers)
@@ -150,13 +156,7 @@ class Pad(AbstractMechanics):
 
     def deviator(self, q: StationVector) -> Float[Array, "4 layer point lane"]:
         """Instantaneous stress that the material remembers; see `fibres.deviator`."""
-
-        def remembered(pad: "Pad", q: Array) -> Array:
-            lane = pad.one_lane()
-            assert isinstance(lane, PadLane)
-            return lane.deviator(q)
-
-        return by_lane(self, remembered, q)
+        return by_lane(self, lambda pad, q: pad._shell_lane().deviator(q), q)
 
     def strain_energy(self, q: StationVector) -> Lanes:
         """Strain energy [J]."""
@@ -201,13 +201,8 @@ class Pad(AbstractMechanics):
 
     def stored_energy(self, q: StationVector) -> Lanes:
         """Strain energy, less that of shear: q has the displacement by shear in it [J]."""
-
-        def relaxed(pad: "Pad", q: Array) -> Array:
-            lane = pad.one_lane()
-            assert isinstance(lane, PadLane)
-            return lane.relaxed_energy(q)
-
-        return self.strain_energy(q) - by_lane(self, relaxed, q)
+        relaxed = by_lane(self, lambda pad, q: pad._shell_lane().relaxed_energy(q), q)
+        return self.strain_energy(q) - relaxed
 
     @classmethod
     def build(
@@ -353,13 +348,9 @@ class Pad(AbstractMechanics):
 
     def omitted_energy(self, q: StationVector, factor: Lanes) -> Lanes:
         """Energy of shear, clamps and of loads where the membrane thins; see `omitted` [J]."""
-
-        def energy(pad: "Pad", q: Array, factor: Array) -> Array:
-            lane = pad.one_lane()
-            assert isinstance(lane, PadLane)
-            return lane.omitted_energy(q, factor)
-
-        return by_lane(self, energy, q, factor)
+        return by_lane(
+            self, lambda pad, *given: pad._shell_lane().omitted_energy(*given), q, factor
+        )
 
     def omitted_gradient(self, q: StationVector, factor: Lanes) -> StationVector | None:
         """Derivative of the omitted energy by the unknowns that are free; see the base."""

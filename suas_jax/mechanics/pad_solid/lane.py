@@ -90,10 +90,6 @@ class SolidLane(AbstractLane):
         density = points.energy_density(self.law, points.green(L), self.growth)
         return jnp.sum(self.areas.reshape(-1) * self.geometry.volume * density)
 
-    def volume_change(self, q: Array) -> Array:
-        """Enclosed volume less its value at rest [m^3]."""
-        return self._enclosed(self.net.gather(q))[0]
-
     def _enclosed(self, qe: ElementVector) -> tuple[Array, inner_volume.Swept]:
         values = self.values(qe)
         inner = jnp.moveaxis(values[:, :, :3], 2, 1).reshape(3, 3, -1)
@@ -111,19 +107,13 @@ class SolidLane(AbstractLane):
             points.PENALTY * change**2 / 2 - (pressure / modulus) ** 2 / points.MULTIPLIER / 2
         )
         held = jnp.sum(self.areas.reshape(-1) * self.geometry.volume * bound)
-        return self._stored(moved) + held, self._enclosed(qe)[0], self._work(qe)
-
-    def work(self, q: Array) -> Array:
-        """Work of the loads at unit factor [J]."""
-        return self._work(self.net.gather(q))
+        outer = pad_loads.interpolated(self._spots(), self._level(qe, -1))
+        work = jnp.sum(self.points.force * outer[0])
+        return self._stored(moved) + held, self._enclosed(qe)[0], work
 
     def _spots(self) -> pad_loads.Spots:
         at = self.points.angle, self.points.axial
         return pad_loads.spots(self.net, self.section, at, KINDS[:1])
-
-    def _work(self, qe: ElementVector) -> Array:
-        moved = pad_loads.interpolated(self._spots(), self._level(qe, -1))
-        return jnp.sum(self.points.force * moved[0])
 
     def _level(self, qe: ElementVector, index: int) -> ElementVector:
         """The displacement of one level: 0 is the inner face, -1 the outer one."""

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from suas_jax.config import SceneSpec
 from suas_jax.constitutive.base import AbstractLaw
-from suas_jax.mechanics.model import AbstractModel, AbstractPlan, Counts
+from suas_jax.mechanics.model import AbstractArcPlan, AbstractModel, AbstractPlan, Counts
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.mesh.plan import MeshPlan, load_points
 from suas_jax.mesh.section import plan_section
@@ -17,10 +17,9 @@ _MOST_ELEMENTS = 512
 _STRICT = 2e-3  # tolerance that the smallest meshes rarely meet
 
 
-class ShellPlan(AbstractPlan):
+class ShellPlan(AbstractArcPlan):
     """Elements along the arc."""
 
-    dimension: ClassVar[int] = 2
     arc: MeshPlan  # where they lie
 
     @property
@@ -37,15 +36,6 @@ class ShellPlan(AbstractPlan):
     def unknowns_shape(self) -> tuple[int, int]:
         """See the base class."""
         return (4, self.arc.elements + 1)
-
-    @property
-    def symmetric(self) -> bool:
-        """Whether it covers the left half only."""
-        return self.arc.symmetric
-
-    def reduced(self) -> "ShellPlan":
-        """The left half where stations and loads are symmetric."""
-        return ShellPlan(self.arc.half()) if self.arc.mirrors_itself else self
 
     def comparisons(self) -> tuple["ShellPlan", ...]:
         """A finer one: solutions cost little."""

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from suas_jax.config import SceneSpec
 from suas_jax.constitutive.base import AbstractLaw
-from suas_jax.mechanics.model import AbstractModel, AbstractPlan, Counts
+from suas_jax.mechanics.model import AbstractArcPlan, AbstractModel, AbstractPlan, Counts
 from suas_jax.mechanics.solid.element import PRESSURES, located, node_weights
 from suas_jax.mechanics.solid.layout import Layout, with_midpoints
 from suas_jax.mechanics.solid.solid import Solid
@@ -71,10 +71,9 @@ _LAYERS = (2, 4, 6, 8)
 _ORDER, _ORDER_ACROSS = 2.2, 2.0
 
 
-class SolidPlan(AbstractPlan):
+class SolidPlan(AbstractArcPlan):
     """Elements along the arc and through the thickness."""
 
-    dimension: ClassVar[int] = 2
     arc: MeshPlan  # where they lie along the arc
     layers: int = eqx.field(static=True)  # how many through the thickness
 
@@ -93,15 +92,6 @@ class SolidPlan(AbstractPlan):
         """See the base class."""
         layout = Layout(self.arc.elements, self.layers)
         return (layout.size, layout.elements + 1)
-
-    @property
-    def symmetric(self) -> bool:
-        """Whether it covers the left half only."""
-        return self.arc.symmetric
-
-    def reduced(self) -> "SolidPlan":
-        """The left half where stations and loads are symmetric."""
-        return SolidPlan(self.arc.half(), self.layers) if self.arc.mirrors_itself else self
 
     def comparisons(self) -> tuple["SolidPlan", ...]:
         """Pairs of elements joined along the arc, and pairs of layers where they are even.

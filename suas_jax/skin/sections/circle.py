@@ -2,16 +2,15 @@
 
 from collections.abc import Callable
 
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from suas_jax.config.geometry import GeometrySpec
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.skin.charted import AbstractCurve
+from suas_jax.skin.charted import AbstractArc
 from suas_jax.skin.section import outward
 
 
-class CircularArc(AbstractCurve):
+class CircularArc(AbstractArc):
     """By the angle from the symmetry axis, which is the one of scenes."""
 
     radius: Lanes  # of the inner face [m]
@@ -21,23 +20,9 @@ class CircularArc(AbstractCurve):
     def of(cls, spec: GeometrySpec, value: Callable[[str], Lanes]) -> "CircularArc":
         """See the base class."""
         del spec
-        return cls(value("inner_radius"), value("half_angle"))
-
-    @property
-    def symmetric(self) -> bool:
-        """See the base class."""
-        return True
-
-    def edges(self) -> Float[Array, "edge lane"]:
-        """The clamps [rad]."""
-        return jnp.stack([-self.last, self.last])
+        return cls(radius=value("inner_radius"), last=value("half_angle"))
 
     def position(self, parameter: Array, interval: Array) -> Float[Array, "2 *shape"]:
         """See the base class."""
         del interval
         return self.radius * outward(parameter)
-
-    def given_angle(self, parameter: Array, direction: Array) -> Array:
-        """The parameter."""
-        del direction
-        return parameter

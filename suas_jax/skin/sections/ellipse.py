@@ -7,10 +7,10 @@ from jaxtyping import Array, Float
 
 from suas_jax.config.geometry import GeometrySpec
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.skin.charted import AbstractCurve
+from suas_jax.skin.charted import AbstractArc
 
 
-class Ellipse(AbstractCurve):
+class Ellipse(AbstractArc):
     """x = a sin t, y = b cos t; the angle of scenes is t."""
 
     semi_axes: tuple[Lanes, Lanes]  # a and b [m]
@@ -21,24 +21,10 @@ class Ellipse(AbstractCurve):
         """See the base class."""
         del spec
         axes = value("inner_semi_axes.0"), value("inner_semi_axes.1")
-        return cls(axes, value("half_angle"))
-
-    @property
-    def symmetric(self) -> bool:
-        """See the base class."""
-        return True
-
-    def edges(self) -> Float[Array, "edge lane"]:
-        """The clamps [rad]."""
-        return jnp.stack([-self.last, self.last])
+        return cls(semi_axes=axes, last=value("half_angle"))
 
     def position(self, parameter: Array, interval: Array) -> Float[Array, "2 *shape"]:
         """See the base class."""
         del interval
         a, b = self.semi_axes
         return jnp.stack([a * jnp.sin(parameter), b * jnp.cos(parameter)])
-
-    def given_angle(self, parameter: Array, direction: Array) -> Array:
-        """T."""
-        del direction
-        return parameter
