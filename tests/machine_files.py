@@ -359,6 +359,35 @@ FILES = [
         ).encode(),
     ),
     MachineFile(
+        "Italian, semicolons",
+        (
+            "Larghezza;6;mm\nSpessore;2;mm\nLunghezza iniziale;25;mm\n"
+            "Tempo [s];Spostamento [mm];Forza [N]\n" + rows(TIME, TRAVEL, FORCE, **SEMICOLONS)
+        ).encode(),
+    ),
+    MachineFile(
+        "Spanish, semicolons",
+        (
+            "Ancho;6;mm\nEspesor;2;mm\nLongitud inicial;25;mm\n"
+            "Tiempo [s];Alargamiento [mm];Fuerza [N]\n"
+            + rows(TIME, TRAVEL, FORCE, **SEMICOLONS)
+        ).encode("cp1252"),
+    ),
+    MachineFile(
+        "Spanish stress and strain",
+        (
+            "Deformación [%];Tensión nominal [MPa]\n"
+            + rows(100.0 * (STRETCH - 1.0), stress(STRETCH), **SEMICOLONS)
+        ).encode("cp1252"),
+    ),
+    MachineFile(
+        "Japanese sizes by the marks' distance",
+        (
+            "幅,6,mm\n厚さ,2,mm\n標線間距離,25,mm\n時間(s),試験力(N),ストローク(mm)\n"
+            + rows(TIME, FORCE, TRAVEL)
+        ).encode(),
+    ),
+    MachineFile(
         "Chinese machine, GBK",
         (
             "时间(s),应变(%),工程应力(MPa)\n"

@@ -3,8 +3,8 @@
 import re
 from typing import NamedTuple
 
-# German, French, Chinese and Japanese words, spelled without accents, the longest of alike ones
-# first; in the last two words are not parted by blanks.
+# German, French, Italian, Spanish, Chinese and Japanese words, spelled without accents, the
+# longest of alike ones first; in the last two words are not parted by blanks.
 _WORDS = dict(
     re.findall(
         r"(\S+)=(\S+)",
@@ -30,20 +30,54 @@ _WORDS = dict(
     pression=pressure rapport_de_volume=volume_ratio epaisseur=thickness largeur=width
     longueur_initiale=initial_length longueur=length diametre=diameter temps=time
 
+    forza=force carico=load spostamento=displacement corsa=travel allungamento=elongation
+    deformazione_vera=true_strain deformazione_reale=true_strain
+    deformazione_nominale=nominal_strain deformazione=strain tensione_vera=true_stress
+    tensione_reale=true_stress tensione_nominale=nominal_stress tensione=stress
+    sforzo_nominale=nominal_stress sforzo=stress pressione=pressure larghezza=width
+    spessore=thickness lunghezza_iniziale=initial_length lunghezza=length diametro=diameter
+    altezza=height tempo=time
+
+    fuerza=force carga=load desplazamiento=displacement recorrido=travel
+    alargamiento=elongation deformacion_verdadera=true_strain deformacion_real=true_strain
+    deformacion_nominal=nominal_strain deformacion=strain tension_verdadera=true_stress
+    tension_real=true_stress tension_nominal=nominal_stress esfuerzo_verdadero=true_stress
+    esfuerzo_real=true_stress esfuerzo_nominal=nominal_stress esfuerzo=stress presion=pressure
+    ancho=width espesor=thickness longitud_inicial=initial_length longitud=length altura=height
+    tiempo=time
+
     试验力=test_force 試験力=test_force 载荷=load 负荷=load 荷重=load 真应力=true_stress
     真応力=true_stress 工程应力=nominal_stress 名义应力=nominal_stress 公称応力=nominal_stress
     应力=stress 応力=stress 真应变=true_strain 工程应变=nominal_strain 名义应变=nominal_strain
     应变=strain ひずみ=strain 位移=displacement 変位=displacement 变形=extension
     伸长=elongation 伸び=elongation ストローク=stroke 压力=pressure 圧力=pressure 时间=time
-    時間=time 标距=gauge_length 標点距離=gauge_length 宽度=width 厚度=thickness 厚さ=thickness
-    直径=diameter 面积=area 断面積=area 高度=height 力=force 幅=width
+    時間=time 标距=gauge_length 標点間距離=gauge_length
+    標線間距離=gauge_length 標点距離=gauge_length チャック間距離=grip_separation
+    宽度=width 厚度=thickness 厚さ=thickness 直径=diameter 面积=area 断面積=area 高度=height
+    力=force 幅=width
     """,
     )
 )
 EASTERN_WORDS = tuple(word for word in _WORDS if len(word) > 1 and not word.isascii())
 """Words of tests by which a text's code page is known."""
 _ACCENTS = str.maketrans(
-    {"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "é": "e", "è": "e", "ê": "e", "à": "a"}
+    {
+        "ä": "ae",
+        "ö": "oe",
+        "ü": "ue",
+        "ß": "ss",
+        "é": "e",
+        "è": "e",
+        "ê": "e",
+        "à": "a",
+        "á": "a",
+        "í": "i",
+        "ó": "o",
+        "ú": "u",
+        "ù": "u",
+        "ì": "i",
+        "ò": "o",
+    }
 )
 _FOREIGN = re.compile(rf"(?<![a-z])(?:{'|'.join(_WORDS)})(?![a-z])")
 
