@@ -352,6 +352,14 @@ FILES = [
         specimen=SIZES,
     ),
     MachineFile(
+        "statistics below the readings",
+        (
+            "Stretch,Nominal stress (MPa)\n"
+            + rows(STRETCH, stress(STRETCH))
+            + "\nMean,0.5\nStd. dev.,0.1\n"
+        ).encode(),
+    ),
+    MachineFile(
         "Chinese machine, UTF-8",
         (
             "试样宽度,6,mm\n试样厚度,2,mm\n标距,25,mm\n时间(s),力(N),位移(mm)\n"

@@ -23,6 +23,12 @@ from fitting.material.data.errors import DataError
 
 _HEAD_ROWS = 4  # of names and units above a table
 _BRACKETS = "()[]{}<> "
+# First words of rows about the readings of a table, which may stand below it.
+_STATISTICS = re.compile(
+    r"(?:mean|average|median|min|max|minimum|maximum|range|std|stdev|sd|standard_dev\w*|variance|"
+    r"coefficient|mittelwert|standardabweichung|moyenne|ecart|media|desviacion|deviazione|"
+    r"平均|標準偏差|标准差|最大|最小)(?![a-z])"
+)
 _SPECIMEN_ROW = re.compile(r"specimen|sample|probe|eprouvette|test_?(?:no|number|run)")
 
 
@@ -120,6 +126,8 @@ def _kind(row: list[str]) -> str:
     filled = [cell for cell in row if not is_missing(cell)]
     if not filled:
         return "e"
+    if _STATISTICS.match(plain_words(filled[0])):
+        return "w"
     numbers = sum(looks_numeric(cell) for cell in filled)
     return "n" if numbers and 3 * numbers >= len(filled) else "w"
 
