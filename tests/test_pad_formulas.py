@@ -32,6 +32,7 @@ from fitting.inverse_load.pad.uneven import (
     PROBES,
     Line,
     _changed,
+    contacts_alike,
     force_shares,
 )
 from suas_jax.config import InputErrors, SkinSpec, load_skin
@@ -149,14 +150,34 @@ def test_a_softer_unit_is_the_even_pad_under_more_force_with_taxels_of_its_own()
         force_shares(table, places, force, found), softness - 1, atol=1e-6
     )
     assert misfit(table, places, force, found) < 1e-6
-    share = np.full((*PROBES, len(LEVELS) - 1), softness - 1)
+    own = np.array([0.0, 0.0, softness - 1, 1.0])
+    alike = np.tile(own, (*PROBES, len(LEVELS) - 1))
     nodes = np.linspace(-0.4, 0.4, PROBES[0]), np.linspace(-0.04, 0.04, PROBES[1])
     unit = PadInterpolant(
-        _changed(table, (of_even, of_unit), TensorSpline.through(nodes, share))
+        _changed(table, (of_even, of_unit), TensorSpline.through(nodes, alike))
     )
     seen = unit(loads, 1).readings
     np.testing.assert_allclose(seen[:, :-1], read(loads), rtol=1e-6)
     np.testing.assert_allclose(seen[:, -1], 100 * loads[:, 2], rtol=1e-6)
+
+
+def test_a_unit_that_reads_another_contact_is_told_which() -> None:
+    """Taxels that see places differently: 2 mm and 10 mrad away, 5 % softer, more pressure."""
+    even = linear_table()
+    force = even.cap[..., None] * LEVELS
+    by_angle, by_axial = np.array([1.0, -1.0, 0.5]), np.array([5.0, 10.0, -10.0])
+    place = 1 + even.angle[:, None, None] * by_angle + even.axial[:, None] * by_axial
+    even = dataclasses.replace(even, u=1e-3 - 1e-5 * force[..., None] * place[:, :, None])
+    places = grid(np.array([-0.2, 0.1]), np.array([-0.02, 0.01]))
+    force = 8.0 * LEVELS[LEVELS != 0] * np.ones((4, 1))
+    own = np.array([0.01, 2e-3, 0.05, 1.1])
+    there = places + own[:2]
+    seen = 1 + there[:, :1] * by_angle + there[:, 1:] * by_axial
+    so = 1 / (1e-3 - 1e-5 * 1.05 * force[..., None] * seen[:, None])
+    found = Column(so, 110 * force, 0 * force, np.ones(force.shape, bool))
+    alike, left = contacts_alike(even, places, force, found, 0.06)
+    np.testing.assert_allclose(alike, np.broadcast_to(own, alike.shape), rtol=2e-3)
+    assert np.abs(left).max() < 1e-3 * np.abs(so - even.rest).max()
 
 
 # --- errors of the inputs -----------------------------------------------------------------
