@@ -32,9 +32,8 @@ def sheet(mean: float, random: np.random.Generator) -> str:
     field = 0.02 * random.normal() * np.ones((5, 5))
     for k in (1, 2, 3):
         for x in np.meshgrid(NODES, NODES, indexing="ij"):
-            wave = np.sin(np.pi * k * x + random.uniform(0, 2 * np.pi))
-
-            field = field + 0.03 / k / 2**0.5 * random.normal() * wave
+            size = 0.03 / k / 2**0.5 * random.normal()
+            field = field + size * np.sin(np.pi * k * x + random.uniform(0, 2 * np.pi))
     rows = [[f'"{x:.6f} mm"' for x in row] for row in 1e3 * mean * (1 + field)]
     value = ", ".join(f"[{', '.join(row)}]" for row in rows)
     return f"{{ arc = {NODES.tolist()}, axial = {NODES.tolist()}, value = [{value}] }}"
@@ -57,7 +56,8 @@ def report(name: str, spec: SkinSpec, frames: np.ndarray, rest: np.ndarray, load
     away = 1e3 * np.hypot(off[:, 1], off[:, 2])
     inside = 100 * (off < 1.96 * sd).mean(0)
     print(
-        f"{name}: force {100 * np.median(off[:, 0]):.2f} %, worst {100 * off[:, 0].max():.2f} %; "
+        f"{name}: force {100 * np.median(off[:, 0]):.2f} %, "
+        f"worst {100 * off[:, 0].max():.2f} %; "
         f"place {np.median(away):.2f} mm; in 95 %: {inside.round(1)}; "
         f"median deviation of force {100 * np.median(sd[:, 0]):.1f} %; "
         f"doubt {estimator.table.doubt}"
