@@ -219,7 +219,9 @@ def _stiffened(spec: SkinSpec, steps: dict[str, float], *_: object) -> np.ndarra
     return np.broadcast_to(by, (2, 2, 2, len(by)))
 
 
-def errors_of(spec: SkinSpec, *, from_rest: bool = False) -> PadErrors:
+def errors_of(
+    spec: SkinSpec, *, from_rest: bool = False, doubt: tuple[float, ...] = (0.0, 0.0, 0.0)
+) -> PadErrors:
     """Errors of every input of the pad above; those of a dimension stiffen by its power 1.5."""
     paths = tuple(ERRORS)
     sizes = np.diag([x[0] for x in ERRORS.values()])
@@ -228,6 +230,7 @@ def errors_of(spec: SkinSpec, *, from_rest: bool = False) -> PadErrors:
         rest=STRAY + 1 / AT_REST,
         stray=np.full(3, STRAY),
         diameter=6e-3,
+        doubt=doubt,
         angle=np.array([-1.0, 1.0]),
         axial=np.array([-0.02, 0.02]),
         largest=lambda angle, axial: (np.log(10.0) + 0 * angle[:, None],),
@@ -315,6 +318,15 @@ def test_model_and_mesh_leave_half_a_per_cent_and_a_twentieth_of_a_millimetre(
     place = np.hypot(5e-5, 0.02 * 20e-3)
     expected = np.array([place / radius, place, np.hypot(5e-3, 2 * 20e-3) * 8.0])
     np.testing.assert_allclose(np.sqrt(np.diag(found[0])), expected, rtol=1e-9)
+
+
+def test_what_a_table_leaves_open_of_an_uneven_pad_widens_its_contacts(spec: SkinSpec) -> None:
+    errors = errors_of(spec, doubt=(1e-4, 0.02, 0.01))
+    found = errors.unexplained(explanations([[0.3, 0.01, 8.0]]), 3)
+    assert found is not None
+    place, force = np.hypot(5e-5, 1e-4), np.hypot(5e-3, 0.02)
+    expected = np.array([place / 60e-3, place, 8 * force])
+    np.testing.assert_allclose(np.sqrt(np.diag(found[0])), expected, rtol=1e-12)
 
 
 def test_a_dimension_stiffens_as_less_force_does(
