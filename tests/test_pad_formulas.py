@@ -32,6 +32,7 @@ from fitting.inverse_load.pad.uneven import (
     PROBES,
     Line,
     _changed,
+    contacts_alike,
     force_shares,
 )
 from suas_jax.config import InputErrors, SkinSpec, load_skin
@@ -149,14 +150,34 @@ def test_a_softer_unit_is_the_even_pad_under_more_force_with_taxels_of_its_own()
         force_shares(table, places, force, found), softness - 1, atol=1e-6
     )
     assert misfit(table, places, force, found) < 1e-6
-    share = np.full((*PROBES, len(LEVELS) - 1), softness - 1)
+    own = np.array([0.0, 0.0, softness - 1, 1.0])
+    alike = np.tile(own, (*PROBES, len(LEVELS) - 1))
     nodes = np.linspace(-0.4, 0.4, PROBES[0]), np.linspace(-0.04, 0.04, PROBES[1])
     unit = PadInterpolant(
-        _changed(table, (of_even, of_unit), TensorSpline.through(nodes, share))
+        _changed(table, (of_even, of_unit), TensorSpline.through(nodes, alike))
     )
     seen = unit(loads, 1).readings
     np.testing.assert_allclose(seen[:, :-1], read(loads), rtol=1e-6)
     np.testing.assert_allclose(seen[:, -1], 100 * loads[:, 2], rtol=1e-6)
+
+
+def test_a_unit_that_reads_another_contact_is_told_which() -> None:
+    """Taxels that see places differently: 2 mm and 10 mrad away, 5 % softer, more pressure."""
+    even = linear_table()
+    force = even.cap[..., None] * LEVELS
+    by_angle, by_axial = np.array([1.0, -1.0, 0.5]), np.array([5.0, 10.0, -10.0])
+    place = 1 + even.angle[:, None, None] * by_angle + even.axial[:, None] * by_axial
+    even = dataclasses.replace(even, u=1e-3 - 1e-5 * force[..., None] * place[:, :, None])
+    places = grid(np.array([-0.2, 0.1]), np.array([-0.02, 0.01]))
+    force = 8.0 * LEVELS[LEVELS != 0] * np.ones((4, 1))
+    own = np.array([0.01, 2e-3, 0.05, 1.1])
+    there = places + own[:2]
+    seen = 1 + there[:, :1] * by_angle + there[:, 1:] * by_axial
+    so = 1 / (1e-3 - 1e-5 * 1.05 * force[..., None] * seen[:, None])
+    found = Column(so, 110 * force, 0 * force, np.ones(force.shape, bool))
+    alike, left = contacts_alike(even, places, force, found, 0.06)
+    np.testing.assert_allclose(alike, np.broadcast_to(own, alike.shape), rtol=2e-3)
+    assert np.abs(left).max() < 1e-3 * np.abs(so - even.rest).max()
 
 
 # --- errors of the inputs -----------------------------------------------------------------
@@ -198,7 +219,9 @@ def _stiffened(spec: SkinSpec, steps: dict[str, float], *_: object) -> np.ndarra
     return np.broadcast_to(by, (2, 2, 2, len(by)))
 
 
-def errors_of(spec: SkinSpec, *, from_rest: bool = False) -> PadErrors:
+def errors_of(
+    spec: SkinSpec, *, from_rest: bool = False, doubt: tuple[float, ...] = (0.0, 0.0, 0.0)
+) -> PadErrors:
     """Errors of every input of the pad above; those of a dimension stiffen by its power 1.5."""
     paths = tuple(ERRORS)
     sizes = np.diag([x[0] for x in ERRORS.values()])
@@ -207,6 +230,7 @@ def errors_of(spec: SkinSpec, *, from_rest: bool = False) -> PadErrors:
         rest=STRAY + 1 / AT_REST,
         stray=np.full(3, STRAY),
         diameter=6e-3,
+        doubt=doubt,
         angle=np.array([-1.0, 1.0]),
         axial=np.array([-0.02, 0.02]),
         largest=lambda angle, axial: (np.log(10.0) + 0 * angle[:, None],),
@@ -294,6 +318,15 @@ def test_model_and_mesh_leave_half_a_per_cent_and_a_twentieth_of_a_millimetre(
     place = np.hypot(5e-5, 0.02 * 20e-3)
     expected = np.array([place / radius, place, np.hypot(5e-3, 2 * 20e-3) * 8.0])
     np.testing.assert_allclose(np.sqrt(np.diag(found[0])), expected, rtol=1e-9)
+
+
+def test_what_a_table_leaves_open_of_an_uneven_pad_widens_its_contacts(spec: SkinSpec) -> None:
+    errors = errors_of(spec, doubt=(1e-4, 0.02, 0.01))
+    found = errors.unexplained(explanations([[0.3, 0.01, 8.0]]), 3)
+    assert found is not None
+    place, force = np.hypot(5e-5, 1e-4), np.hypot(5e-3, 0.02)
+    expected = np.array([place / 60e-3, place, 8 * force])
+    np.testing.assert_allclose(np.sqrt(np.diag(found[0])), expected, rtol=1e-12)
 
 
 def test_a_dimension_stiffens_as_less_force_does(

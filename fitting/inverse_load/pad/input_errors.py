@@ -101,15 +101,17 @@ class PadErrors(AbstractSystematicErrors):
     def unexplained(self, best: Explanations, per_contact: int) -> Floats | None:
         """See the base class: errors of the model and its mesh."""
         total = np.full(best.information.shape, np.nan)
+        by_place, by_force, _ = self._table.doubt
+        place, force = np.hypot(_PLACE_ERROR, by_place), np.hypot(_FORCE_ERROR, by_force)
         for i, count in enumerate(best.contacts.tolist()):
             width = per_contact * count
             own = best.parameters[i, :width].reshape(per_contact, count)
             sigma = np.zeros_like(own)
             longest = np.nan_to_num(best.beside[i, :count, :2, 0]).max(-1, initial=0.0)
             longer = np.maximum(longest - self._table.diameter, 0.0)
-            sigma[1] = np.hypot(_PLACE_ERROR, _WIDE_PLACE * longer)
+            sigma[1] = np.hypot(place, _WIDE_PLACE * longer)
             sigma[0] = sigma[1] / self._radius
-            sigma[2] = np.hypot(_FORCE_ERROR, _WIDE_FORCE * longer) * own[2]
+            sigma[2] = np.hypot(force, _WIDE_FORCE * longer) * own[2]
             total[i, :width, :width] = np.diag(sigma.reshape(-1) ** 2)
         return total
 

@@ -187,12 +187,6 @@ def pad_parts(
             "loads on a pad are estimated from a table of a quarter of it, which takes a "
             "section that is its own mirror image"
         )
-    if not (skin.geometry.symmetric and spec.geometry.mirrored_along_axis):
-        raise ValueError(
-            "loads on a pad are estimated from a table of a quarter of it, which takes a "
-            "thickness and an oil gap that are the same on both sides of the crown and of "
-            "mid-width"
-        )
     middle = _table(spec, diameter or _DIAMETER, progress, workers, resolution)
     radius = float(skin.geometry.outer_size[0])
     interpolant = PadInterpolant(middle, radius)

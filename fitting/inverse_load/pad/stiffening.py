@@ -23,7 +23,9 @@ from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import Skin, skin_of
 
-_PLACES = np.array([0.0, 0.65])  # shares of the pad's edges, along arc and axis
+# Shares of the pad's edges, along arc and axis: of its own mirror image, and of other pads.
+_PLACES = np.array([0.0, 0.65])
+_BOTH_SIDES = np.array([-0.65, 0.0, 0.65])
 _FORCES = np.array([0.08, 0.8])  # shares of the table's largest force there
 _LIGHTER = 0.02  # by which the force is less, relative
 _STEP = 0.2  # of an error of one standard deviation
@@ -36,8 +38,9 @@ class Stiffening:
 
     even: Floats  # of those that do the same everywhere [error]
     share: Floats  # change of every solved input by each error, in its steps [error, path]
-    angle: Floats  # of the places, one side of the pad's middle [rad]
-    axial: Floats  # of the places, one side of the pad's middle [m]
+    # of the places [rad], [m]: from the pad's middle where its sides do the same, else all
+    angle: Floats
+    axial: Floats
     force: Floats  # solved there [angle, axial, force] [N]
     change: Floats  # change of stiffness by every solved input [angle, axial, force, path]
 
@@ -48,23 +51,23 @@ class Stiffening:
         """
         corners = [
             ((i, k), side * end)
-            for i, side in enumerate(_sides(np.abs(angle), self.angle))
-            for k, end in enumerate(_sides(np.abs(axial), self.axial))
+            for i, side in enumerate(_shares(angle, self.angle))
+            for k, end in enumerate(_shares(axial, self.axial))
         ]
         low, high = (sum(w * self.force[(*at, j)] for at, w in corners) for j in (0, 1))
-        levels = _sides(force, np.stack([low, high]))
+        share = np.clip((force - low) / (high - low), 0.0, 1.0)
         change = sum(
             (w * level)[..., None] * self.change[(*at, j)]
             for at, w in corners
-            for j, level in enumerate(levels)
+            for j, level in enumerate((1 - share, share))
         )
         return np.asarray(self.even + change @ self.share.T)
 
 
-def _sides(x: Floats, nodes: Floats) -> tuple[Floats, Floats]:
-    """Weights of two nodes; beyond them those of the nearer."""
-    share = np.clip((x - nodes[0]) / (nodes[1] - nodes[0]), 0.0, 1.0)
-    return 1 - share, share
+def _shares(x: Floats, nodes: Floats) -> list[Floats]:
+    """Weights of the nodes, from a middle or from side to side; beyond them the nearest's."""
+    own = np.abs(x) if nodes[0] == 0 else x
+    return [np.interp(own, nodes, row) for row in np.eye(len(nodes))]
 
 
 def stiffening_of(
@@ -86,9 +89,11 @@ def stiffening_of(
             even += change * _by_constant(spec, path, float(np.abs(change).max()))
         else:
             steps[path] = _STEP * float(np.linalg.norm(change))
-    edges = table.angle[-1] * _PLACES, table.axial[-1] * _PLACES
+    even_pad = skin.geometry.symmetric and spec.geometry.mirrored_along_axis
+    share = _PLACES if even_pad else _BOTH_SIDES
+    edges = table.angle[-1] * share, table.axial[-1] * share
     cap = np.exp(table.largest(*(x.ravel() for x in np.meshgrid(*edges, indexing="ij")))[0])
-    force = cap.reshape(2, 2, 1) * _FORCES
+    force = cap.reshape(len(share), len(share), 1) * _FORCES
     name = content_key(
         {
             "steps": steps,
@@ -104,9 +109,9 @@ def stiffening_of(
     def solved() -> dict[str, Floats]:
         return {"change": _solved(spec, steps, skin, (*edges, force), table.diameter, slots)}
 
-    change = kept_arrays(name, solved)["change"] if steps else np.zeros((2, 2, 2, 0))
-    share = np.array([mechanical[path] / step for path, step in steps.items()])
-    return Stiffening(even, share.reshape(len(steps), len(errors)).T, *edges, force, change)
+    change = kept_arrays(name, solved)["change"] if steps else np.zeros((*force.shape, 0))
+    by_step = np.array([mechanical[path] / step for path, step in steps.items()])
+    return Stiffening(even, by_step.reshape(len(steps), len(errors)).T, *edges, force, change)
 
 
 def _by_constant(spec: SkinSpec, path: str, size: float) -> float:

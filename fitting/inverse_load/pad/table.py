@@ -6,7 +6,7 @@ that leaves little of the gap there.
 """
 
 import functools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -50,6 +50,9 @@ class PadTable:
     across_angle: Floats  # angles of these places [rad]
     across_axial: Floats  # their axial positions [m]
     diameter: float  # of the contact [m]
+    # standard deviations of a contact that is found by the table, beside those of every pad's:
+    # place [m], relative force, and of a reading's change from rest, relative
+    doubt: Floats = field(default_factory=lambda: np.zeros(3))
 
     @functools.cached_property
     def spline(self) -> TensorSpline:

@@ -3,13 +3,16 @@
 Thickness and gap of a unit vary by some per cent from place to place. To a contact that is,
 nearly, another force on the membrane and another gap under each taxel. So a quarter of the pad
 of mean thickness and gap is solved, and of the unit itself only a few places all over it. There
-the share e is found by which the even pad is loaded more to give way as much; it is smooth in
-between. With u = 1 / (SO - stray) = a + b w, w the displacement over a taxel, and the states
-at rest 0 ::
+the contact is found under which the even pad reads most alike: loaded more by a share e, and
+d away. Both are smooth in between. With u = 1 / (SO - stray) = a + b w, w the displacement over
+a taxel, and the states at rest 0 ::
 
-    u = u_0 + (b / b_even) (u_even(F (1 + e)) - u_0,even),    p = p_even(F (1 + e)) / (1 + e)
+    u(x, F) = u_0 + (b / b_even) (u_even(x + d, F (1 + e)) - u_0,even)
+    p(x, F) = c p_even(x + d, F (1 + e)) / (1 + e)
 
-What of the unit is no such share, a dent of another width above all, is left out.
+c is what is missing at the solved places. What of the unit is no other contact, a dent of
+another width above all, is left out. A few further places between those are solved to tell by
+how much contacts and readings are off (`PadTable.doubt`), which widens intervals.
 """
 
 from collections.abc import Callable
@@ -34,6 +37,11 @@ PROBES = (7, 5)
 """Places of the unit that are solved, along the arc and along the axis."""
 _ROUNDS = 6
 _MOST = 0.5  # share of force that e is at most
+_FARTHEST = 4e-3  # d is at most, along arc and axis [m]
+_METRE = 1e-3  # a step of d [m] that counts as much as e = 1
+_RIDGE = 1e-6
+_PRESSURE = 0.25  # share of the pressure that c adds or takes at most
+_CHECKS = 6  # further places
 _CHUNK = 64  # places that are interpolated at once
 _PRESSED = LEVELS != 0
 
@@ -114,6 +122,59 @@ def force_shares(table: PadTable, places: Floats, force: Floats, found: Column) 
     return np.asarray(share)
 
 
+def contacts_alike(
+    table: PadTable, places: Floats, force: Floats, found: Column, radius: float
+) -> tuple[Floats, Floats]:
+    """What the unit's contacts are on an even pad, and the readings that this leaves.
+
+    See `force_shares`, from which it goes on with places; the radius is of the outer face [m].
+    Returns shifts of angle [rad] and axial position [m], shares of force and ratios of the
+    pressure [place, level, 4], and what is left of the readings [place, level, taxel].
+    """
+    interpolant = PadInterpolant(table)
+    levels = force.shape[1]
+    unit = np.array([_METRE / radius, _METRE, 1.0])
+    most = np.array([_FARTHEST / radius, _FARTHEST, _MOST])
+    end = np.array([table.angle[-1], table.axial[-1]])
+    shift = np.zeros((*force.shape, 3))
+    shift[..., 2] = force_shares(table, places, force, found)
+    good = np.isfinite(found.so) & found.found[..., None]
+    for _ in range(_ROUNDS):
+        so, slope, pressure = _read(interpolant, places, force, shift)
+        left = np.where(good, found.so - so, 0.0)
+        slope = np.where(good[..., None, :], slope * unit[:, None], 0.0)
+        square = slope @ slope.swapaxes(-1, -2)
+        size = np.trace(square, axis1=-2, axis2=-1)[..., None, None]
+        square = square + np.eye(3) * np.where(size > 0, _RIDGE * size, 1.0)
+        step = np.linalg.solve(square, slope @ left[..., None])[..., 0] * unit
+        shift = np.clip(shift + step, -most, most)
+        there = places[:, None] + shift[..., :2]
+        shift[..., :2] += np.clip(there, -end, end) - there
+    for k in range(1, levels):
+        missing = ~found.found[:, k]
+        shift[missing, k] = shift[missing, k - 1]
+    so, _, pressure = _read(interpolant, places, force, shift)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = found.pressure * (1 + shift[..., 2]) / pressure
+    ratio = np.where(np.isfinite(ratio) & found.found, ratio, 1.0)
+    ratio = np.clip(ratio, 1 - _PRESSURE, 1 + _PRESSURE)
+    left = np.where(good, found.so - so, 0.0)
+    return np.concatenate([shift, ratio[..., None]], -1), left
+
+
+def _read(
+    interpolant: PadInterpolant, places: Floats, force: Floats, shift: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Readings of shifted contacts, slopes by the shifts, the pressure."""
+    at = places[:, None] + shift[..., :2]
+    loads = np.concatenate([at, (force * (1 + shift[..., 2]))[..., None]], -1).reshape(-1, 3)
+    own = interpolant(loads, 1)
+    so = own.readings[:, :-1].reshape(*force.shape, -1)
+    slope = own.jacobian[:, :, :-1].reshape(*force.shape, 3, so.shape[-1]).copy()
+    slope[..., 2, :] *= force[..., None]
+    return so, slope, own.readings[:, -1].reshape(force.shape)
+
+
 def uneven_table(
     even: PadTable,  # of the pad of mean thickness and gap
     lines: tuple[Line, Line],  # of that pad, and of the unit
@@ -133,43 +194,63 @@ def uneven_table(
         for x, n in zip((even.angle, even.axial), PROBES, strict=True)
     )
     places = grid(*probes)
-    cap = np.exp(even.largest.values(*places.T)[:, 0])
-    force = LEVELS[_PRESSED] * cap[:, None]
-    at = np.repeat(places, force.shape[1], 0)
-    on_mesh = even.force_on_mesh(at[:, 0], at[:, 1], force.reshape(-1)).reshape(force.shape)
-    columns = Columns(skin, even.diameter, progress, len(places))
-    there = np.column_stack([on_unit(places[:, 0]), places[:, 1]])
-    found = columns.solve(there, cap, on_mesh / cap[:, None])
-    seen = found._replace(so=of_unit.seen_by(of_even, found.so))
-    share = force_shares(even, places, force, seen)
-    spline = TensorSpline.through((probes[0], probes[1]), share.reshape(*PROBES, -1))
+    between = grid(*((x[1:] + x[:-1]) / 2 for x in probes))
+    checks = between[:: max(1, len(between) // _CHECKS)]
+    columns = Columns(skin, even.diameter, progress, len(places) + len(checks))
+    radius = float(skin.geometry.outer_size[0])
+
+    def alike(places: Floats) -> tuple[Floats, Floats, Floats]:
+        cap = np.exp(even.largest.values(*places.T)[:, 0])
+        force = LEVELS[_PRESSED] * cap[:, None]
+        at = np.repeat(places, force.shape[1], 0)
+        on_mesh = even.force_on_mesh(at[:, 0], at[:, 1], force.reshape(-1))
+        there = np.column_stack([on_unit(places[:, 0]), places[:, 1]])
+        found = columns.solve(there, cap, on_mesh.reshape(force.shape) / cap[:, None])
+        seen = found._replace(so=of_unit.seen_by(of_even, found.so))
+        return *contacts_alike(even, places, force, seen, radius), seen.so
+
+    spline = TensorSpline.through((probes[0], probes[1]), alike(places)[0].reshape(*PROBES, -1))
+    own, left, so = alike(checks)
+    off = own - spline.values(*checks.T).reshape(own.shape)
     table = _changed(even, lines, spline)
     along, across = on_unit(even.angle), on_unit(even.across_angle)
-    return replace(table, angle=along, across_angle=across)
+    doubt = _doubt(off, left, so - even.rest, radius)
+    return replace(table, angle=along, across_angle=across, doubt=doubt)
+
+
+def _doubt(off: Floats, left: Floats, change: Floats, radius: float) -> Floats:
+    """Root mean squares of errors of contacts and readings, see `PadTable.doubt`."""
+    place = np.sqrt(np.mean((off[..., :2] * np.array([radius, 1.0])) ** 2))
+    force = np.sqrt(np.mean(off[..., 2] ** 2))
+    size = np.nansum(np.where(left == 0, 0.0, change) ** 2)
+    return np.array([place, force, np.sqrt(np.sum(left**2) / size) if size else 0.0])
 
 
 def _changed(even: PadTable, lines: tuple[Line, Line], spline: TensorSpline) -> PadTable:
-    """The even pad's table with shares of force and lines of taxels of a unit."""
+    """The even pad's table with contacts (`contacts_alike`) and lines of taxels of a unit."""
     of_even, of_unit = lines
     shape, rest = even.cap.shape, int(np.flatnonzero(LEVELS == 0)[0])
+    end = np.array([even.angle[-1], even.axial[-1]])
 
-    def shares(places: Floats) -> Floats:
-        own = spline.values(*places.T)
+    def alike(places: Floats) -> Floats:
+        own = spline.values(*places.T).reshape(len(places), -1, 4)
         return np.insert(own, rest, own[:, rest], axis=1)
 
-    share = shares(even.places)
+    own = alike(even.places)
+    share = own[..., 2]
+    there = np.clip(even.places[:, None] + own[..., :2], -end, end)
     # No node is loaded beyond what the even pad's table knows.
     cap = even.cap.reshape(-1) / (1 + np.maximum(share.max(1), 0.0))
     force = LEVELS * cap[:, None] * (1 + share)
     interpolant, u, pressure = PadInterpolant(even), [], []
     for begin in range(0, len(cap), _CHUNK):
         here = slice(begin, begin + _CHUNK)
-        at = np.repeat(even.places[here], len(LEVELS), 0)
-        found = interpolant(np.column_stack([at, force[here].reshape(-1)]), 1).readings
+        at = np.concatenate([there[here], force[here][..., None]], -1).reshape(-1, 3)
+        found = interpolant(at, 1).readings
         so = of_even.seen_by(of_unit, found[:, :-1])
         u.append(1 / (so - of_unit.stray))
-        pressure.append(found[:, -1] / (1 + share[here].reshape(-1)))
-    softer = 1 + shares(grid(even.across_angle, even.across_axial))
+        pressure.append(found[:, -1] * (own[here, :, 3] / (1 + share[here])).reshape(-1))
+    softer = 1 + alike(grid(even.across_angle, even.across_axial))[..., 2]
     across = even.across * softer.reshape(*even.across.shape[:2], len(LEVELS), 1, 1)
     ratio = of_unit.slope / of_even.slope
     touch = reciprocal(reciprocal(even.first_contact) * (1 + share[:, -1].reshape(shape)))

@@ -207,7 +207,6 @@ class SceneStates:
             moving,
             oil,
             one.state,
-            one.change,
             once=True,
             long=True,
         )

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
@@ -14,7 +13,7 @@ from fitting.sensor.shapes.shape_slopes import Moving, slopes_of
 from fitting.sensor.shapes.taxel_face import taxel_face
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.correction import Corrected, corrected
-from suas_jax.equilibrium.equilibrium import differentiable, equilibrium
+from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.scene.build import problem_of
@@ -31,7 +30,6 @@ class SolvedState(NamedTuple):
     """What a program says of one state, beside face, force and displacement of `Solved`."""
 
     state: State  # the equilibrium
-    change: State  # what the state that is read adds to it, see `corrected`
     face: AbstractFace
     force: Array
     displacement: Array
@@ -76,10 +74,9 @@ def solve_state(
     parts, problem = _problem(scene, plan, inputs, oil)
     found = equilibrium(problem, start)
     whole = corrected(problem, found.state)
-    change = jax.tree.map(lambda a, b: a - b, whole.state, whole.root)
     read = _read(parts, problem, whole, inner)
     gap = problem.mechanics.shape(found.state.q).smallest_gap(parts.skin.geometry).value
-    return SolvedState(found.state, change, *read, gap, found.result)
+    return SolvedState(found.state, *read, gap, found.result)
 
 
 @eqx.filter_jit
@@ -90,12 +87,8 @@ def state_slopes(
     moving: Moving,
     oil: AbstractOil | None,
     state: State,
-    change: State,
 ) -> AbstractFace:
-    """See `slopes_of`; known are numbers, angles [load], forces, what is wanted, inner.
-
-    What `corrected` adds is kept: a hundredth of the shape, whose derivative would cost most.
-    """
+    """See `slopes_of`; known are numbers, angles [load], forces, what is wanted, inner."""
     inputs, angle, force, wanted, inner = known
     section = plain_geometry(scene.scene.geometry).section
 
@@ -108,10 +101,7 @@ def state_slopes(
                 push = 1 + moving.shift(PUSH, values) if i == 0 else 1
                 own[f"load.{i}.force"] = push * force[i, 0]
         parts, problem = _problem(scene, plan, own, oil)
-        root = differentiable(problem, state)
-        shown = jax.tree.map(lambda a, b: a + b, root, change)
-        whole = Corrected(root, shown, problem.mechanics.around(root.q))
-        face, _, moved = _read(parts, problem, whole, inner)
+        face, _, moved = _read(parts, problem, corrected(problem, state), inner)
         return moved, eqx.filter(face, eqx.is_inexact_array)
 
     return slopes_of(shape, moving.values, force, wanted)

@@ -1,0 +1,101 @@
+"""Contacts on an uneven pad by the file of the unit and by its drawing, see docs/as_built.md.
+
+The unit's thickness and gap are random waves on five by five nodes; readings come from a finer
+mesh, in whole counts with a noise of two. The unit's file is exact but for its mesh::
+
+    python benchmarks/uneven_pad.py --seed 1
+"""
+
+import argparse
+import re
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from fitting.inverse_load.estimator import LoadEstimator
+from fitting.inverse_load.pad.table_build import PadResolution
+from suas_jax import configure
+from suas_jax.config import SkinSpec, load_skin
+from suas_jax.scene.forward import forward
+from suas_jax.scene.loads import Loads
+from suas_jax.scene.skin import skin_of
+from tests.test_pad_estimation import SKIN
+
+FINER, DIAMETER, PRESSES = (18, 16), 6e-3, 24
+RESOLUTION = PadResolution((14, 12), 9e-3, (3, 3))
+NODES = np.linspace(0, 1, 5)
+
+
+def sheet(mean: float, random: np.random.Generator) -> str:
+    """A table of a length in TOML, of random waves around a mean [m]."""
+    field = 0.02 * random.normal() * np.ones((5, 5))
+    for k in (1, 2, 3):
+        for x in np.meshgrid(NODES, NODES, indexing="ij"):
+            size = 0.03 / k / 2**0.5 * random.normal()
+            field = field + size * np.sin(np.pi * k * x + random.uniform(0, 2 * np.pi))
+    rows = [[f'"{x:.6f} mm"' for x in row] for row in 1e3 * mean * (1 + field)]
+    value = ", ".join(f"[{', '.join(row)}]" for row in rows)
+    return f"{{ arc = {NODES.tolist()}, axial = {NODES.tolist()}, value = [{value}] }}"
+
+
+def report(name: str, spec: SkinSpec, frames: np.ndarray, rest: np.ndarray, loads: np.ndarray,
+           radius: float) -> None:  # fmt: skip
+    """Print errors of force and place, and how many lie in their 95 % intervals."""
+    estimator = LoadEstimator(
+        spec, rest=rest, rest_variance=4 / 50, most_contacts=1, resolution=RESOLUTION
+    )
+    rows = []
+    for estimate, (angle, axial, force) in zip(estimator.estimate(frames), loads, strict=True):
+        (own,) = estimate.contacts
+        off = own.force / force - 1, radius * (own.angle - angle), own.axial - axial
+        sd = (own.deviation("force") / force, radius * own.deviation("angle"),
+              own.deviation("axial"))  # fmt: skip
+        rows.append((off, sd))
+    off, sd = np.abs(np.array(rows)).swapaxes(0, 1)
+    away = 1e3 * np.hypot(off[:, 1], off[:, 2])
+    inside = 100 * (off < 1.96 * sd).mean(0)
+    print(
+        f"{name}: force {100 * np.median(off[:, 0]):.2f} %, "
+        f"worst {100 * off[:, 0].max():.2f} %; "
+        f"place {np.median(away):.2f} mm; in 95 %: {inside.round(1)}; "
+        f"median deviation of force {100 * np.median(sd[:, 0]):.1f} %; "
+        f"doubt {estimator.table.doubt}"
+    )
+
+
+def main() -> None:
+    """Simulate a unit, estimate its contacts by both files."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seed", type=int, default=1)
+    random = np.random.default_rng(parser.parse_args().seed)
+    configure()
+    taxels = "\n".join(
+        f'{{ angle = "{a} deg", axial = "{z} mm" }},'
+        for a in range(-45, 46, 15)
+        for z in range(-36, 37, 18)
+    )
+    text = SKIN.replace("TAXELS", taxels).replace("60 deg", "90 deg")
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "skin.toml"
+        file.write_text(text)
+        drawn = load_skin(file)
+        for key in ("thickness", "oil_gap"):
+            value = sheet(getattr(drawn.geometry, key), random)
+            text = re.sub(rf"(?m)^{key} = .*$", f"{key} = {value}", text)
+        file.write_text(text)
+        unit = load_skin(file)
+    truth = skin_of(unit, elements=FINER, contact=False)
+    half, width = 0.55 * float(truth.geometry.half_angle[0]), 0.55 * unit.geometry.width / 2
+    sizes = (-half, half), (-width, width), (1.5, 6.0)
+    loads = np.stack([random.uniform(*x, PRESSES) for x in sizes], 1)
+    lanes = np.concatenate([loads, np.zeros((1, 3))])
+    so = np.asarray(forward(truth, Loads.patch(*lanes.T, DIAMETER)).so).T
+    frames = np.rint(so[:-1] + 2 * random.normal(size=so[:-1].shape))
+    radius = float(truth.geometry.outer_size[0])
+    for name, spec in (("as built", unit), ("as drawn", drawn)):
+        report(name, spec, frames, so[-1], loads, radius)
+
+
+if __name__ == "__main__":
+    main()
