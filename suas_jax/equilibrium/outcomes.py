@@ -19,7 +19,7 @@ class RESULTS(eqx.Enumeration):
     )
     max_steps = (
         "The step budget ran out before the full load. The state reported is the last "
-        "equilibrium found. Reduce the load or raise `max_steps`."
+        "equilibrium found. Reduce the load."
     )
     unreachable_pressure = (
         "No factor on these loads, starting from zero, brings the oil to the wanted "
