@@ -533,7 +533,7 @@ def test_a_path_that_is_none_is_refused(change: dict[str, Any], words: list[str]
     ("places", "words"),
     [
         (WAVE[::-1], ["geometry.points", "from the left clamp"]),
-        (WAVE[:3], ["geometry.points"]),
+        (WAVE[:3], ["geometry.points", "has 3 entries", "at least 4"]),
         ([*WAVE[:3], *WAVE[2:]], ["geometry.points", "points 2 and 3", "the same"]),
     ],
 )
@@ -542,6 +542,12 @@ def test_points_that_make_no_section_are_refused(places: Any, words: list[str]) 
         shaped({"section": "spline", "points": points(places)})
     for word in words:
         assert word in str(error.value)
+
+
+def test_a_missing_table_of_points_is_named_with_its_folder() -> None:
+    with pytest.raises(ConfigError, match="no such file in") as raised:
+        shaped({"section": "spline", "points": "absent.csv"})
+    assert "Errno" not in str(raised.value)
 
 
 @pytest.mark.parametrize(

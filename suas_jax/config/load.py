@@ -186,7 +186,9 @@ class _Draft:
         try:
             return {**table, "points": read_points(folder / points)}, []
         except (OSError, ValueError) as error:
-            advice = f"{error}; a table with the columns x and y and their units is expected"
+            missing = isinstance(error, FileNotFoundError)
+            why = f"no such file in {folder}" if missing else error
+            advice = f"{why}; a table with the columns x and y and their units is expected"
             return table, [Finding("geometry.points", advice, show(points))]
 
     def _expanded(self, material: Mapping[str, Any]) -> tuple[Mapping[str, Any], list[Finding]]:

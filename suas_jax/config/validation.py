@@ -150,6 +150,10 @@ def _finding(
     if kind == "literal_error" and field is not None:
         return Finding(path, unknown(str(value), _choices(field), "value", quoted=True), shown)
     advice = str(cause or detail["msg"])
+    if kind == "too_short":
+        limits = detail["ctx"]
+        least, given = limits["min_length"], limits["actual_length"]
+        advice = f"has {given} entries; at least {least} are needed"
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         advice = "a table in braces is expected"
     if advice.endswith("is expected") and field is not None and field.examples:
