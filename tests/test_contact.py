@@ -31,6 +31,7 @@ from suas_jax.equilibrium.equilibrium import equilibrium, smallest_gap
 from suas_jax.equilibrium.equilibrium_path import path
 from suas_jax.mechanics.contact.state import ContactState
 from suas_jax.mechanics.contact.term import contact_pressure
+from suas_jax.scene import assessment
 from suas_jax.scene.contact_zone import contact_zone
 from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import Loads
@@ -344,6 +345,39 @@ def test_the_walls_force_is_as_unsure_as_the_load_at_first_contact(
 ) -> None:
     report = {"loads": loads, "wall": {"force_N": force}}
     assert wall_force_error(report, 5e-3) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("own", "shown", "missed"),
+    [
+        (1e-4, 2e-4, 0.0),  # open in both
+        (1e-4, -3e-6, 3e-6),  # the first-order effect alone reaches the wall
+        (-1e-7, -8e-6, 7.9e-6),  # and takes a face in contact into it
+        (-1e-7, 5e-6, 5.1e-6),  # or off it
+    ],
+)
+def test_a_face_that_misses_the_wall_counts_as_an_error(
+    own: float, shown: float, missed: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(assessment, "smallest_gap", lambda *_: jnp.full(1, own))
+    spec = pressed("B", 60.0)
+    problem = held(spec, SHELL)
+    state = State(problem.mechanics.rest(), jnp.zeros(1), jnp.ones(1))
+    error = assessment.error_beyond_wall(problem, state, jnp.full(1, shown), jnp.full(1, 5e-3))
+    assert error[0] == pytest.approx(2 * missed / 5e-3)
+
+
+@pytest.mark.long  # the error's programs on two meshes
+@pytest.mark.parametrize("elements", [32, 64])
+@pytest.mark.parametrize("case", ["Ap 120", "Bp 60"])
+def test_the_stated_error_of_a_shell_in_contact_is_above_the_true_one(
+    case: str, elements: int
+) -> None:
+    expected = references()[case]
+    load = line(45.0 if case[0] == "B" else 0.0, expected["force_N"]) | {"spread": "2 mm"}
+    found = solve(with_solve(scene(load), model="shell", elements=elements)).report
+    true = abs(found["oil_pressure_Pa"] / expected["oil_pressure_Pa"] - 1)
+    assert true < found["error_estimate"] < 5 * true
 
 
 @pytest.mark.long  # the error's programs on the references' mesh

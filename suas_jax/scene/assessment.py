@@ -255,15 +255,19 @@ def body_change(
 def error_beyond_wall(
     problem: Problem, state: State, shown_gap: Lanes, displacement: Lanes
 ) -> Lanes:
-    """Relative error where the effect of what is left out passes a wall that the state misses.
+    """Relative error where the effect of what is left out moves the face off the wall.
 
-    Just below the load at which the equilibrium itself reaches the wall nothing holds back the
-    first-order effect, which would touch before: by its smallest gap `shown_gap` [m], relative
-    to the largest `displacement` [m].
+    A membrane in contact is held at a gap of zero, to within the depth to which the
+    equilibrium itself goes into the wall. The first-order effect keeps its closed points but
+    neither the curvature of the face between them nor those that close or open: the smallest
+    gap `shown_gap` [m] is missed in the length, relative to the largest `displacement` [m].
+    Just below the load at which the equilibrium reaches the wall nothing holds the effect back
+    either, which would touch before.
     """
     mechanics = problem.mechanics
     if mechanics.wall is None:
         return jnp.zeros_like(shown_gap)
-    depth = jnp.maximum(-shown_gap, 0.0)
-    missed = smallest_gap(mechanics, state.q, mechanics.wall) > 0
-    return jnp.where((depth > 0) & missed, BY_PENETRATION * depth / displacement, 0.0)
+    own = jnp.minimum(smallest_gap(mechanics, state.q, mechanics.wall), 0.0)
+    touches = (own < 0) | (shown_gap < 0)
+    missed = jnp.abs(shown_gap - own)
+    return jnp.where(touches, BY_PENETRATION * missed / displacement, 0.0)
