@@ -389,6 +389,56 @@ FILES = [
         ).encode("cp1252"),
     ),
     MachineFile(
+        "Portuguese, semicolons",
+        (
+            "Largura;6;mm\nEspessura;2;mm\nComprimento inicial;25;mm\n"
+            "Tempo [s];Deslocamento [mm];Força [N]\n" + rows(TIME, TRAVEL, FORCE, **SEMICOLONS)
+        ).encode("cp1252"),
+    ),
+    MachineFile(
+        "Portuguese stress and strain",
+        (
+            "Deformação [%];Tensão nominal [MPa]\n"
+            + rows(100.0 * (STRETCH - 1.0), stress(STRETCH), **SEMICOLONS)
+        ).encode(),
+    ),
+    MachineFile(
+        "Dutch, semicolons",
+        (
+            "Breedte;6;mm\nDikte;2;mm\nMeetlengte;25;mm\n"
+            "Tijd [s];Verplaatsing [mm];Kracht [N]\n" + rows(TIME, TRAVEL, FORCE, **SEMICOLONS)
+        ).encode(),
+    ),
+    MachineFile(
+        "Dutch stress and strain",
+        (
+            "Rek [%];Nominale spanning [MPa]\n"
+            + rows(100.0 * (STRETCH - 1.0), stress(STRETCH), **SEMICOLONS)
+        ).encode(),
+    ),
+    MachineFile(
+        "Korean, EUC-KR",
+        (
+            "너비,6,mm\n두께,2,mm\n표점거리,25,mm\n시간(s),변위(mm),하중(N)\n"
+            + rows(TIME, TRAVEL, FORCE)
+        ).encode("cp949"),
+    ),
+    MachineFile(
+        "Korean stress and strain, UTF-8",
+        (
+            "공칭변형률(%),공칭응력(MPa)\n" + rows(100.0 * (STRETCH - 1.0), stress(STRETCH))
+        ).encode(),
+    ),
+    MachineFile(
+        "TA Q800, blanks between fields",
+        (
+            "Size 25.0000 x 6.0000 x 2.0000 mm\nNsig 3\nSig1 Time (min)\n"
+            "Sig2 Static Force (N)\nSig3 Displacement (µm)\nStartOfData\n"
+            + rows(TIME, FORCE, 1e3 * TRAVEL, between=" ")
+        ).encode("utf-16"),
+        suffix=".txt",
+    ),
+    MachineFile(
         "Japanese sizes by the marks' distance",
         (
             "幅,6,mm\n厚さ,2,mm\n標線間距離,25,mm\n時間(s),試験力(N),ストローク(mm)\n"

@@ -1,8 +1,9 @@
 """The cells of a file as text, whatever wrote it: delimited text or an .xlsx workbook.
 
-Text: UTF-8 and UTF-16 with or without byte order mark, Shift-JIS, GB 18030, Windows code page
-1252, any line ends; commas, semicolons, tabs, bars or blanks between fields; lines that begin
-with #, // or % are comments. Workbooks: every sheet, values as they were last computed.
+Text: UTF-8 and UTF-16 with or without byte order mark, Shift-JIS, GB 18030, EUC-KR, Windows
+code page 1252, any line ends; commas, semicolons, tabs, bars or blanks between fields; lines
+that begin with #, // or % are comments. Workbooks: every sheet, values as they were last
+computed.
 """
 
 import dataclasses
@@ -187,7 +188,8 @@ def _decoded(file: str, raw: bytes) -> tuple[str, str]:
 
 def _of_one_country(raw: bytes) -> tuple[str, str]:
     """Text of a code page: the one in which a word of a test stands."""
-    for encoding, name in (("cp932", "Shift-JIS"), ("gb18030", "GB 18030")):
+    pages = (("cp932", "Shift-JIS"), ("gb18030", "GB 18030"), ("cp949", "EUC-KR"))
+    for encoding, name in pages:
         text = raw.decode(encoding, errors="replace")
         if any(word in text for word in EASTERN_WORDS):
             return text, name
@@ -212,7 +214,7 @@ def _delimited(file: str, text: str, encoding: str) -> Cells:
         with said_of(f"{file}: line {number}"):
             rows.append(fields(line, delimiter))
     # TA Instruments names its columns one a line, and says where the readings start.
-    signals = [row[1] for row in rows if len(row) > 1 and _SIGNAL.fullmatch(row[0])]
+    signals = [" ".join(row[1:]) for row in rows if row[1:] and _SIGNAL.fullmatch(row[0])]
     rows = [signals if signals and row == ["StartOfData"] else row for row in rows]
     return Cells("", rows, lines, tuple(comments), delimiter, encoding)
 

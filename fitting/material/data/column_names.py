@@ -3,8 +3,9 @@
 import re
 from typing import NamedTuple
 
-# German, French, Italian, Spanish, Chinese and Japanese words, spelled without accents, the
-# longest of alike ones first; in the last two words are not parted by blanks.
+# German, French, Italian, Spanish, Portuguese, Dutch, Chinese, Japanese and Korean words,
+# spelled without accents, the longest of alike ones first; in the last three blanks part no
+# words.
 _WORDS = dict(
     re.findall(
         r"(\S+)=(\S+)",
@@ -46,6 +47,19 @@ _WORDS = dict(
     ancho=width espesor=thickness longitud_inicial=initial_length longitud=length altura=height
     tiempo=time
 
+    forca=force deslocamento=displacement alongamento=elongation extensao=extension
+    deformacao_verdadeira=true_strain deformacao_real=true_strain
+    deformacao_nominal=nominal_strain deformacao=strain tensao_verdadeira=true_stress
+    tensao_real=true_stress tensao_nominal=nominal_stress tensao=stress pressao=pressure
+    largura=width espessura=thickness comprimento_inicial=initial_length comprimento=length
+
+    trekkracht=tensile_force drukkracht=compressive_force kracht=force
+    verplaatsing=displacement verlenging=extension ware_rek=true_strain
+    nominale_rek=nominal_strain rek=strain ware_spanning=true_stress
+    nominale_spanning=nominal_stress trekspanning=tensile_stress
+    drukspanning=compressive_stress spanning=stress druk=pressure breedte=width
+    dikte=thickness meetlengte=gauge_length beginlengte=initial_length hoogte=height tijd=time
+
     试验力=test_force 試験力=test_force 载荷=load 负荷=load 荷重=load 真应力=true_stress
     真応力=true_stress 工程应力=nominal_stress 名义应力=nominal_stress 公称応力=nominal_stress
     应力=stress 応力=stress 真应变=true_strain 工程应变=nominal_strain 名义应变=nominal_strain
@@ -55,6 +69,11 @@ _WORDS = dict(
     標線間距離=gauge_length 標点距離=gauge_length チャック間距離=grip_separation
     宽度=width 厚度=thickness 厚さ=thickness 直径=diameter 面积=area 断面積=area 高度=height
     力=force 幅=width
+
+    시험력=test_force 하중=load 변위=displacement 신장=elongation 진응력=true_stress
+    공칭응력=nominal_stress 응력=stress 진변형률=true_strain 공칭변형률=nominal_strain
+    변형률=strain 압력=pressure 시간=time 표점거리=gauge_length 너비=width 두께=thickness
+    직경=diameter 단면적=area 높이=height 힘=force 폭=width
     """,
     )
 )
@@ -77,6 +96,11 @@ _ACCENTS = str.maketrans(
         "ù": "u",
         "ì": "i",
         "ò": "o",
+        "ã": "a",
+        "õ": "o",
+        "â": "a",
+        "ô": "o",
+        "ç": "c",
     }
 )
 _FOREIGN = re.compile(rf"(?<![a-z])(?:{'|'.join(_WORDS)})(?![a-z])")
