@@ -309,6 +309,37 @@ def test_friction_goes_from_none_to_sticking() -> None:
     assert firmly[0] > 2 * normal
 
 
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("geometry", "load"),
+    [
+        (
+            {"inner_radius": 0.0603556, "thickness": 0.53145e-3, "oil_gap": 4.79006e-3},
+            {"radius": "40.6248 mm", "friction": 0.05856218}
+            | {"angle": "-13.5866 deg", "depth": "4.5965 mm"},
+        ),
+        (
+            {"inner_radius": 0.0627374, "thickness": 0.44641e-3, "oil_gap": 6.17619e-3},
+            {"radius": "39.1644 mm", "friction": 0.39786463}
+            | {"angle": "-44.6590 deg", "depth": "2.50443 mm"},
+        ),
+    ],
+)
+def test_friction_on_a_thin_skin_has_its_own_bound(
+    geometry: dict[str, float], load: dict[str, Any]
+) -> None:
+    """Beneath a body that is stiff against it: to the digits that the state gives the bound."""
+    problem = problem_of(scene({"kind": "body", "shape": "cylinder"} | load, **geometry), 64)
+    zero = jnp.zeros(1)
+    found = held(problem, State(problem.mechanics.rest(), zero, zero))
+    assert found.result[0] == 0
+    first = problem.mechanics.gripped(found.state.q, found.state.factor)
+    again = held(problem, found.state)
+    second = problem.mechanics.gripped(again.state.q, again.state.factor)
+    bounds = [np.asarray(m.bodies[0].grip.bound) for m in (first, second)]
+    assert np.abs(bounds[1] - bounds[0]).sum() < 1e-7 * bounds[0].sum()
+
+
 def test_a_body_dragged_either_way_pulls_the_skin_along() -> None:
     """By all that friction holds, once it slides."""
     normal, across, _ = dragged(0.3, 0.5)

@@ -21,6 +21,10 @@ from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.numerics.array_types import Lanes
 
 _TOLERANCE = 1e-10  # of the sum of the bounds
+# Where contact is stiff against the skin, as on thin ones, the bound follows the last digits of
+# the state and never comes to rest within the tolerance: below this share of the sum, a change
+# that has ceased to fall is theirs.
+_NOISE = 1e-7
 _MOST_ROUNDS = 80
 
 
@@ -39,23 +43,25 @@ def equilibrium_with_friction(problem: Problem, start: State) -> Equilibrium:
         return equilibrium(dataclasses.replace(problem, mechanics=held), state)
 
     def go(at: tuple[Any, ...]) -> tuple[Any, ...]:
-        held, before, _, rounds = at
+        held, before, last, ended, rounds = at
         after = solve(held, before.state)
         count = before.iterations + after.iterations
         new = mechanics.gripped(after.state.q, after.state.factor)
         apart = _apart(held, new)
-        return new, after._replace(iterations=count), apart, rounds + 1
+        settled = (apart <= _TOLERANCE) | ((apart <= _NOISE) & (apart >= last))
+        return new, after._replace(iterations=count), apart, ended | settled, rounds + 1
 
     def going(at: tuple[Any, ...]) -> Array:
-        _, found, apart, rounds = at
-        return jnp.any((apart > _TOLERANCE) & (found.result == 0)) & (rounds < _MOST_ROUNDS)
+        _, found, _, ended, rounds = at
+        return jnp.any(~ended & (found.result == 0)) & (rounds < _MOST_ROUNDS)
 
     held = mechanics.gripped(start.q, start.factor)
     shape = jax.eval_shape(solve, held, start)
     begin = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shape)._replace(state=start)
     far = jnp.full(start.factor.shape, jnp.inf)
-    _, found, apart, _ = jax.lax.while_loop(going, go, (held, begin, far, jnp.zeros((), int)))
-    lost = (found.result == 0) & (apart > _TOLERANCE)
+    start_at = held, begin, far, jnp.zeros(far.shape, bool), jnp.zeros((), int)
+    _, found, _, ended, _ = jax.lax.while_loop(going, go, start_at)
+    lost = (found.result == 0) & ~ended
     return found._replace(result=jnp.where(lost, index_of("no_convergence"), found.result))
 
 
