@@ -133,6 +133,7 @@ def test_a_membrane_mounted_too_long_buckles_at_the_closed_form() -> None:
         found = report(force=0.0, mounting=share * critical)
         assert found["rest"]["stable"] == stable
         assert found["status"] == ("converged" if stable else "unstable")
+        assert found["stable"] == stable
 
 
 def test_a_membrane_mounted_too_short_stiffens_the_skin() -> None:

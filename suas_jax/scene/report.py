@@ -59,6 +59,10 @@ def report_of(
     return {key: report[key] for key in REPORT_KEYS if key in report}
 
 
+# Outcomes that leave no state to call stable: it buckles at rest, or its path was given up.
+_UNSETTLED = ("unstable", "max_steps")
+
+
 def _header(
     scene: SceneSpec,
     report: dict[str, Any],
@@ -88,6 +92,7 @@ def _header(
         "message": " ".join(filter(None, message)),
         "rtol_met": known and error <= scene.rtol,
         **report,
+        "stable": bool(report["stable"]) and status not in _UNSETTLED,
         "stable_factor": outcome.get("stable_factor"),
         "error_estimate": error if known else None,
         "discretisation_error": mesh_error if known else None,

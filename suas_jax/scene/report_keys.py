@@ -35,7 +35,8 @@ REPORT_KEYS = {
     "strain_energy_J": "energy stored in the membrane",
     "stretch_min": "smallest hoop stretch of the inner face",
     "stretch_max": "largest hoop stretch of the inner face",
-    "stable": "whether the equilibrium is stable on the whole skin with its oil",
+    "stable": "whether the equilibrium is stable on the whole skin with its oil; never so with "
+    "the status `unstable` or `max_steps`",
     "stable_factor": "factor on the loads from which the path from rest is unstable; `null` "
     "where it is not. A state that is stable all the same has swayed",
     "material_stable": "whether every stretch lies in the law's window of stability",
