@@ -6,7 +6,14 @@ of the readings at rest [counts] and P its covariance, a random walk over a time
 of n quiet frames with noise s^2::
 
     P -> P + t (q_taxel^2 I + q_common^2 1 1^T + q_gain^2 r r^T)
-    K = P (P + (s^2 / n) I)^-1,    d -> d + K (y - r - d),    P -> (1 - K) P
+    P^-1 -> P^-1 + W,   d -> d + P W (y - r - d),    W = n / s^2
+
+P is kept as diag(a) + F F^T, which the walk, and looks at all taxels, leave it to be (F spans 1
+and r then). With b = a / (1 + a W) a look costs no more than a frame::
+
+    F -> (b / a) F (1 + F^T diag(W b / a) F)^(-1/2),    a -> b
+
+Where taxels are missing F gains columns; the weakest are counted to a.
 
 In contact only P grows: what a contact does to far taxels is signal. Nothing is clipped.
 
@@ -15,9 +22,9 @@ of the drift taken off, and the model's error in terms of the change from rest.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 
 from fitting.arrays import Flags, Floats
 from fitting.inverse_load.fit.detection import AbstractDetector
@@ -26,10 +33,44 @@ from suas_jax.config import SkinSpec
 
 _BLOCK = 32  # frames of a log whose drift is one
 _QUIET = 0.05  # p-value above which a frame is taken for one without contact
-_SHARED = 3  # directions of P that detection keeps as patterns over all taxels
-_ITERATIONS = 3  # of them, from those of the block before
+_SHARED = 4  # columns of F
 
 ROUNDING = 1 / 12  # variance of a converter's rounding [counts^2]
+
+
+class DriftCovariance(NamedTuple):
+    """Covariance diag(a) + F F^T of a drift."""
+
+    own: Floats  # of each taxel by itself, a [taxel] [counts^2]
+    shared: Floats  # patterns over all taxels, F [taxel, column] [counts]
+
+    @property
+    def variance(self) -> Floats:
+        """Its diagonal [taxel] [counts^2]."""
+        return np.asarray(self.own + (self.shared**2).sum(1))
+
+    def plus(self, other: "DriftCovariance") -> "DriftCovariance":
+        """The sum, with as few columns as are kept."""
+        shared = np.concatenate([self.shared, other.shared], 1)
+        turn = np.linalg.eigh(shared.T @ shared)[1]
+        turned = shared @ turn[:, ::-1]
+        rest = (turned[:, _SHARED:] ** 2).sum(1)
+        return DriftCovariance(self.own + other.own + rest, turned[:, :_SHARED])
+
+    def learned(self, weight: Floats, residual: Floats) -> tuple["DriftCovariance", Floats]:
+        """The covariance after a look, and the change of the drift [taxel].
+
+        Weights are inverse variances of what was read, zero where nothing was [taxel]; the
+        residual is what was read less the drift [taxel].
+        """
+        kept = 1 / (1 + self.own * weight)
+        inner = np.eye(self.shared.shape[1])
+        inner = inner + self.shared.T @ ((weight * kept)[:, None] * self.shared)
+        half = np.linalg.inv(np.linalg.cholesky(inner))
+        shared = kept[:, None] * self.shared @ half.T
+        pull = weight * residual
+        change = self.own * kept * pull + shared @ (shared.T @ pull)
+        return DriftCovariance(self.own * kept, shared), change
 
 
 @dataclass(frozen=True)
@@ -42,11 +83,11 @@ class DriftDensities:
     # seconds of such a walk between the baseline and the first frame [s]
     before: float = 1200.0
 
-    def walk(self, rest: Floats, seconds: float) -> Floats:
-        """Covariance of the walk over a time [taxel, taxel] [counts^2]."""
-        own = self.taxel**2 * np.eye(len(rest))
-        shared = self.common**2 + self.gain**2 * np.outer(rest, rest)
-        return np.asarray(seconds * (own + shared))
+    def walk(self, rest: Floats, seconds: float) -> DriftCovariance:
+        """Covariance of the walk over a time."""
+        own = np.full(len(rest), seconds * self.taxel**2)
+        shared = np.stack([np.full(len(rest), self.common), self.gain * rest], 1)
+        return DriftCovariance(own, np.sqrt(seconds) * shared)
 
 
 @dataclass(frozen=True)
@@ -93,7 +134,6 @@ class DriftFollower:
         self.known = False
         """Whether a frame without contact has been seen."""
         self._time: float | None = None
-        self._axes: Floats | None = None
 
     def follow(self, time: Floats, change: Floats) -> Drift:
         """Take frames; return the drift in each of them.
@@ -111,57 +151,31 @@ class DriftFollower:
                 self._walked(float(np.nanmean(times)))
                 self._quiet(np.array(changes))
             if self.known:
-                drift[part], variance[part] = self.drift, np.diag(self.covariance)
+                drift[part], variance[part] = self.drift, self.covariance.variance
         return Drift(drift, variance)
 
     def _walked(self, now: float) -> None:
         if self._time is not None and now > self._time:
-            self.covariance = self.covariance + self._densities.walk(
-                self._rest, now - self._time
-            )
+            walked = self._densities.walk(self._rest, now - self._time)
+            self.covariance = self.covariance.plus(walked)
         self._time = now
 
     def _quiet(self, change: Floats) -> None:
         """Learn from the frames without contact among some."""
         used = np.isfinite(change)
         left = np.where(used, change - self.drift, 0.0)
-        taxels = len(self._rest)
-        shared = self._shared()
-        own = np.maximum(np.diag(self.covariance) - (shared**2).sum(1), 0.0)
+        own, shared = self.covariance
         weight = used / (self._noise + own)
-        beside = ((0, 0), (0, self._detector.channels - taxels))
+        beside = ((0, 0), (0, self._detector.channels - len(self._rest)))
         test = self._detector.test(*(np.pad(x, beside) for x in (left, weight, shared.T)))
         quiet = test.p_value > _QUIET
         count = (used & quiet[:, None]).sum(0)
-        seen = np.flatnonzero(count)
-        if not seen.size:
+        if not count.any():
             return
-        mean = (left * quiet[:, None]).sum(0)[seen] / count[seen]
-        across = self.covariance[:, seen]
-        total = across[seen] + np.diag(self._noise / count[seen])
-        # By halves of the inverse: half the work for hundreds of taxels, and symmetric.
-        root = scipy.linalg.cholesky(total, lower=True, check_finite=False)
-        half, wanted = (
-            scipy.linalg.solve_triangular(root, x, lower=True, check_finite=False)
-            for x in (across.T, mean)
-        )
-        self.drift = self.drift + half.T @ wanted
-        self.covariance = self.covariance - half.T @ half
+        mean = (left * quiet[:, None]).sum(0) / np.maximum(count, 1)
+        self.covariance, moved = self.covariance.learned(count / self._noise, mean)
+        self.drift = self.drift + moved
         self.known = True
-
-    def _shared(self) -> Floats:
-        """The widest directions of the covariance, as long as they are wide [taxel, _SHARED].
-
-        By subspace iteration, as they hardly turn: decomposing a pad's whole covariance at
-        every look would take longer than its frames.
-        """
-        if self._axes is None:
-            self._axes = np.linalg.eigh(self.covariance)[1][:, -_SHARED:]
-        for _ in range(_ITERATIONS):
-            self._axes, _ = np.linalg.qr(self.covariance @ self._axes)
-        within = self._axes.T @ self.covariance @ self._axes
-        widths, turn = np.linalg.eigh(within)
-        return np.asarray(self._axes @ turn * np.sqrt(np.maximum(widths, 0.0)))
 
 
 @dataclass(frozen=True)
