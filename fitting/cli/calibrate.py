@@ -3,11 +3,19 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from fitting.cli.contract import Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES
-from fitting.cli.options import Plot, check_figures, quantity_option
+from fitting.cli.options import (
+    Baud,
+    CalibratedSkin,
+    JsonInSI,
+    Plot,
+    SkinFile,
+    argument,
+    check_files,
+    option,
+    quantity_option,
+)
 from fitting.cli.progress import fitting_spinner
 from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import say
@@ -21,86 +29,72 @@ if TYPE_CHECKING:
 def calibrate(
     port: Annotated[
         str,
-        typer.Argument(metavar="PORT", help="As for `suas log`; - prints the --plan alone."),
+        argument("As for `suas log`; - prints the --plan alone.", metavar="PORT"),
     ],
-    skin: Annotated[Path, typer.Argument(metavar="SKIN", help="Skin file (TOML).")],
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="SKIN.toml",
-            help="Calibrated skin file; default: SKIN.calibrated.toml in this folder.",
-        ),
-    ] = None,
+    skin: SkinFile,
+    output: CalibratedSkin = None,
     page: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.html", help="Report; default: SKIN.calibrated.html."),
+        option("Report; default: SKIN.calibrated.html.", metavar="FILE.html"),
     ] = None,
     folder: Annotated[
         Path | None,
-        typer.Option(help="Logs of the steps, to resume from; default: SKIN.calibration."),
+        option("Logs of the steps, to resume from; default: SKIN.calibration."),
     ] = None,
     format_name: Annotated[
-        str, typer.Option("--format", metavar="NAME", help=f"{', '.join(FORMAT_NAMES)}.")
+        str, option(f"{', '.join(FORMAT_NAMES)}.", "--format", metavar="NAME")
     ] = "text",
-    baud: Annotated[int, typer.Option(min=1, help="Bits per second.")] = 115200,
-    force: Annotated[
-        str, typer.Option(help="Force of each press that no --press states.")
-    ] = "5 N",
+    baud: Baud = 115200,
+    force: Annotated[str, option("Force of each press that no --press states.")] = "5 N",
     press: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar='"ANGLE, FORCE"',
-            help='A known load to calibrate with, such as "45 deg, 5 N", on a pad "45 deg, '
+        option(
+            'A known load to calibrate with, such as "45 deg, 5 N", on a pad "45 deg, '
             '10 mm, 5 N"; on paths and splines by the arc, "22 mm, 5 N". Repeatable; default: '
             "three places along the arc.",
+            metavar='"ANGLE, FORCE"',
         ),
     ] = None,
     verify: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar='"ANGLE, FORCE"', help="A known load to verify the result with, as --press."
-        ),
+        option("A known load to verify the result with, as --press.", metavar='"ANGLE, FORCE"'),
     ] = None,
     plan: Annotated[
         int | None,
-        typer.Option(
+        option(
+            "Press where it tells most of this unit, N times at most, with --force or "
+            "half of it; then --fit as-built.",
             min=1,
             metavar="N",
-            help="Press where it tells most of this unit, N times at most, with --force or "
-            "half of it; then --fit as-built.",
         ),
     ] = None,
     accuracy: Annotated[
-        str, typer.Option(help="Plan no more presses once forces are known to this (median).")
+        str, option("Plan no more presses once forces are known to this (median).")
     ] = "0 %",
     place_error: Annotated[
-        str, typer.Option(metavar="LENGTH", help="Standard deviation of the presses' places.")
+        str, option("Standard deviation of the presses' places.", metavar="LENGTH")
     ] = "1 mm",
     plot: Plot = None,
     skip_verification: Annotated[
-        bool, typer.Option("--skip-verification", help="Leave the verification out.")
+        bool, option("Leave the verification out.", "--skip-verification")
     ] = False,
     hold: Annotated[
-        float, typer.Option(min=0.2, max=600.0, metavar="S", help="How long to hold still.")
+        float, option("How long to hold still.", min=0.2, max=600.0, metavar="S")
     ] = 3.0,
     timeout: Annotated[
         float,
-        typer.Option(min=1.0, max=86400.0, metavar="S", help="Give up a step after this long."),
+        option("Give up a step after this long.", min=1.0, max=86400.0, metavar="S"),
     ] = 600.0,
     fit: Annotated[
         str | None,
-        typer.Option(
-            help="Constants to find, as for `suas fit sensor`; default: permittivity,gap, and "
+        option(
+            "Constants to find, as for `suas fit sensor`; default: permittivity,gap, and "
             "as-built with --plan."
         ),
     ] = None,
-    model: Annotated[
-        str, typer.Option(help="Shapes of the membrane, as for `suas fit sensor`.")
-    ] = "auto",
+    model: Annotated[str, option("Shapes of the membrane, as for `suas fit sensor`.")] = "auto",
     overwrite: Overwrite = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, SI units.")] = False,
+    as_json: JsonInSI = False,
 ) -> None:
     """Calibrate a skin step by step: rest, known presses, verification.
 
@@ -119,8 +113,7 @@ def calibrate(
         target = output or Path(f"{stem}.calibrated.toml")
         report_file = page or target.with_suffix(".html")
         spec = load_skin(skin)
-        check_outputs([plot], overwrite=overwrite)
-        check_figures(plot)
+        check_files(plot, overwrite=overwrite)
         if port != "-":
             check_outputs([target, report_file], overwrite=overwrite)
         elif plan is None:

@@ -3,30 +3,26 @@
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
-from fitting.cli.contract import Overwrite, bad_input
-from fitting.cli.options import Plot, check_figures, named_values
-from fitting.json_text import json_text
-from suas_jax.acquisition.terminal import new_console, say
-from suas_jax.files.writing import check_outputs
+from fitting.cli.contract import Overwrite, answer, bad_input
+from fitting.cli.options import JsonOnly, Plot, argument, check_files, named_values, option
+from suas_jax.acquisition.terminal import new_console
 
 
 def data(
-    file: Annotated[Path, typer.Argument(help="File of a test machine: CSV, text or .xlsx.")],
+    file: Annotated[Path, argument("File of a test machine: CSV, text or .xlsx.")],
     mode: Annotated[
-        str, typer.Option(help="Kind of test to read it as, see `suas fit material`.")
+        str, option("Kind of test to read it as, see `suas fit material`.")
     ] = "uniaxial",
     columns: Annotated[
-        str | None, typer.Option(help='What columns measure: "force=3,extension=5 mm".')
+        str | None, option('What columns measure: "force=3,extension=5 mm".')
     ] = None,
     specimen: Annotated[
         str | None,
-        typer.Option(help='Sizes that the file does not state: "width=6 mm,thickness=2 mm".'),
+        option('Sizes that the file does not state: "width=6 mm,thickness=2 mm".'),
     ] = None,
     plot: Plot = None,
     overwrite: Overwrite = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: JsonOnly = False,
 ) -> None:
     """Show how a file of a test machine is read, and what looks wrong with it.
 
@@ -36,8 +32,7 @@ def data(
     with bad_input():
         named = named_values(columns, "--columns", "force=3,extension=5")
         sizes = named_values(specimen, "--specimen", "width=6 mm,thickness=2 mm")
-        check_outputs([plot], overwrite=overwrite)
-        check_figures(plot)
+        check_files(plot, overwrite=overwrite)
         from fitting.material.experiments.measurements import mode_named
         from fitting.material.experiments.preview import preview
 
@@ -46,10 +41,7 @@ def data(
             from fitting.material.report.plots import plot_data
 
             plot_data(table, test, plot)
-    if as_json:
-        say(json_text(report))
-    else:
-        _print(report, test)
+    answer(as_json, report, lambda: _print(report, test))
 
 
 def _print(report: dict[str, Any], test: Any) -> None:

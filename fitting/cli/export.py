@@ -3,10 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from fitting.cli.contract import Overwrite, bad_input
 from fitting.cli.log import skin_of_log
+from fitting.cli.options import Baseline, argument, option
 from fitting.cli.progress import bar, spinner
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_output
@@ -19,28 +18,20 @@ if TYPE_CHECKING:
 
 
 def mcap(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="SO log.")],
+    log: Annotated[Path, argument("SO log.", metavar="LOG")],
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o", "--output", metavar="FILE", help="File to write; default: LOG as .mcap."
-        ),
+        option("File to write; default: LOG as .mcap.", "-o", "--output", metavar="FILE"),
     ] = None,
     skin: Annotated[
-        Path | None, typer.Option(help="Skin file; default: the one the log's header names.")
+        Path | None, option("Skin file; default: the one the log's header names.")
     ] = None,
-    baseline: Annotated[
-        Path | None, typer.Option(help="Readings at rest, from `suas baseline`.")
-    ] = None,
+    baseline: Baseline = None,
     loads: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE", help="Loads that `suas invert LOG --json` found; default: estimate."
-        ),
+        option("Loads that `suas invert LOG --json` found; default: estimate.", metavar="FILE"),
     ] = None,
-    taxels_only: Annotated[
-        bool, typer.Option("--taxels-only", help="Leave the loads out.")
-    ] = False,
+    taxels_only: Annotated[bool, option("Leave the loads out.", "--taxels-only")] = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Write a log as MCAP with ROS 2 messages: taxels, contacts, transforms.

@@ -8,18 +8,20 @@ import typer
 
 from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
 from fitting.cli.options import (
+    Chain,
+    JsonInSI,
     Plot,
-    check_figures,
+    check_files,
     named_bounds,
     named_file,
     named_values,
+    option,
     quantity_option,
 )
 from fitting.cli.progress import fitting_spinner
 from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.command import own_output
-from suas_jax.files.writing import check_outputs
 from suas_jax.runtime.registry import model_names
 
 if TYPE_CHECKING:
@@ -31,161 +33,146 @@ if TYPE_CHECKING:
 def material(
     data: Annotated[
         list[str],
-        typer.Option(
-            metavar="MODE=FILE",
-            help="Test data (CSV, text, .xlsx): uniaxial, equibiaxial, pure_shear, biaxial, "
+        option(
+            "Test data (CSV, text, .xlsx): uniaxial, equibiaxial, pure_shear, biaxial, "
             "biaxial_difference, simple_shear, balloon, bulge, volumetric, skin (forces in) or "
             "indentation (a body's travel in). May be repeated.",
+            metavar="MODE=FILE",
         ),
     ],
     law: Annotated[
         str,
-        typer.Option(
-            help=f"{', '.join(model_names('suas_jax.config.laws'))}; auto compares them."
-        ),
+        option(f"{', '.join(model_names('suas_jax.config.laws'))}; auto compares them."),
     ] = "ogden",
     terms: Annotated[
-        int | None, typer.Option(help="Number of terms; of the law polynomial its degree.")
+        int | None, option("Number of terms; of the law polynomial its degree.")
     ] = None,
     residual: Annotated[
         str,
-        typer.Option(
-            help="relative (with a floor), absolute (all points alike), noise (as stated), "
+        option(
+            "relative (with a floor), absolute (all points alike), noise (as stated), "
             "or estimated (from the data)."
         ),
     ] = "relative",
     noise: Annotated[
         str | None,
-        typer.Option(help='Standard deviation where files state none: "5 kPa" or "2 %".'),
+        option('Standard deviation where files state none: "5 kPa" or "2 %".'),
     ] = None,
     specimen: Annotated[
         str | None,
-        typer.Option(help='Sizes where files state none: "width=6 mm,thickness=2 mm".'),
+        option('Sizes where files state none: "width=6 mm,thickness=2 mm".'),
     ] = None,
     columns: Annotated[
         str | None,
-        typer.Option(
-            help="What columns measure where names don't say, by number or name, with a unit "
+        option(
+            "What columns measure where names don't say, by number or name, with a unit "
             'where the file states none: "force=3,extension=5 mm".'
         ),
     ] = None,
-    branch: Annotated[
-        str, typer.Option(help="Branch of the curve to use: all, or loading.")
-    ] = "all",
+    branch: Annotated[str, option("Branch of the curve to use: all, or loading.")] = "all",
     cycle: Annotated[
         str,
-        typer.Option(help="Loading of one cycle of a cyclic test: first, last, or a number."),
+        option("Loading of one cycle of a cyclic test: first, last, or a number."),
     ] = "all",
     cut_break: Annotated[
-        bool, typer.Option("--cut-break", help="Leave out what follows a specimen's failure.")
+        bool, option("Leave out what follows a specimen's failure.", "--cut-break")
     ] = False,
     zero: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="KIND",
-            help="Find a test's zero with the law: slack (of the specimen), force (of the load "
+        option(
+            "Find a test's zero with the law: slack (of the specimen), force (of the load "
             "cell) or machine (its stiffness). May be repeated.",
+            metavar="KIND",
         ),
     ] = None,
     machine_stiffness: Annotated[
         str | None,
-        typer.Option(
-            help='Stiffness of machine and grips, "2 kN/mm": the travel that they take '
+        option(
+            'Stiffness of machine and grips, "2 kN/mm": the travel that they take '
             "themselves is taken off."
         ),
     ] = None,
     thin: Annotated[
         int | None,
-        typer.Option(
+        option(
+            "Most readings of a curve; of more, half as many means. 0 keeps all.",
             min=0,
-            help="Most readings of a curve; of more, half as many means. 0 keeps all.",
             show_default="500; 10000 with --prony or --mullins",
         ),
     ] = None,
     prony: Annotated[
         str,
-        typer.Option(
-            help="Relaxation of the stress from tests with times: number of Prony terms, or "
+        option(
+            "Relaxation of the stress from tests with times: number of Prony terms, or "
             "auto for as many as the data determine."
         ),
     ] = "0",
     mullins: Annotated[
         bool,
-        typer.Option("--mullins", help="Fit softening (Mullins effect) from loading cycles."),
+        option("Fit softening (Mullins effect) from loading cycles.", "--mullins"),
     ] = False,
     bound: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=LOW:HIGH", help="Hard bound, SI units: alpha.0=1:3."),
+        option("Hard bound, SI units: alpha.0=1:3.", metavar="NAME=LOW:HIGH"),
     ] = None,
-    starts: Annotated[int, typer.Option(min=1, help="Number of starting points.")] = 64,
-    seed: Annotated[int, typer.Option(help="Seed of the starting points.")] = 0,
+    starts: Annotated[int, option("Number of starting points.", min=1)] = 64,
+    seed: Annotated[int, option("Seed of the starting points.")] = 0,
     sample: Annotated[
-        bool, typer.Option("--sample", help="Sample the posterior of the constants (emcee).")
+        bool, option("Sample the posterior of the constants (emcee).", "--sample")
     ] = False,
-    walkers: Annotated[int, typer.Option(help="Number of walkers of the sampler, even.")] = 32,
+    walkers: Annotated[int, option("Number of walkers of the sampler, even.")] = 32,
     steps: Annotated[
-        int, typer.Option(min=1, help="Largest number of steps; sampling stops when converged.")
+        int, option("Largest number of steps; sampling stops when converged.", min=1)
     ] = 20_000,
     moves: Annotated[
-        str, typer.Option(help="Moves of the sampler: stretch, walk, de or de-snooker.")
+        str, option("Moves of the sampler: stretch, walk, de or de-snooker.")
     ] = "stretch",
-    chain: Annotated[
-        Path | None,
-        typer.Option(help="HDF5 file that keeps the chain; one that exists is resumed."),
-    ] = None,
-    arviz: Annotated[
-        Path | None, typer.Option(help="Write the samples for ArviZ (netCDF).")
-    ] = None,
-    corner: Annotated[
-        Path | None, typer.Option(help="Write a corner plot (PNG, PDF, SVG).")
-    ] = None,
+    chain: Chain = None,
+    arviz: Annotated[Path | None, option("Write the samples for ArviZ (netCDF).")] = None,
+    corner: Annotated[Path | None, option("Write a corner plot (PNG, PDF, SVG).")] = None,
     predictive: Annotated[
-        Path | None, typer.Option(help="Write a posterior-predictive plot (PNG, PDF, SVG).")
+        Path | None, option("Write a posterior-predictive plot (PNG, PDF, SVG).")
     ] = None,
     export: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="FORMAT=FILE",
-            help="Write a material card: abaqus, calculix, ansys, febio, comsol, lsdyna, "
+        option(
+            "Write a material card: abaqus, calculix, ansys, febio, comsol, lsdyna, "
             "felupe or toml. May be repeated.",
+            metavar="FORMAT=FILE",
         ),
     ] = None,
     card_units: Annotated[
-        str, typer.Option(help="Units of the cards: SI or mm-N-MPa (mm, t, s, MPa).")
+        str, option("Units of the cards: SI or mm-N-MPa (mm, t, s, MPa).")
     ] = "SI",
-    card_name: Annotated[
-        str, typer.Option(help="Name of the material in the cards.")
-    ] = "membrane",
+    card_name: Annotated[str, option("Name of the material in the cards.")] = "membrane",
     density: Annotated[
-        float | None, typer.Option(help="Density in the cards, kg/m3; lsdyna needs it.")
+        float | None, option("Density in the cards, kg/m3; lsdyna needs it.")
     ] = None,
     bulk_modulus: Annotated[
         str | None,
-        typer.Option(
-            help='Bulk modulus in the cards, "1.5 GPa"; volumetric data give it themselves.'
-        ),
+        option('Bulk modulus in the cards, "1.5 GPa"; volumetric data give it themselves.'),
     ] = None,
     scene: Annotated[
         Path | None,
-        typer.Option(
-            help="The skin of --data skin or indentation; without such data: compare the "
+        option(
+            "The skin of --data skin or indentation; without such data: compare the "
             "stability window with the stretches of this scene."
         ),
     ] = None,
     up_to: Annotated[
         float | None,
-        typer.Option(
-            help="Largest stretch of the prediction (and inverse of the "
+        option(
+            "Largest stretch of the prediction (and inverse of the "
             "smallest), such as 1.2; without it, those of --scene, or of the data."
         ),
     ] = None,
     plot: Plot = None,
     report_file: Annotated[
         Path | None,
-        typer.Option("--report", help="Write a one-page report (HTML, self-contained)."),
+        option("Write a one-page report (HTML, self-contained).", "--report"),
     ] = None,
     overwrite: Overwrite = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, SI units.")] = False,
+    as_json: JsonInSI = False,
 ) -> None:
     """Fit a material law to test data, and say what the data leave open.
 
@@ -198,10 +185,9 @@ def material(
         cards = [named_file(text, "--export", "abaqus=card.inp") for text in export or []]
         settings = _card_settings(cards, card_units, card_name, density, bulk_modulus)
         bounds = dict(named_bounds(text) for text in bound or [])
-        outputs = [*files, plot, report_file, *(Path(file) for _, file in cards)]
-        check_outputs(outputs, overwrite=overwrite)
+        others = [arviz, report_file, *(Path(file) for _, file in cards)]
+        check_files(plot, corner, predictive, others=others, overwrite=overwrite)
         own_output(chain)  # not only when the fit has ended
-        check_figures(plot, corner, predictive)
         sets = _data(data, specimen, columns, noise, scene, machine_stiffness)
         modes = {test.mode for test in sets}
         if modes == {"volumetric"} and (cards or sample or scene is not None):

@@ -3,24 +3,20 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from fitting.cli.contract import bad_input
-from fitting.cli.options import ManyWorkers, TrustNetwork, executor
+from fitting.cli.options import ManyWorkers, TrustNetwork, argument, executor, option
 from fitting.cli.progress import bar
 from suas_jax.acquisition.terminal import say
 
 
 def materials(
-    jobs: Annotated[
-        Path, typer.Argument(help="TOML file with a table `membrane` for each membrane.")
-    ],
+    jobs: Annotated[Path, argument("TOML file with a table `membrane` for each membrane.")],
     output: Annotated[
         Path,
-        typer.Option(
+        option(
+            "Results as JSON lines; membranes that are in the file are skipped.",
             "-o",
             "--output",
-            help="Results as JSON lines; membranes that are in the file are skipped.",
         ),
     ],
     workers: ManyWorkers = "2",

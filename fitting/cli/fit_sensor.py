@@ -3,120 +3,96 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from fitting.cli.contract import Overwrite, bad_input
-from fitting.cli.options import Plot, check_figures, quantity_option
+from fitting.cli.contract import Overwrite, answer, bad_input
+from fitting.cli.options import (
+    CalibratedSkin,
+    Chain,
+    JsonInSI,
+    Plot,
+    SkinFile,
+    argument,
+    check_files,
+    option,
+    quantity_option,
+    was_written_by,
+)
 from fitting.cli.progress import fitting_spinner
-from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.command import own_output
-from suas_jax.files.reading import read_bytes
-from suas_jax.files.writing import check_outputs, write_text
-
-_MARK = "written by suas fit sensor"
+from suas_jax.files.writing import check_output, write_text
 
 
 def sensor(
-    skin: Annotated[Path, typer.Argument(metavar="SKIN", help="Skin file (TOML).")],
+    skin: SkinFile,
     logs: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="LOG...",
-            help="SO logs; known inputs in columns such as load_0_force_N, "
+        argument(
+            "SO logs; known inputs in columns such as load_0_force_N, "
             "load_0_displacement_mm, load_0_angle_deg and fluid.",
+            metavar="LOG...",
         ),
     ],
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="SKIN.toml",
-            help="Calibrated skin file; default: SKIN.calibrated.toml in this folder.",
-        ),
-    ] = None,
+    output: CalibratedSkin = None,
     fit: Annotated[
         str,
-        typer.Option(
-            help="Constants to find: permittivity, gap, scale, stray, layers, material.C1, "
+        option(
+            "Constants to find: permittivity, gap, scale, stray, layers, material.C1, "
             "..., separated by commas; or as-built: all that a unit has of its own."
         ),
     ] = "permittivity,gap",
     gap: Annotated[
-        str, typer.Option(help="One gap for all taxels (global), each module, or each taxel.")
+        str, option("One gap for all taxels (global), each module, or each taxel.")
     ] = "global",
     model: Annotated[
         str,
-        typer.Option(
-            help="Shapes of the membrane: shell, solid, auto (solid; shell for simulated logs)."
-        ),
+        option("Shapes of the membrane: shell, solid, auto (solid; shell for simulated logs)."),
     ] = "auto",
     field: Annotated[
         bool,
-        typer.Option(
-            "--field", help="Capacitances from the electrostatic field, not from the formula."
-        ),
+        option("Capacitances from the electrostatic field, not from the formula.", "--field"),
     ] = False,
-    joint: Annotated[
-        bool, typer.Option("--joint", help="Find the material's constants as well.")
-    ] = False,
+    joint: Annotated[bool, option("Find the material's constants as well.", "--joint")] = False,
     inputs: Annotated[
         list[Path] | None,
-        typer.Option(
-            metavar="FILE",
-            help="Known inputs in a CSV of their own, joined on time (t_s): once for all "
+        option(
+            "Known inputs in a CSV of their own, joined on time (t_s): once for all "
             "logs, or once for each.",
+            metavar="FILE",
         ),
     ] = None,
     place_error: Annotated[
         str,
-        typer.Option(
-            metavar="LENGTH", help="Standard deviation of the presses' places, with as-built."
-        ),
+        option("Standard deviation of the presses' places, with as-built.", metavar="LENGTH"),
     ] = "1 mm",
     fluid: Annotated[
         list[str] | None,
-        typer.Option(
-            help="What fills the gap: oil, air, or a known permittivity: once, or once a log."
-        ),
+        option("What fills the gap: oil, air, or a known permittivity: once, or once a log."),
     ] = None,
     air: Annotated[
         str,
-        typer.Option(
-            help="How air in the gap responds: skin (as the oil does), trapped, vented."
-        ),
+        option("How air in the gap responds: skin (as the oil does), trapped, vented."),
     ] = "skin",
     prior: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NAME=VALUE+-SD", help='What is known: "gap=5 mm +- 0.1 mm". Repeatable.'
-        ),
+        option('What is known: "gap=5 mm +- 0.1 mm". Repeatable.', metavar="NAME=VALUE+-SD"),
     ] = None,
     baseline: Annotated[
         Path | None,
-        typer.Option(
-            help="Counts at rest, from `suas baseline`; they fix the taxels' offsets."
-        ),
+        option("Counts at rest, from `suas baseline`; they fix the taxels' offsets."),
     ] = None,
     offsets: Annotated[
-        bool, typer.Option("--offsets", help="Give every taxel an offset of its own.")
+        bool, option("Give every taxel an offset of its own.", "--offsets")
     ] = False,
     sample: Annotated[
-        bool, typer.Option("--sample", help="Sample the posterior of the constants (emcee).")
+        bool, option("Sample the posterior of the constants (emcee).", "--sample")
     ] = False,
-    steps: Annotated[
-        int, typer.Option(min=1, help="Largest number of steps of the sampler.")
-    ] = 20_000,
-    walkers: Annotated[int, typer.Option(min=4, help="Number of walkers of the sampler.")] = 32,
-    seed: Annotated[int, typer.Option(help="Seed of the sampler.")] = 0,
-    chain: Annotated[
-        Path | None,
-        typer.Option(help="HDF5 file that keeps the chain; one that exists is resumed."),
-    ] = None,
+    steps: Annotated[int, option("Largest number of steps of the sampler.", min=1)] = 20_000,
+    walkers: Annotated[int, option("Number of walkers of the sampler.", min=4)] = 32,
+    seed: Annotated[int, option("Seed of the sampler.")] = 0,
+    chain: Chain = None,
     plot: Plot = None,
     overwrite: Overwrite = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, SI units.")] = False,
+    as_json: JsonInSI = False,
 ) -> None:
     """Calibrate permittivity, gap and scale from logs with known inputs.
 
@@ -128,9 +104,10 @@ def sensor(
         target = output or Path(f"{skin.stem.removesuffix('.calibrated')}.calibrated.toml")
         if target.exists() and target.samefile(skin):
             raise ValueError(f"{target}: is the skin file itself; choose another name with -o")
-        check_outputs([target, plot], overwrite=overwrite or _is_own(target, output is None))
+        own = output is None and was_written_by("written by suas fit sensor", target)
+        check_output(target, overwrite=overwrite or own)
+        check_files(plot, overwrite=overwrite or own)
         own_output(chain)  # not only when the fit has ended
-        check_figures(plot)
         from fitting.sensor.logs.data import load_sensor_data
         from suas_jax.config import continuous_inputs, load_skin
 
@@ -183,24 +160,11 @@ def sensor(
                 plot_sensor(found, plot, posterior)
             write_text(target, calibrated_skin(skin, found))
             report["skin_file"] = str(target)
-    if as_json:
-        say(json_text(report))
-    else:
-        from fitting.sensor.report.summary import print_report
+    from fitting.sensor.report.summary import print_report
 
-        print_report(report, found)
+    answer(as_json, report, lambda: print_report(report, found))
+    if not as_json:
         say(f"written: {target}", err=True)
-
-
-def _is_own(target: Path, own_name: bool) -> bool:
-    """Whether an earlier run wrote a file under its own name: the next may replace it."""
-    from suas_jax.config.toml_file import MOST_BYTES
-
-    return (
-        own_name
-        and target.is_file()
-        and _MARK in read_bytes(target, MOST_BYTES, remember=False).decode(errors="replace")
-    )
 
 
 def _prior(text: str) -> tuple[str, tuple[float, float]]:

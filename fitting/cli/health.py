@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from fitting.cli.contract import Overwrite, answer, bad_input
 from fitting.cli.log import FORMAT_NAMES
-from fitting.cli.options import Plot, argument, check_files, option
+from fitting.cli.options import JsonOnly, Plot, argument, check_files, option
 from suas_jax.acquisition.terminal import new_console, say
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def health(
     ] = 10.0,
     plot: Plot = None,
     overwrite: Overwrite = False,
-    as_json: Annotated[bool, option("Print JSON.", "--json")] = False,
+    as_json: JsonOnly = False,
 ) -> None:
     """Judge every taxel: noise, stuck, saturation, drift, loss, correlation with neighbours.
 

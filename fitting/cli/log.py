@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from fitting.cli.contract import BAD_INPUT, Overwrite, answered, bad_input
-from fitting.cli.options import argument, option
+from fitting.cli.options import Baud, argument, option
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_output
 from suas_jax.runtime.registry import model_names
@@ -32,7 +32,7 @@ def log(
     format_name: Annotated[
         str, option(f"Frame format: {', '.join(FORMAT_NAMES)}.", "--format", metavar="NAME")
     ],
-    baud: Annotated[int, option("Bits per second.", min=1)] = 115200,
+    baud: Baud = 115200,
     duration: Annotated[
         float | None, option("Stop after this many seconds.", min=0.0, metavar="S")
     ] = None,

@@ -6,8 +6,6 @@ import re
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from fitting.cli.contract import Overwrite, bad_input
 from fitting.cli.options import argument, option
 from suas_jax.acquisition.terminal import say
@@ -18,7 +16,7 @@ _INNER_RADIUS, _OIL_GAP, _WIDTH, _HALF_ANGLE = 57.5e-3, 5e-3, 123e-3, math.pi / 
 _DIAMETER = 4e-3  # of an electrode [m]
 _MOST_MODULES = 200
 
-_FILE = typer.Argument(metavar="FILE", help="File to write.")
+_FILE = argument("File to write.", metavar="FILE")
 
 _SKIN = """\
 # {title}

@@ -9,6 +9,7 @@ import typer
 
 from fitting.cli.progress import spinner
 from suas_jax.acquisition.terminal import say
+from suas_jax.files.reading import read_bytes
 from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
@@ -37,6 +38,21 @@ Noise = Annotated[
     option("Standard deviation of a reading, in counts; default: the skin file's."),
 ]
 AsJson = Annotated[bool, option("Print JSON, SI units in the keys.", "--json")]
+JsonOnly = Annotated[bool, option("Print JSON.", "--json")]
+JsonInSI = Annotated[bool, option("Print JSON, SI units.", "--json")]
+Chain = Annotated[
+    Path | None, option("HDF5 file that keeps the chain; one that exists is resumed.")
+]
+CalibratedSkin = Annotated[
+    Path | None,
+    option(
+        "Calibrated skin file; default: SKIN.calibrated.toml in this folder.",
+        *("-o", "--output"),
+        metavar="SKIN.toml",
+    ),
+]
+Baseline = Annotated[Path | None, option("Readings at rest, from `suas baseline`.")]
+Baud = Annotated[int, option("Bits per second.", min=1)]
 Model = Annotated[str | None, option('"auto", "shell" or "solid"; overrides the scene.')]
 Rtol = Annotated[float | None, option("Wanted relative error; overrides the scene.")]
 
@@ -103,6 +119,15 @@ def check_figures(*files: Path | None) -> None:
             from suas_jax.figures.style import check_figure_file
 
             check_figure_file(file)
+
+
+def was_written_by(command: str, path: Path) -> bool:
+    """Whether a file has a command's mark: the next run may replace it under its own name."""
+    from suas_jax.config.toml_file import MOST_BYTES
+
+    if not path.is_file():
+        return False
+    return command in read_bytes(path, MOST_BYTES, remember=False).decode(errors="replace")
 
 
 def named_values(text: str | None, option: str, example: str) -> dict[str, str]:

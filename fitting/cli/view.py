@@ -9,10 +9,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from fitting.cli.contract import Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES, skin_of_log
+from fitting.cli.options import Baseline, argument, option
 from fitting.cli.progress import spinner
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_outputs
@@ -28,55 +27,46 @@ if TYPE_CHECKING:
 def view(
     source: Annotated[
         Path,
-        typer.Argument(
-            metavar="SOURCE", help="Scene (TOML), SO log, or with --live the skin file."
-        ),
+        argument("Scene (TOML), SO log, or with --live the skin file.", metavar="SOURCE"),
     ],
     record: Annotated[
         Path | None,
-        typer.Argument(metavar="[LOG]", help="Live: where readings are recorded (optional)."),
+        argument("Live: where readings are recorded (optional).", metavar="[LOG]"),
     ] = None,
     live: Annotated[
-        str | None, typer.Option(metavar="PORT", help="Port to read, as for `suas log`.")
+        str | None, option("Port to read, as for `suas log`.", metavar="PORT")
     ] = None,
     format_name: Annotated[
-        str, typer.Option("--format", metavar="NAME", help=f"Live: {', '.join(FORMAT_NAMES)}.")
+        str, option(f"Live: {', '.join(FORMAT_NAMES)}.", "--format", metavar="NAME")
     ] = "text",
-    baud: Annotated[int, typer.Option(min=1, help="Live: bits per second.")] = 115200,
+    baud: Annotated[int, option("Live: bits per second.", min=1)] = 115200,
     skin: Annotated[
         Path | None,
-        typer.Option(help="Of a log: its skin file; default: the one that its header names."),
+        option("Of a log: its skin file; default: the one that its header names."),
     ] = None,
-    baseline: Annotated[
-        Path | None, typer.Option(help="Readings at rest, from `suas baseline`.")
-    ] = None,
+    baseline: Baseline = None,
     loads: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Of a log: what `suas invert LOG --json` found; default: estimate.",
+        option(
+            "Of a log: what `suas invert LOG --json` found; default: estimate.", metavar="FILE"
         ),
     ] = None,
     history: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE", help="Of a scene: loads over time to play, as for `suas sweep`."
-        ),
+        option("Of a scene: loads over time to play, as for `suas sweep`.", metavar="FILE"),
     ] = None,
     taxels_only: Annotated[
-        bool, typer.Option("--taxels-only", help="Of a log: show it without loads.")
+        bool, option("Of a log: show it without loads.", "--taxels-only")
     ] = False,
     contacts: Annotated[
-        int, typer.Option(min=1, max=4, help="Largest number of contacts to look for.")
+        int, option("Largest number of contacts to look for.", min=1, max=4)
     ] = 3,
     address: Annotated[
-        str, typer.Option(metavar="HOST:PORT", help="Where the page is served; port 0: any.")
+        str, option("Where the page is served; port 0: any.", metavar="HOST:PORT")
     ] = "127.0.0.1:8700",
-    browser: Annotated[
-        bool, typer.Option("--open", help="Open the page in the browser.")
-    ] = False,
+    browser: Annotated[bool, option("Open the page in the browser.", "--open")] = False,
     duration: Annotated[
-        float | None, typer.Option(min=0.0, metavar="S", help="End after this long.")
+        float | None, option("End after this long.", min=0.0, metavar="S")
     ] = None,
     overwrite: Overwrite = False,
 ) -> None:

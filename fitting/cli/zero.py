@@ -4,9 +4,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from fitting.cli.contract import Overwrite, answer, bad_input
-from fitting.cli.options import AsJson, SkinFile, argument, computing, option, quantity_option
+from fitting.cli.options import (
+    AsJson,
+    SkinFile,
+    argument,
+    computing,
+    option,
+    quantity_option,
+    was_written_by,
+)
 from suas_jax.acquisition.terminal import say
-from suas_jax.files.reading import read_bytes
 from suas_jax.files.writing import check_output, write_text
 
 if TYPE_CHECKING:
@@ -54,7 +61,7 @@ def zero(
         from fitting.inverse_load.zero.zero_file import MARK, zero_file_of, zero_text
 
         target = output or zero_file_of(skin)
-        own = output is None and target.is_file() and _wrote(target, MARK)
+        own = output is None and was_written_by(MARK, target)
         check_output(target, overwrite=overwrite or own)
         if known and inputs is not None:
             raise ValueError("--known, --inputs: both say what the presses were; leave one out")
@@ -68,12 +75,6 @@ def zero(
             found = zero_from_log(spec, log, known or (), inputs, diameter=size)
         write_text(target, zero_text(found, skin, log))
     answer(as_json, _report(found, target), lambda: _print(found, target))
-
-
-def _wrote(path: Path, mark: str) -> bool:
-    from suas_jax.config.toml_file import MOST_BYTES
-
-    return mark in read_bytes(path, MOST_BYTES, remember=False).decode(errors="replace")
 
 
 def _by_error(found: "Zero") -> "zip[tuple[Any, ...]]":
