@@ -101,7 +101,8 @@ def test_ten_planned_presses_find_a_unit_of_a_pad(
         high, low = (np.asarray(solver.at(x).model.so(jnp.asarray(x))) for x in moved.T)
         found = (high - low) / (2 * step)
         off = np.abs(found - exact[..., i]).max() / np.abs(found).max()
-        assert off < 1e-4, (name, off)
+        # All that is left is the differences' own error, which falls as their step squared.
+        assert off < 1e-5, (name, off)
     plan = planned(candidates_of(drawing, 6.0, PLACE_ERROR), 10)
     assert plan.accuracy[-1] < plan.accuracy[0] / 2
     unit = Unit(file, 0, plan.presses, 1, 1, 6.0)
