@@ -41,7 +41,7 @@ _FARTHEST = 4e-3  # d is at most, along arc and axis [m]
 _METRE = 1e-3  # a step of d [m] that counts as much as e = 1
 _RIDGE = 1e-6
 _PRESSURE = 0.25  # share of the pressure that c adds or takes at most
-_CHECKS = 6  # further places
+_EVERY = 5  # place between the solved ones, row by row, is a further one: all over the pad
 _CHUNK = 64  # places that are interpolated at once
 _PRESSED = LEVELS != 0
 
@@ -195,7 +195,7 @@ def uneven_table(
     )
     places = grid(*probes)
     between = grid(*((x[1:] + x[:-1]) / 2 for x in probes))
-    checks = between[:: max(1, len(between) // _CHECKS)]
+    checks = between[::_EVERY]
     columns = Columns(skin, even.diameter, progress, len(places) + len(checks))
     radius = float(skin.geometry.outer_size[0])
 
