@@ -171,6 +171,12 @@ def test_correlations_that_are_none_are_refused(correlation: Any, message: str) 
         scene(material={"correlation": correlation})
 
 
+def test_a_calibration_of_what_the_file_lacks_is_refused() -> None:
+    record = CalibrationSpec(parameters=("mounting",), values=(0.0,), covariance=((1e-8,),))
+    with pytest.raises(ValueError, match=r"\[geometry\] has no mounting: add the value"):
+        input_errors(scene().skin.model_copy(update={"calibration": record}))
+
+
 def test_a_calibration_joins_what_is_stated() -> None:
     covariance = np.array([[4e-10, 3e-8], [3e-8, 9e-4]])
     record = CalibrationSpec(

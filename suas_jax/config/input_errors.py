@@ -224,6 +224,15 @@ def _calibrated(
     covariance = np.array(record.covariance, float)
     if not (np.isfinite(covariance).all() and np.isfinite(values).all()):
         raise ValueError("[calibration] covariance and values: finite numbers are needed")
+    given = given_inputs(spec)
+    for name in names:
+        path = _CALIBRATED.get(name, name)
+        if path in _ASSEMBLY and path not in given:
+            table, key = path.split(".")
+            raise ValueError(
+                f'[calibration] parameters: "{name}" is known, but [{table}] has no {key}: '
+                "add the value that was found, as `suas fit sensor` writes it"
+            )
     parts = [_paths_of(spec, name, value) for name, value in zip(names, values, strict=True)]
     left = [i for i, own in enumerate(parts) if not own.keys() & known]
     covariance = covariance[np.ix_(left, left)]
