@@ -3,7 +3,7 @@
 The unit's thickness and gap are random waves on five by five nodes; readings come from a finer
 mesh, in whole counts with a noise of two. The unit's file is exact but for its mesh::
 
-    python benchmarks/uneven_pad.py --seed 1
+    python -m benchmarks.uneven_pad --seed 1
 """
 
 import argparse
@@ -39,8 +39,14 @@ def sheet(mean: float, random: np.random.Generator) -> str:
     return f"{{ arc = {NODES.tolist()}, axial = {NODES.tolist()}, value = [{value}] }}"
 
 
-def report(name: str, spec: SkinSpec, frames: np.ndarray, rest: np.ndarray, loads: np.ndarray,
-           radius: float) -> None:  # fmt: skip
+def report(
+    name: str,
+    spec: SkinSpec,
+    frames: np.ndarray,
+    rest: np.ndarray,
+    loads: np.ndarray,
+    radius: float,
+) -> None:
     """Print errors of force and place, and how many lie in their 95 % intervals."""
     estimator = LoadEstimator(
         spec, rest=rest, rest_variance=4 / 50, most_contacts=1, resolution=RESOLUTION
@@ -49,8 +55,11 @@ def report(name: str, spec: SkinSpec, frames: np.ndarray, rest: np.ndarray, load
     for estimate, (angle, axial, force) in zip(estimator.estimate(frames), loads, strict=True):
         (own,) = estimate.contacts
         off = own.force / force - 1, radius * (own.angle - angle), own.axial - axial
-        sd = (own.deviation("force") / force, radius * own.deviation("angle"),
-              own.deviation("axial"))  # fmt: skip
+        sd = (
+            own.deviation("force") / force,
+            radius * own.deviation("angle"),
+            own.deviation("axial"),
+        )
         rows.append((off, sd))
     off, sd = np.abs(np.array(rows)).swapaxes(0, 1)
     away = 1e3 * np.hypot(off[:, 1], off[:, 2])

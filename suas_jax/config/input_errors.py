@@ -230,7 +230,7 @@ def _calibrated(
         if path in _ASSEMBLY and path not in given:
             table, key = path.split(".")
             raise ValueError(
-                f'[calibration] parameters: "{name}" is known, but [{table}] has no {key}: '
+                f'[calibration] parameters name "{name}", but [{table}] has no {key}: '
                 "add the value that was found, as `suas fit sensor` writes it"
             )
     parts = [_paths_of(spec, name, value) for name, value in zip(names, values, strict=True)]

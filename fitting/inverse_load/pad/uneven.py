@@ -38,10 +38,12 @@ PROBES = (7, 5)
 _ROUNDS = 6
 _MOST = 0.5  # share of force that e is at most
 _FARTHEST = 4e-3  # d is at most, along arc and axis [m]
-_METRE = 1e-3  # a step of d [m] that counts as much as e = 1
-_RIDGE = 1e-6
+_SHIFT = 1e-3  # change of d [m] that counts as much as e = 1
+_RIDGE = 1e-6  # share of the trace that is added where directions of d and e read alike
 _PRESSURE = 0.25  # share of the pressure that c adds or takes at most
-_EVERY = 5  # place between the solved ones, row by row, is a further one: all over the pad
+# Of the places between the solved ones, counted row by row, every fifth is a further one: no
+# divisor of a row's length, so that they lie all over the pad.
+_EVERY = 5
 _CHUNK = 64  # places that are interpolated at once
 _PRESSED = LEVELS != 0
 
@@ -133,7 +135,7 @@ def contacts_alike(
     """
     interpolant = PadInterpolant(table)
     levels = force.shape[1]
-    unit = np.array([_METRE / radius, _METRE, 1.0])
+    unit = np.array([_SHIFT / radius, _SHIFT, 1.0])
     most = np.array([_FARTHEST / radius, _FARTHEST, _MOST])
     end = np.array([table.angle[-1], table.axial[-1]])
     shift = np.zeros((*force.shape, 3))
