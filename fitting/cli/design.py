@@ -66,7 +66,7 @@ def design(
             else:
                 from fitting.design.design import design_skin, designed_skin
 
-                designed = design_skin(wanted, show)
+                designed = design_skin(wanted, show, processes)
                 text = partial(designed_skin, wanted, designed.found.x)
             if output is not None:
                 write_text(output, text(output))

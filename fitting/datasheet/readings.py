@@ -3,7 +3,6 @@
 A lane is one contact on one skin; all lanes of a skin and its neighbours share a program.
 """
 
-import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -59,12 +58,12 @@ def _read(skin: Skin, angle: Lanes, force: Lanes) -> Readings:
     return read(skin, angle, force)
 
 
-def skins_in_lanes(spec: SkinSpec, inputs: dict[str, np.ndarray]) -> Skin:
+def skins_in_lanes(spec: SkinSpec, inputs: dict[str, Any], **settings: Any) -> Skin:
     """Skins that differ in their inputs by TOML path [skin], SI, side by side.
 
-    The membrane passes through the wall.
+    The membrane passes through the wall. `settings` are those of `skin_of`.
     """
-    built = eqx.filter_vmap(lambda own: skin_of(spec, own, contact=False))(
+    built = eqx.filter_vmap(lambda own: skin_of(spec, own, contact=False, **settings))(
         {path: jnp.asarray(values, float) for path, values in inputs.items()}
     )
     return _mapped(lambda x: jnp.moveaxis(x[..., 0], 0, -1), built)
@@ -79,13 +78,14 @@ def read_all(skins: Skin, which: np.ndarray, angle: np.ndarray, force: np.ndarra
     found: list[Any] = []
     for start in range(0, count, _CHUNK):
         lanes = np.minimum(np.arange(start, start + _CHUNK), count - 1)
-        own = _mapped(functools.partial(_picked, which[lanes]), skins)
+        own = picked(skins, which[lanes])
         found.append(COMPILED.run(_read, own, jnp.asarray(angle[lanes]), force[lanes]))
     return _joined(found, count)
 
 
-def _picked(lanes: np.ndarray, x: Array) -> Array:
-    return x[..., lanes]
+def picked(skins: Skin, which: np.ndarray) -> Skin:
+    """Those of skins side by side that every lane is to have [lane]."""
+    return _mapped(lambda x: x[..., which], skins)
 
 
 def _mapped(function: Callable[[Array], Array], skin: Skin) -> Skin:

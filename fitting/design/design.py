@@ -3,6 +3,7 @@
 import os
 import re
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +16,7 @@ from fitting.datasheet.page import figure_text, place_text
 from fitting.datasheet.pictures import plot_skin
 from fitting.datasheet.sheet import DataSheet, data_sheet
 from fitting.datasheet.words import WORDS
+from fitting.design.front import FrontPoint, front
 from fitting.design.problem import Problem
 from fitting.design.search import Found, Price, search
 from fitting.design.want import Want
@@ -23,6 +25,7 @@ from fitting.report.description import Headline, Part, Remark, ReportTable
 from suas_jax import skin_of
 from suas_jax.config import continuous_inputs
 from suas_jax.config.toml_file import MOST_BYTES
+from suas_jax.figures.style import FIRST, styled
 from suas_jax.files.reading import read_bytes
 
 
@@ -33,6 +36,7 @@ class Design(NamedTuple):
     found: Found  # the search
     before: DataSheet  # sheet of the skin file
     after: DataSheet  # of the design
+    front: list[FrontPoint]  # designs between two goals; empty where one is wanted
 
     def report(self) -> dict[str, Any]:
         """What `suas design --json` prints."""
@@ -61,7 +65,15 @@ class Design(NamedTuple):
                 }
                 for p in found.prices
             ],
-            "evaluations": self.problem.calls,
+            "front": [
+                {
+                    want.goal: point.goal,
+                    **dict.fromkeys(want.against, point.other),
+                    "inputs": {path: float(v) for path, v in want.inputs(point.x).items()},
+                }
+                for point in self.front
+            ],
+            "evaluations": found.calls,
             "before": self.before.report(),
             "after": self.after.report(),
         }
@@ -86,16 +98,44 @@ class Design(NamedTuple):
             Headline("designed", line, good=True),
             ReportTable("Inputs", ("input (SI)", "before", "after"), variables),
             ReportTable("Data sheets", ("figure", "before", "after"), rows),
+            *self._front(),
             *(Remark(self._price(p)) for p in found.prices),
             Remark(
                 f"{found.agreeing} of {len(found.trials)} starts agree on the goal; "
-                f"{self.problem.calls} designs were evaluated."
+                f"{found.calls} designs were evaluated."
             ),
         ]
 
     def drawn(self) -> Figure:
-        """The section with its dimensions."""
-        return plot_skin(self.after.spec)
+        """The front where two goals are traded, else the section with its dimensions."""
+        return plot_front(self) if self.front else plot_skin(self.after.spec)
+
+    def _front(self) -> list[Part]:
+        """Its designs, a row each."""
+        want = self.problem.want
+        if not self.front:
+            return []
+        words = [WORDS[key] for key in (want.goal, *want.against)]
+        names = list(want.inputs(self.found.x))
+        rows = [
+            (
+                *(f"{v / w.size:.4g}" for v, w in zip(point[1:], words, strict=True)),
+                *(f"{float(v):.4g}" for v in want.inputs(point.x).values()),
+            )
+            for point in self.front
+        ]
+        heads = (
+            *(f"{w.title.lower()} [{w.unit or 1}]" for w in words),
+            *(f"{n} (SI)" for n in names),
+        )
+        key = want.against[0]
+        return [
+            ReportTable("Between both goals", heads, rows),
+            Remark(
+                f"The file has the first of them. For another one write its {key} as a limit "
+                "in [limits], and leave [front] out."
+            ),
+        ]
 
     def _place(self, price: Price) -> dict[str, float]:
         """Where a limit is reached, as a data sheet tells places: every second one of its."""
@@ -122,12 +162,40 @@ class Design(NamedTuple):
         )
 
 
-def design_skin(want: Want, progress: Callable[[str], None] = lambda text: None) -> Design:
+@styled
+def plot_front(design: Design) -> Figure:
+    """Draw the designs between two goals, and the skin to start from."""
+    want, found = design.problem.want, design.found
+    words = [WORDS[key] for key in (*want.against, want.goal)]
+    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+    axes = figure.subplots()
+    sizes = [word.size for word in words]
+    points = np.array([(p.other, p.goal) for p in design.front]) / sizes
+    axes.plot(*points.T, "o-", color=FIRST, label="designs")
+    outcome = design.problem(want.start)
+    if outcome.found:
+        values = outcome.values[want.against[0]]
+        start = values.min() if words[0].least else values.max(), found.before
+        axes.plot(*(np.array(start) / sizes), "s", color="0.4", label="skin to start from")
+    axes.set(
+        xlabel=f"{words[0].title} [{words[0].unit or 1}]",
+        ylabel=f"{words[1].title} [{words[1].unit or 1}]",
+    )
+    axes.legend(frameon=False)
+    return figure
+
+
+def design_skin(
+    want: Want,
+    progress: Callable[[str], None] = lambda text: None,
+    workers: Executor | None = None,
+) -> Design:
     """Find the skin that makes a figure of its data sheet as good as it can be.
 
     Args:
         want: variables, goal and limits: `load_want`.
         progress: called with what is being done.
+        workers: that search from several starts at once; None: this process.
 
     Raises:
         ValueError: the skin has no electrodes or is a pad, or no design keeps the limits.
@@ -138,16 +206,21 @@ def design_skin(want: Want, progress: Callable[[str], None] = lambda text: None)
     def shown(done: int, goal: float) -> None:
         progress(f"start {min(done + 1, want.starts)} of {want.starts}, best {goal:.4g}")
 
-    found = search(problem, shown)
+    def counted(done: int) -> None:
+        assert want.front is not None
+        progress(f"design {done + 1} of {want.front.points} between both goals")
+
+    found = search(problem, shown, workers)
+    between = [] if want.front is None else front(problem, found, counted)
     progress("data sheets")
     angle = problem.angle
     # Twice as many places, so that what lies between those of the search is seen.
-    places, between = (2 * len(angle) - 1, 4), (float(angle[0]), float(angle[-1]))
+    places, ends = (2 * len(angle) - 1, 4), (float(angle[0]), float(angle[-1]))
     before, after = (
-        data_sheet(spec, places, force=problem.rated, between=between)
+        data_sheet(spec, places, force=problem.rated, between=ends)
         for spec in (want.spec, problem.spec(found.x))
     )
-    return Design(problem, found, before, after)
+    return Design(problem, found, before, after, between)
 
 
 _QUANTITY = re.compile(r"\s*([+-]?[\d.]+(?:[eE][+-]?\d+)?)(.*)", re.DOTALL)

@@ -1,7 +1,9 @@
 """Figures of a skin as functions of its variables, with exact derivatives through `forward`.
 
 First contact is found by bisection; one step of Newton's method from there, which does not move
-it, has its derivatives. Frequencies and buckling have central differences.
+it, has its derivatives. Frequencies and buckling have central differences. Where a share of
+units is asked for, a figure is the bound that this share of them keeps: its logarithm moves by
+z sigma, sigma from the figures of skins a small step of every tolerance away.
 """
 
 from collections.abc import Sequence
@@ -12,19 +14,21 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy.stats import norm
 
 from fitting.arrays import Floats
 from fitting.datasheet.figures import Accuracy, Cases, figures_at, rated_force
 from fitting.datasheet.in_time import buckling_mismatch, motion_figures, scene_of
-from fitting.datasheet.readings import Readings, read
+from fitting.datasheet.readings import Readings, picked, read, skins_in_lanes
 from fitting.datasheet.section import far_taxels
-from fitting.datasheet.variants import named
+from fitting.datasheet.variants import STEP, Variants, named, variants_of
 from fitting.datasheet.words import PLACED
 from fitting.design.want import BY_DIFFERENCES, Variable, Want
 from fitting.force_range.bound import angles_over, first_contacts
 from fitting.inverse_load.estimator import MODEL_ERROR
-from suas_jax import skin_of
+from suas_jax import Skin, skin_of
 from suas_jax.config import SkinSpec, continuous_inputs, structure, with_inputs
+from suas_jax.numerics.length import length
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import Keyed
 from suas_jax.skin.plain import angles_at
@@ -50,6 +54,8 @@ class Numbers(NamedTuple):
     rated: Any  # the rated force [N]
     noise: Any  # standard deviation of a reading [counts]
     far: Any  # taxels that count as crosstalk [taxel, place]
+    moved: Any  # share by which tolerances move inputs, by path [skin]; none where not asked
+    margin: Any  # z of the share of units
 
 
 class Asked(Keyed):
@@ -68,29 +74,60 @@ class Asked(Keyed):
 
 
 def figures(asked: Asked, x: Any, touch: Any, numbers: Numbers) -> tuple[Any, Any]:
-    """Figures of a design [key, place], and outcomes of their states [lane]; differentiable.
+    """Figures of a design [key, place] and outcomes of its states [skin, 4, place].
 
-    The variables x are between 0 and 1; `touch` are forces that close the gap [place] [N].
+    Differentiable by the variables x, between 0 and 1; `touch` are forces that close the gap
+    [place] [N].
     """
     inputs = dict(numbers.own)
     values = numbers.low + (numbers.high - numbers.low) * x
     for i, (paths, factor) in enumerate(asked.variables):
         for path in paths:
             inputs[path] = numbers.own[path] * values[i] if factor else values[i]
-    skin = skin_of(asked.spec, inputs, contact=False, elements=asked.elements)
+    skin, skins = _skins(asked, inputs, numbers.moved)
     count = len(numbers.angle)
     zero = jnp.zeros(count)
-    force = [zero, zero + numbers.rated / 2, zero + numbers.rated, touch]
-    found = read(skin, jnp.tile(numbers.angle, 4), jnp.concatenate(force))
-    parts = [
-        Readings(*(column[..., i * count : (i + 1) * count] for column in found))
-        for i in range(4)
-    ]
+    force = jnp.stack([zero, zero + numbers.rated / 2, zero + numbers.rated, touch])
+    shape = (skins, 4, count)
+    lanes = [jnp.broadcast_to(x, shape).reshape(-1) for x in (numbers.angle, force)]
+    if skins > 1:
+        skin = picked(skin, np.repeat(np.arange(skins), 4 * count))
+    found = read(skin, *lanes)
+    cases = jax.tree.map(lambda x: x.reshape(*x.shape[:-1], *shape), found)
+    parts = [Readings(*(column[..., i, :] for column in cases)) for i in range(4)]
     accuracy = Accuracy(numbers.noise, MODEL_ERROR)
     rest, half, rated, near = parts
-    cases = Cases(rest, half, rated, near, touch)
-    placed = figures_at(cases, accuracy, numbers.far)
-    return jnp.stack([getattr(placed, PLACED[key].field) for key in asked.keys]), found.result
+    placed = figures_at(Cases(rest, half, rated, near, touch), accuracy, numbers.far)
+    own = {key: getattr(placed, PLACED[key].field) for key in asked.keys}
+    bounds = [_bound(key, values, numbers.margin) for key, values in own.items()]
+    return jnp.stack(bounds), cases.result
+
+
+def _skins(asked: Asked, inputs: dict[str, Any], moved: dict[str, Any]) -> tuple[Skin, int]:
+    """The skin of a design and, in lanes, its neighbours; their number."""
+    if not moved:
+        return skin_of(asked.spec, inputs, contact=False, elements=asked.elements), 1
+    rows = {path: inputs[path] * (1 + share) + step for path, (share, step) in moved.items()}
+    skins = len(next(iter(rows.values())))
+    every = {path: jnp.broadcast_to(value, skins) for path, value in inputs.items()}
+    return skins_in_lanes(asked.spec, every | rows, elements=asked.elements), skins
+
+
+def _bound(key: str, values: Any, margin: Any) -> Any:
+    """A figure [skin, place] as the share of units keeps it [place]."""
+    own, slopes = values[0], (values[2::2] - values[1::2]) / (2 * STEP)
+    deviation = length(slopes) if len(slopes) else 0.0
+    return own * jnp.exp((-1 if PLACED[key].least else 1) * margin * deviation / own)
+
+
+def _moved(variants: Variants) -> dict[str, tuple[Floats, Floats]]:
+    """How far tolerances move the inputs: as shares of them, and where they are zero [SI]."""
+    found = {}
+    for path, values in variants.inputs.items():
+        own, change = values[0], (values - values[0])[:-4]  # without WARMER and DEEPER
+        if change.any():
+            found[path] = (change / own, 0 * change) if own else (0 * change, change)
+    return found
 
 
 @eqx.filter_jit
@@ -111,10 +148,10 @@ class Problem:
     elements: int = 32  # of the mesh
     angle: Floats = field(init=False)  # places that count [rad]
     rated: float = field(init=False)  # the rated force [N]
-    calls: int = field(init=False, default=0)  # designs evaluated so far
 
     def __post_init__(self) -> None:
-        want, spec = self.want, self.want.spec
+        want = self.want
+        spec = want.spec if want.units is None else named(want.spec)
         spec.require_plane_strain("`suas design`")
         skin = skin_of(spec, contact=False, elements=self.elements)
         assert spec.electrodes is not None  # or there would be no skin
@@ -126,7 +163,7 @@ class Problem:
             low, high = np.clip(ends, -edge, edge)
         self.angle = np.linspace(low, high, want.places)
         self.rated = want.force or rated_force(first_contacts(skin, self.angle)[0])
-        wanted = {want.goal, *(limit.key for limit in want.limits)}
+        wanted = {want.goal, *want.against, *(limit.key for limit in want.limits)}
         self._keys = tuple(key for key in PLACED if key in wanted)
         self._others = tuple(key for key in BY_DIFFERENCES if key in wanted)
         self._asked = Asked(spec, want.variables, self._keys, self.elements)
@@ -138,6 +175,8 @@ class Problem:
             np.float64(self.rated),
             np.float64(spec.electrodes.noise),
             far_taxels(skin, self.angle),
+            {} if want.units is None else _moved(variants_of(spec)),
+            np.float64(norm.ppf(want.units or 0.5)),
         )
 
     def first_contacts(self, x: Floats) -> Floats:
@@ -148,7 +187,6 @@ class Problem:
 
     def __call__(self, x: Floats) -> Outcome:
         """The figures of a design, of which `x` are the variables, between 0 and 1."""
-        self.calls += 1
         touch = self.first_contacts(x)
         known = np.where(np.isfinite(touch), touch, self.rated)
         by_x, (values, result) = jax.tree.map(
@@ -156,7 +194,7 @@ class Problem:
             COMPILED.run(_slopes, self._asked, np.asarray(x, float), known, self._numbers),
         )
         # Of a contact with the wall that was not found, nothing else is wrong.
-        settled = not result[: 3 * len(self.angle)].any()
+        settled = not result[:, :3].any()
         needed = "range_N" not in self._keys or np.isfinite(touch).all()
         found = bool(settled and needed and np.isfinite(values).all())
         outcome = Outcome(

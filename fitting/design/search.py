@@ -9,7 +9,9 @@ variable t takes its place::
 multipliers say what each limit costs.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +20,7 @@ from scipy.stats import qmc
 
 from fitting.arrays import Floats
 from fitting.design.problem import Outcome, Problem
-from fitting.design.want import Limit
+from fitting.design.want import Limit, Want
 
 _STEPS, _TOLERANCE = 80, 1e-7
 _KEPT = 1e-5  # share by which a limit may be missed
@@ -33,6 +35,9 @@ class Trial(NamedTuple):
     x: Floats  # those of its end
     goal: float  # the figure there, the worst over the region; NaN where limits are not kept
     message: str  # how it ended
+    multipliers: Floats  # of the goal at every place, then of the limits
+    scale: float  # the goal at the start, which it is divided by
+    calls: int  # designs evaluated on the way
 
 
 class Price(NamedTuple):
@@ -56,10 +61,13 @@ class Found(NamedTuple):
     trials: tuple[Trial, ...]  # all searches, the best first
     prices: tuple[Price, ...]  # what holds it
     agreeing: int  # searches that ended with the same goal
+    calls: int  # designs evaluated by all of them
 
 
 def search(
-    problem: Problem, progress: Callable[[int, float], None] = lambda done, goal: None
+    problem: Problem,
+    progress: Callable[[int, float], None] = lambda done, goal: None,
+    workers: Executor | None = None,
 ) -> Found:
     """Search from every start; `progress` hears how many are done, and the best goal so far.
 
@@ -68,55 +76,69 @@ def search(
     want = problem.want
     sampler = qmc.LatinHypercube(len(want.variables), seed=want.seed)
     starts = [want.start, *sampler.random(want.starts - 1)]
+    trials = best_first(problem, want, starts, progress, workers)
+    best = trials[0]
+    agreeing = sum(abs(t.goal / best.goal - 1) < _AGREE for t in trials)
+    before = worst(want, problem(want.start))
+    calls = sum(t.calls for t in trials)
+    prices = _Program(problem, want).prices(best)
+    return Found(best.x, best.goal, before, tuple(trials), prices, agreeing, calls)
+
+
+def best_first(
+    problem: Problem,
+    want: Want,  # what is wanted of the problem's figures
+    starts: Iterable[Floats],
+    progress: Callable[[int, float], None] = lambda done, goal: None,
+    workers: Executor | None = None,
+) -> list[Trial]:
+    """Searches from starts, the best first. Raises ValueError: none keeps the limits."""
     sign = -1.0 if want.maximise else 1.0
     trials: list[Trial] = []
-    programs = []
-    for i, start in enumerate(starts):
-        program = _Program(problem)
-        trials.append(program.solve(start))
-        programs.append(program)
-        best = min(sign * t.goal for t in trials) if trials else np.nan
-        progress(i + 1, sign * best)
-    order = np.argsort([sign * t.goal for t in trials], kind="stable")  # NaN last
-    best = trials[order[0]]
-    if not np.isfinite(best.goal):
+    run = partial(_tried, problem, want)
+    for trial in map(run, starts) if workers is None else workers.map(run, starts):
+        trials.append(trial)
+        progress(len(trials), sign * min(sign * t.goal for t in trials))
+    trials.sort(key=lambda t: (np.isnan(t.goal), sign * t.goal))
+    if not np.isfinite(trials[0].goal):
         raise ValueError(
             "no design within the bounds keeps the limits from any start: "
             + "; ".join(dict.fromkeys(t.message for t in trials))
             + "; widen a bound, relax a limit, or try more starts"
         )
-    agreeing = sum(abs(t.goal / best.goal - 1) < _AGREE for t in trials)
-    program = programs[order[0]]
-    before = worst(problem, problem(want.start))
-    ordered = tuple(trials[i] for i in order)
-    return Found(best.x, best.goal, before, ordered, program.prices(best), agreeing)
+    return trials
 
 
-def worst(problem: Problem, outcome: Outcome) -> float:
+def _tried(problem: Problem, want: Want, start: Floats) -> Trial:
+    return _Program(problem, want).solve(start)
+
+
+def worst(want: Want, outcome: Outcome) -> float:
     """The goal of a design; NaN where a state was not found."""
     if not outcome.found:
         return float("nan")
-    values = outcome.values[problem.want.goal]
-    return float(values.min() if problem.want.maximise else values.max())
+    values = outcome.values[want.goal]
+    return float(values.min() if want.maximise else values.max())
 
 
 class _Program:
     """One search: the problem as SciPy takes it, variables and t."""
 
-    def __init__(self, problem: Problem) -> None:
-        self.problem, self.want = problem, problem.want
+    def __init__(self, problem: Problem, want: Want) -> None:
+        self.problem, self.want = problem, want
         self._last: tuple[Floats, Outcome] | None = None
         self._known: Outcome | None = None
         self._scale = 1.0
-        self._multipliers = np.zeros(0)
+        self._calls = 0
 
     def solve(self, start: Floats) -> Trial:
         """Search from a start."""
         first = self._outcome(start)
         if not first.found:
-            return Trial(start, start, float("nan"), "a state was not found at the start")
-        self._scale = abs(worst(self.problem, first)) or 1.0
-        t = worst(self.problem, first) / self._scale
+            why, none = "a state was not found at the start", np.zeros(0)
+            return Trial(start, start, float("nan"), why, none, 1.0, self._calls)
+        self._scale = abs(worst(self.want, first)) or 1.0
+        t = worst(self.want, first) / self._scale
         sign = -1.0 if self.want.maximise else 1.0
         gradient = np.append(np.zeros(len(start)), sign)
         found = scipy.optimize.minimize(
@@ -135,18 +157,19 @@ class _Program:
         x = np.clip(found.x[:-1], 0.0, 1.0)
         outcome = self._outcome(x)
         kept = outcome.found and self._rows(outcome, x, 0.0)[0].min(initial=1.0) > -_KEPT
-        self._multipliers = np.asarray(found.multipliers)
-        goal = worst(self.problem, outcome) if kept else float("nan")
-        return Trial(start, x, goal, str(found.message))
+        goal = worst(self.want, outcome) if kept else float("nan")
+        multipliers = np.asarray(found.multipliers)
+        return Trial(start, x, goal, str(found.message), multipliers, self._scale, self._calls)
 
     def prices(self, trial: Trial) -> tuple[Price, ...]:
-        """What holds a design that this search found."""
+        """What holds a design that a search found."""
         x, outcome = trial.x, self._outcome(trial.x)
+        self._scale = trial.scale
         places = len(self.problem.angle)
         limits, slopes = self._rows(outcome, x, 0.0)
-        goal = trial.goal / self._scale
+        goal = trial.goal / trial.scale
         found = []
-        own = self._multipliers[places:]  # the first are those of the goal's places
+        own = trial.multipliers[places:]  # the first are those of the goal's places
         row = 0
         for limit in self.want.limits:
             for k in range(len(outcome.values[limit.key])):
@@ -156,7 +179,7 @@ class _Program:
                 row += 1
         # Of the Lagrangian at a bound: what a step across it would gain.
         rows = np.concatenate([self._goal_rows(outcome)[1], slopes])
-        pull = self._multipliers @ rows
+        pull = trial.multipliers @ rows
         for i, variable in enumerate(self.want.variables):
             for side, value in ((0.0, variable.low), (1.0, variable.high)):
                 if abs(x[i] - side) < _ACTIVE and pull[i] != 0:
@@ -167,6 +190,7 @@ class _Program:
     def _outcome(self, x: Floats) -> Outcome:
         if self._last is None or not np.array_equal(self._last[0], x):
             self._last = (np.array(x), self.problem(np.clip(x, 0.0, 1.0)))
+            self._calls += 1
         return self._last[1]
 
     def _goal_rows(self, outcome: Outcome) -> tuple[Floats, Floats]:

@@ -47,6 +47,13 @@ class Limit(NamedTuple):
     least: bool  # whether the figure must be at least as large; else at most
 
 
+class Front(NamedTuple):
+    """A second figure that the goal is traded against."""
+
+    figure: str  # its key
+    points: int  # designs from the best by the goal to the best by it
+
+
 @dataclass(frozen=True)
 class Want:
     """What is wanted."""
@@ -66,6 +73,14 @@ class Want:
     starts: int  # of the search, the skin itself first
     seed: int  # of the other starts
     keep: int | None = None  # how many of the skin's taxels; None where they are not asked for
+    # share of units built within the tolerances that keep each figure; None for one as drawn
+    units: float | None = None
+    front: "Front | None" = None  # of two goals; None for one goal
+
+    @property
+    def against(self) -> tuple[str, ...]:
+        """The second figure, where there is one."""
+        return () if self.front is None else (self.front.figure,)
 
     def inputs(self, x: Any) -> dict[str, Any]:
         """Inputs of the skin by path, from variables between 0 and 1, traced or not."""
@@ -114,6 +129,12 @@ class _At(Spec):
     region: Annotated[tuple[str, str], AsList] | None = None
     places: Count = 9
     force: Annotated[float, quantity("force", above=0.0)] | None = None
+    units: Annotated[float, quantity("number", above=0.5, below=1.0)] | None = None
+
+
+class _Front(Spec):
+    figure: _Figure
+    points: Count = 6
 
 
 class _Search(Spec):
@@ -130,7 +151,7 @@ class _Together(Spec):
     factor: Annotated[tuple[float, float], AsList]
 
 
-_TABLES = ("skin", "variables", "taxels", "goal", "limits", "at", "search")
+_TABLES = ("skin", "variables", "taxels", "goal", "front", "limits", "at", "search")
 CHOOSABLE = ("force_resolution_N", "place_resolution_m")
 """Figures that decide which taxels are kept."""
 
@@ -163,26 +184,43 @@ def load_want(file: Path) -> Want:
     keep = None
     if "taxels" in table:
         keep = reader.part(_Taxels, table["taxels"], "taxels").keep
-        for key in ("variables", "limits", "search"):
+        for key in ("variables", "front", "limits", "search"):
             if key in table:
                 advice = "has no meaning beside [taxels]; choose taxels of the designed skin"
                 reader.refuse(key, None, advice)
         if goal.minimise not in CHOOSABLE:
             advice = f"allowed beside [taxels]: minimise {' or '.join(CHOOSABLE)}"
             reader.refuse("goal", goal.minimise or goal.maximise, advice)
+    limits = tuple(reader.limits(table.get("limits", {})))
+    if at.units is not None:
+        alone = [limit.key for limit in limits if limit.key in BY_DIFFERENCES]
+        if alone or keep:
+            where = f"limits.{alone[0]}" if alone else "taxels"
+            reader.refuse(
+                "at.units", at.units, f"has no meaning beside [{where}]; leave it out"
+            )
+    front = None
+    if "front" in table:
+        front = Front(*reader.part(_Front, table["front"], "front").__dict__.values())
+        if front.figure in (goal.minimise, goal.maximise):
+            reader.refuse("front.figure", front.figure, "is the goal itself; name another one")
+        if front.points < 3:
+            reader.refuse("front.points", front.points, "at least 3 are needed")
     return Want(
         path,
         spec,
         () if keep else tuple(reader.variables(table.get("variables", {}), spec)),
         goal.minimise or goal.maximise,
         goal.maximise is not None,
-        tuple(reader.limits(table.get("limits", {}))),
+        limits,
         region,
         at.places,
         at.force,
         search.starts,
         search.seed,
         keep,
+        at.units,
+        front,
     )
 
 

@@ -1,0 +1,72 @@
+"""Designs between two goals: none is better by one figure without being worse by the other.
+
+The ends are the best designs by either figure. Between them the second figure becomes a limit,
+whose values are spread evenly, and each search begins at the designs beside it (Haimes et al.
+1971, the epsilon-constraint method)::
+
+    best goal   with   figure >= its values between both ends   (<= where small is good)
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from fitting.arrays import Floats
+from fitting.datasheet.words import WORDS
+from fitting.design.problem import Problem
+from fitting.design.search import Found, best_first, worst
+from fitting.design.want import Limit, Want
+
+_GIVEN = 1e-3  # share of the second figure's best that the last point gives up
+
+
+class FrontPoint(NamedTuple):
+    """A design of the front."""
+
+    x: Floats  # its variables, between 0 and 1
+    goal: float  # the goal, the worst over the region
+    other: float  # the second figure, the worst over the region
+
+
+def front(
+    problem: Problem,
+    found: Found,  # the best design by the goal
+    progress: Callable[[int], None] = lambda done: None,  # hears how many points are known
+) -> list[FrontPoint]:
+    """The front, from the best design by the goal to the best by the second figure.
+
+    A value between them that no search keeps is left out. Raises ValueError: no design keeps
+    the limits.
+    """
+    want = problem.want
+    assert want.front is not None
+    key, points = want.front
+    least = WORDS[key].least
+    turned = dataclasses.replace(want, goal=key, maximise=least)
+
+    def point(x: Floats) -> FrontPoint:
+        outcome = problem(x)
+        return FrontPoint(x, worst(want, outcome), worst(turned, outcome))
+
+    known = [point(found.x)]
+    progress(1)
+    far = best_first(problem, turned, [found.x, *(t.start for t in found.trials)])[0]
+    # Of all designs as good by the second figure, the best by the goal.
+    values = np.linspace(known[0].other, far.goal, points)[1:]
+    values[-1] = far.goal * (1 - np.sign(far.goal - known[0].other) * _GIVEN)
+    last = far.x
+    for value in values:
+        limited = _limited(want, Limit(key, float(value), least))
+        try:
+            best = best_first(problem, limited, [known[-1].x, last])[0]
+        except ValueError:
+            continue
+        known.append(point(best.x))
+        progress(len(known))
+    return known
+
+
+def _limited(want: Want, limit: Limit) -> Want:
+    return dataclasses.replace(want, limits=(*want.limits, limit))
