@@ -1,38 +1,41 @@
 """Designs: what is wanted, the search on problems with a known answer, and skin files."""
 
+import dataclasses
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from fitting.datasheet.variants import STEP
 from fitting.design.design import designed_skin
-from fitting.design.problem import Outcome
+from fitting.design.front import front
+from fitting.design.problem import Outcome, bound_of_units
 from fitting.design.search import search
-from fitting.design.want import Limit, Variable, load_want
+from fitting.design.want import Front, Limit, Variable, Want, load_want
 from suas_jax.config import ConfigError, continuous_inputs, load_skin
 
 ROOT = Path(__file__).parent.parent
 WANT = ROOT / "configs" / "design" / "sensitive.toml"
 
 
+class _Want(Want):
+    start = np.array([0.1, 0.2])
+
+
 class Problem:
     """Two variables; figures (x - 0.8)^2 + (y - 0.6)^2 + 1 + k and x + y at two places."""
 
     angle = np.zeros(2)
-    calls = 0
 
     def __init__(self, starts: int = 3) -> None:
         variables = tuple(Variable(name, (name,), 0.0, 1.0, False) for name in "xy")
-        self.want: Any = SimpleNamespace(
-            variables=variables,
-            start=np.array([0.1, 0.2]),
-            starts=starts,
-            seed=1,
-            goal="force_resolution_N",
-            maximise=False,
-            limits=(Limit("range_N", 1.0, False),),
+        none: Any = None
+        limits = (Limit("range_N", 1.0, False),)
+        goal = "force_resolution_N"
+        self.want: Any = _Want(
+            none, none, variables, goal, False, limits, None, 2, None, starts, 1
         )
 
     def __call__(self, x: Any) -> Outcome:
@@ -61,14 +64,51 @@ def test_search_finds_the_optimum_on_its_limit_and_its_price() -> None:
 
 def test_search_says_where_no_design_keeps_the_limits() -> None:
     problem = Problem()
-    problem.want.limits = (Limit("range_N", 3.0, True),)
+    problem.want = dataclasses.replace(problem.want, limits=(Limit("range_N", 3.0, True),))
     with pytest.raises(ValueError, match="no design within the bounds keeps the limits"):
         search(problem)  # type: ignore[arg-type]
+
+
+def test_searches_of_workers_are_those_of_this_process() -> None:
+    with ThreadPoolExecutor(2) as workers:
+        by_workers = search(Problem(), workers=workers)  # type: ignore[arg-type]
+    alone = search(Problem())  # type: ignore[arg-type]
+    assert by_workers.calls == alone.calls > 3
+    for found, expected in zip(by_workers.trials, alone.trials, strict=True):
+        np.testing.assert_array_equal(found.x, expected.x)
+
+
+def test_front_between_two_goals_is_the_closed_form() -> None:
+    problem = Problem()
+    problem.want = dataclasses.replace(problem.want, limits=(), front=Front("range_N", 4))
+    points = front(problem, search(problem))  # type: ignore[arg-type]
+    # From the goal's optimum, where x + y is 1.4, to (1, 1). Between them the nearest point to
+    # (0.8, 0.6) on x + y = v, and on x = 1 where it would lie beyond.
+    v = np.array([1.4, 1.6, 1.8, 2.0 * (1 - 1e-3)])
+    x = np.minimum(0.8 + (v - 1.4) / 2, 1.0)
+    np.testing.assert_allclose([p.other for p in points], v, rtol=1e-5)
+    np.testing.assert_allclose([p.x for p in points], np.stack([x, v - x], 1), atol=1e-4)
+    goal = 2 + (x - 0.8) ** 2 + (v - x - 0.6) ** 2
+    np.testing.assert_allclose([p.goal for p in points], goal, rtol=1e-5)
+
+
+@pytest.mark.parametrize(("key", "side"), [("range_N", -1), ("force_resolution_N", 1)])
+def test_bound_of_units_is_the_quantile_of_a_lognormal_figure(key: str, side: int) -> None:
+    slopes, own = np.array([0.3, -0.4]), np.array([2.0, 5.0])  # of the logarithm, by tolerances
+    moves = STEP * np.array([0.0, -slopes[0], slopes[0], -slopes[1], slopes[1]])
+    values = np.exp(moves)[:, None] * own
+    found = bound_of_units(key, values, 1.5)
+    np.testing.assert_allclose(found, own * np.exp(side * 1.5 * 0.5), rtol=1e-4)
+    np.testing.assert_array_equal(bound_of_units(key, values[:1], 1.5), own)
 
 
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
+        ("force  =", 'units = "100 %"\nforce  =', "between 0.5 and 1"),
+        ("[limits]", '[front]\nfigure = "force_resolution_N"\n[limits]', "the goal itself"),
+        ("[limits]", '[front]\nfigure = "range"\n[limits]', "range_N"),
+        ("[limits]", '[front]\nfigure = "range_N"\npoints = 2\n[limits]', "at least 3"),
         ("geometry.thickness", "geometry.thicknes", 'did you mean "geometry.thickness"'),
         ('"0.8 mm", "3 mm"', '"0.8 mm"', "two values"),
         ('"0.8 mm"', '"0.8 N"', "a length with its unit is expected"),
@@ -87,6 +127,15 @@ def test_mistakes_are_named(tmp_path: Path, old: str, new: str, words: str) -> N
     file = tmp_path / "want.toml"
     file.write_text(text.replace(old, new, 1))
     with pytest.raises(ConfigError, match=words):
+        load_want(file)
+
+
+def test_units_are_refused_beside_figures_whose_tolerance_is_unknown(tmp_path: Path) -> None:
+    text = WANT.read_text().replace("../skins", str(ROOT / "configs" / "skins"))
+    text = text.replace("[limits]", "[limits]\nbandwidth_Hz = { at_least = 5 }")
+    file = tmp_path / "want.toml"
+    file.write_text(text.replace("[at]", '[at]\nunits = "90 %"'))
+    with pytest.raises(ConfigError, match=r"at\.units.*limits\.bandwidth_Hz"):
         load_want(file)
 
 

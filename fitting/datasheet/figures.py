@@ -19,7 +19,6 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -78,7 +77,6 @@ def figures_at(
 ) -> Figures:
     """The figures of places, `far` being the taxels that a contact there should leave alone."""
     rest, light = cases.rest.so, cases.rest.slope[-1]
-    slope = jax.lax.stop_gradient(cases.touch.gap_slope)
     sensitivity = _norm(light)
     change, half = cases.rated.so - rest, cases.half.so - rest
     squares = jnp.sum(change**2, 0)
@@ -90,7 +88,7 @@ def figures_at(
     disturbed = jnp.max(jnp.where(mask, jnp.abs(change), 0.0), 0)
     crosstalk = disturbed / jnp.max(jnp.abs(change), 0)
     return Figures(
-        cases.force - cases.touch.gap / slope,
+        cases.force - cases.touch.gap / cases.touch.gap_slope,
         cases.rated.gap,
         sensitivity,
         CURRIE * jnp.sqrt(accuracy.variance) / sensitivity,

@@ -34,6 +34,7 @@ from suas_jax.runtime.content_key import Keyed
 from suas_jax.skin.plain import angles_at
 
 _STEP = 1e-3  # of a variable's range, for central differences
+_FURTHER = 1e-4  # share of first contact beyond it at which its change is read
 
 
 class Outcome(NamedTuple):
@@ -74,7 +75,7 @@ class Asked(Keyed):
 
 
 def figures(asked: Asked, x: Any, touch: Any, numbers: Numbers) -> tuple[Any, Any]:
-    """Figures of a design [key, place] and outcomes of its states [skin, 4, place].
+    """Figures of a design [key, place] and outcomes of its states [skin, case, place].
 
     Differentiable by the variables x, between 0 and 1; `touch` are forces that close the gap
     [place] [N].
@@ -87,20 +88,27 @@ def figures(asked: Asked, x: Any, touch: Any, numbers: Numbers) -> tuple[Any, An
     skin, skins = _skins(asked, inputs, numbers.moved)
     count = len(numbers.angle)
     zero = jnp.zeros(count)
-    force = jnp.stack([zero, zero + numbers.rated / 2, zero + numbers.rated, touch])
-    shape = (skins, 4, count)
+    forces = [zero, zero + numbers.rated / 2, zero + numbers.rated, touch]
+    if skins > 1:
+        forces.append(touch * (1 + _FURTHER))
+    force, shape = jnp.stack(forces), (skins, len(forces), count)
     lanes = [jnp.broadcast_to(x, shape).reshape(-1) for x in (numbers.angle, force)]
     if skins > 1:
-        skin = picked(skin, np.repeat(np.arange(skins), 4 * count))
+        skin = picked(skin, np.repeat(np.arange(skins), shape[1] * count))
     found = read(skin, *lanes)
     cases = jax.tree.map(lambda x: x.reshape(*x.shape[:-1], *shape), found)
-    parts = [Readings(*(column[..., i, :] for column in cases)) for i in range(4)]
+    parts = [Readings(*(column[..., i, :] for column in cases)) for i in range(len(forces))]
     accuracy = Accuracy(numbers.noise, MODEL_ERROR)
-    rest, half, rated, near = parts
-    placed = figures_at(Cases(rest, half, rated, near, touch), accuracy, numbers.far)
+    placed = figures_at(Cases(*parts[:4], touch), accuracy, numbers.far)
     own = {key: getattr(placed, PLACED[key].field) for key in asked.keys}
-    bounds = [_bound(key, values, numbers.margin) for key, values in own.items()]
-    return jnp.stack(bounds), cases.result
+    bounds = {key: bound_of_units(key, x, numbers.margin) for key, x in own.items()}
+    if skins > 1 and "range_N" in bounds:
+        # The neighbours' contact is read at the design's own, which moves with the design.
+        further = forces[4] - parts[4].gap / parts[4].gap_slope
+        ahead = bound_of_units("range_N", further, numbers.margin) - bounds["range_N"]
+        by_touch = jax.lax.stop_gradient(ahead / (_FURTHER * touch))
+        bounds["range_N"] += by_touch * (own["range_N"][0] - touch)
+    return jnp.stack(list(bounds.values())), cases.result
 
 
 def _skins(asked: Asked, inputs: dict[str, Any], moved: dict[str, Any]) -> tuple[Skin, int]:
@@ -113,8 +121,8 @@ def _skins(asked: Asked, inputs: dict[str, Any], moved: dict[str, Any]) -> tuple
     return skins_in_lanes(asked.spec, every | rows, elements=asked.elements), skins
 
 
-def _bound(key: str, values: Any, margin: Any) -> Any:
-    """A figure [skin, place] as the share of units keeps it [place]."""
+def bound_of_units(key: str, values: Any, margin: Any) -> Any:
+    """A figure [skin, place] that a share of units keeps, worse by the margin [place]."""
     own, slopes = values[0], (values[2::2] - values[1::2]) / (2 * STEP)
     deviation = length(slopes) if len(slopes) else 0.0
     return own * jnp.exp((-1 if PLACED[key].least else 1) * margin * deviation / own)
