@@ -99,7 +99,8 @@ def figures(asked: Asked, x: Any, touch: Any, numbers: Numbers) -> tuple[Any, An
     cases = jax.tree.map(lambda x: x.reshape(*x.shape[:-1], *shape), found)
     parts = [Readings(*(column[..., i, :] for column in cases)) for i in range(len(forces))]
     accuracy = Accuracy(numbers.noise, MODEL_ERROR)
-    placed = figures_at(Cases(*parts[:4], touch), accuracy, numbers.far)
+    rest, half, rated, near = parts[:4]
+    placed = figures_at(Cases(rest, half, rated, near, touch), accuracy, numbers.far)
     own = {key: getattr(placed, PLACED[key].field) for key in asked.keys}
     bounds = {key: bound_of_units(key, x, numbers.margin) for key, x in own.items()}
     if skins > 1 and "range_N" in bounds:
