@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from fitting.inverse_load.pad import stiffening
 from fitting.inverse_load.pad.columns import LEVELS, Column, _reach, grid, largest_forces
@@ -31,7 +32,10 @@ from fitting.inverse_load.pad.table_build import _between, edge_of
 from fitting.inverse_load.pad.uneven import (
     PROBES,
     Line,
+    _by_reach,
     _changed,
+    _read,
+    _step,
     contacts_alike,
     force_shares,
 )
@@ -175,9 +179,43 @@ def test_a_unit_that_reads_another_contact_is_told_which() -> None:
     seen = 1 + there[:, :1] * by_angle + there[:, 1:] * by_axial
     so = 1 / (1e-3 - 1e-5 * 1.05 * force[..., None] * seen[:, None])
     found = Column(so, 110 * force, 0 * force, np.ones(force.shape, bool))
-    alike, left = contacts_alike(even, places, force, found, 0.06)
-    np.testing.assert_allclose(alike, np.broadcast_to(own, alike.shape), rtol=2e-3)
-    assert np.abs(left).max() < 1e-3 * np.abs(so - even.rest).max()
+    radius, step = 0.06, np.array([0.5e-3 / 0.06, 0.5e-3])
+
+    def unlikely(x: np.ndarray, k: int, j: int) -> np.ndarray:
+        load = np.append(places[k] + x[:2], force[k, j] * (1 + x[2]))
+        left = so[k, j] - PadInterpolant(even)(load[None], 1).readings[0, :-1]
+        return np.append(left / (0.01 * np.linalg.norm(so[k, j] - even.rest)), x[:2] / step)
+
+    alike = contacts_alike(even, places, force, found, radius)
+    for k, j in ((0, 0), (2, 6)):
+        best = least_squares(unlikely, np.zeros(3), x_scale=[*step, 0.1], args=(k, j)).x
+        np.testing.assert_allclose(alike[k, j, :3], best, rtol=1e-3)
+        by_readings, left = _step(
+            found, *_read(PadInterpolant(even), places, force, alike[..., :3])[:2], radius
+        )
+        there = alike[k, j, :3] + by_readings[k, j]
+        np.testing.assert_allclose(there, own[:3], rtol=0.1)  # one step, without the prior
+        assert np.abs(left[k, j]).max() < 1e-2 * np.abs(so[k, j] - even.rest).max()
+    np.testing.assert_allclose(alike[..., 3], 1.1, rtol=1e-6)
+
+
+def test_errors_of_a_table_grow_towards_its_edges() -> None:
+    """Exponentials of a bilinear form, that of the middles of the parts, on all four sides."""
+    rate = np.array([2.0, 3.0])
+    at = grid((np.arange(3) + 0.5) / 3, (np.arange(2) + 0.5) / 2)
+    error = np.exp(at @ rate).reshape(3, 2)
+    table = dataclasses.replace(linear_table(), place_error=1e-4 * error, force_error=error)
+    share = np.array([[0.1, -0.2], [-0.7, 0.3], [1.0, 1.0]])
+    angle, axial = (share * [table.angle[-1], table.axial[-1]]).T
+    place, force = table.errors_at(angle, axial)
+    np.testing.assert_allclose(force, np.exp(np.abs(share) @ rate), rtol=1e-12)
+    np.testing.assert_allclose(place, 1e-4 * force, rtol=1e-12)
+    assert not np.any(linear_table().errors_at(angle, axial))
+    off = np.zeros((6, 4, 1))
+    off[0, 3] = off[2, 1] = 2.0  # at an edge of both, nearest to the middle
+    expected = np.zeros((3, 2))
+    expected[2, 1] = expected[0, 0] = 1.0
+    np.testing.assert_allclose(_by_reach(off), expected)
 
 
 # --- errors of the inputs -----------------------------------------------------------------
@@ -220,7 +258,7 @@ def _stiffened(spec: SkinSpec, steps: dict[str, float], *_: object) -> np.ndarra
 
 
 def errors_of(
-    spec: SkinSpec, *, from_rest: bool = False, doubt: tuple[float, ...] = (0.0, 0.0, 0.0)
+    spec: SkinSpec, *, from_rest: bool = False, by_table: tuple[float, float] = (0.0, 0.0)
 ) -> PadErrors:
     """Errors of every input of the pad above; those of a dimension stiffen by its power 1.5."""
     paths = tuple(ERRORS)
@@ -230,7 +268,7 @@ def errors_of(
         rest=STRAY + 1 / AT_REST,
         stray=np.full(3, STRAY),
         diameter=6e-3,
-        doubt=doubt,
+        errors_at=lambda angle, axial: [x + 0 * angle for x in by_table],
         angle=np.array([-1.0, 1.0]),
         axial=np.array([-0.02, 0.02]),
         largest=lambda angle, axial: (np.log(10.0) + 0 * angle[:, None],),
@@ -321,7 +359,7 @@ def test_model_and_mesh_leave_half_a_per_cent_and_a_twentieth_of_a_millimetre(
 
 
 def test_what_a_table_leaves_open_of_an_uneven_pad_widens_its_contacts(spec: SkinSpec) -> None:
-    errors = errors_of(spec, doubt=(1e-4, 0.02, 0.01))
+    errors = errors_of(spec, by_table=(1e-4, 0.02))
     found = errors.unexplained(explanations([[0.3, 0.01, 8.0]]), 3)
     assert found is not None
     place, force = np.hypot(5e-5, 1e-4), np.hypot(5e-3, 0.02)
