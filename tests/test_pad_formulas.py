@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from fitting.inverse_load.check.changed_input import ElectricalFit
 from fitting.inverse_load.pad import stiffening
 from fitting.inverse_load.pad.columns import LEVELS, Column, _reach, grid, largest_forces
 from fitting.inverse_load.pad.finer_mesh import force_surplus
@@ -41,7 +42,7 @@ from fitting.inverse_load.pad.uneven import (
 )
 from suas_jax.config import InputErrors, SkinSpec, load_skin
 from suas_jax.config.geometry import SheetSpec
-from suas_jax.config.input_errors import value_of
+from suas_jax.config.input_errors import scaled_input, value_of
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.scene.skin import skin_of
 from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY
@@ -239,6 +240,26 @@ def test_line_of_a_gap_that_is_a_table_is_the_same(spec: SkinSpec) -> None:
     found = gap_line(spec.model_copy(update={"geometry": geometry}), {})
     for own, expected in zip(found, gap_line(spec, {}), strict=True):
         np.testing.assert_allclose(own, expected, rtol=1e-9)
+
+
+def test_a_gap_that_is_a_table_is_compared_with_a_log_as_one_number(spec: SkinSpec) -> None:
+    """All values of the table change by one factor; so does a thickness."""
+    gap = SheetSpec(arc=(0.0, 1.0), axial=(0.0, 1.0), value=((GAP, GAP), (GAP, GAP)))
+    geometry = spec.geometry.model_copy(update={"oil_gap": gap})
+    tabled = spec.model_copy(update={"geometry": geometry})
+    u = 0.7 * AT_REST
+    fit = explanations([[0.1, 0.0, 3.0]], so=np.append(STRAY + 1 / u, 0.0))
+    estimator: Any = SimpleNamespace(spec=tabled, rest=None)
+    found = ElectricalFit(estimator, fit.so, fit.so, fit).slopes("geometry.oil_gap")
+    wider = 1 / (u + 0.01 * BY_GAP * GAP)
+    np.testing.assert_allclose(found[0, :-1], (wider - 1 / u) / 0.01, rtol=1e-6)
+    assert scaled_input(tabled, "geometry.oil_gap", 1.1) == {
+        f"geometry.oil_gap.value.{i}.{k}": pytest.approx(1.1 * GAP)
+        for i in range(2)
+        for k in range(2)
+    }
+    for path in ("geometry.thickness", "electrodes.lsb"):
+        assert scaled_input(tabled, path, 1.1) == {path: 1.1 * value_of(spec, path)}
 
 
 ERRORS = {  # path: (deviation, d stray, da, db / b, relative change of stiffness)

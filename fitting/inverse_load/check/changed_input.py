@@ -22,7 +22,7 @@ from fitting.inverse_load.fit.section_errors import changed_skin
 from fitting.inverse_load.fit.section_fitter import SectionFitter
 from fitting.inverse_load.pad.input_errors import gap_line
 from fitting.inverse_load.search.table import rest_readings
-from suas_jax.config.input_errors import value_of
+from suas_jax.config.input_errors import scaled_input
 
 _FURTHEST = 0.3  # relative change that is tried
 _FINE = 1e-3  # accuracy of the change
@@ -80,8 +80,7 @@ class SectionInputFit(AbstractInputFit):
         """See the base class."""
         own, fitter = self._estimator, self._estimator.selection.fitter
         assert isinstance(fitter, SectionFitter)
-        value = (1 + change) * value_of(own.spec, path)
-        skin = changed_skin(own.spec, own.skin, {path: value})
+        skin = changed_skin(own.spec, own.skin, scaled_input(own.spec, path, 1 + change))
         there = SectionFitter(
             skin, fitter.table, direction=False, live=fitter.live, most_contacts=1
         )
@@ -142,7 +141,7 @@ class ElectricalFit(AbstractInputFit):
 
     def _changed(self, path: str, change: float) -> _Line:
         spec = self._estimator.spec
-        return gap_line(spec, {path: (1 + change) * value_of(spec, path)})
+        return gap_line(spec, scaled_input(spec, path, 1 + change))
 
 
 def _moved(so: Floats, one: _Line, other: _Line) -> Floats:

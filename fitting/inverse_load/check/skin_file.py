@@ -26,8 +26,7 @@ from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.pad.fitter import PadFitter
 from fitting.inverse_load.pad.stiffening import solved_channels
-from suas_jax.config import continuous_inputs
-from suas_jax.config.input_errors import STIFFNESS
+from suas_jax.config.input_errors import STIFFNESS, scaled_input
 from suas_jax.scene.skin import skin_of
 
 _MOST = 12  # frames that are solved again
@@ -92,9 +91,7 @@ def _slopes(estimator: LoadEstimator, parameters: Floats) -> dict[str, Floats]:
     skin, diameter = estimator.skin, estimator.diameter or float("nan")
     slots = max(estimator.most_contacts, 2)  # as the estimator's own program has
     base = solved_channels(skin, parameters, diameter, slots)
-    value = (1 + _STEP) * continuous_inputs(estimator.spec)[_THICKNESS]
-    changed = skin_of(
-        estimator.spec, {_THICKNESS: value}, elements=skin.elements, contact=False
-    )
+    inputs = scaled_input(estimator.spec, _THICKNESS, 1 + _STEP)
+    changed = skin_of(estimator.spec, inputs, elements=skin.elements, contact=False)
     thicker = solved_channels(changed, parameters, diameter, slots)
     return {_THICKNESS: (thicker - base) / _STEP}
