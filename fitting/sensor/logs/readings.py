@@ -129,14 +129,20 @@ def averaged(data: SensorData) -> tuple[SensorData, np.ndarray]:
     Raises ValueError: no state is at rest, or one has several loads, or a known displacement.
     """
     if np.isfinite(data.loads.displacement).any():
-        raise ValueError(f"{data.paths}: --fit as-built takes known forces")
+        raise ValueError(
+            f"{data.paths}: --fit as-built takes known forces (load_0_force_N), which tell the "
+            "stiffness; leave columns of displacements out"
+        )
     if data.loaded[data.state].all():
         raise ValueError(
             f"{data.paths}: --fit as-built counts readings from rest; add a log, or frames, "
             "without load"
         )
     if (np.nan_to_num(data.loads.force) != 0).sum(0).max() > 1:
-        raise ValueError(f"{data.paths}: --fit as-built takes one load at a time")
+        raise ValueError(
+            f"{data.paths}: --fit as-built takes one load at a time; leave frames with several "
+            "out"
+        )
     data = held_presses(data)
     keys, which, count = np.unique(
         np.stack([data.log, data.state]), axis=1, return_inverse=True, return_counts=True
