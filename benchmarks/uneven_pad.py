@@ -24,7 +24,7 @@ from suas_jax.scene.skin import skin_of
 from tests.test_pad_estimation import SKIN
 
 FINER, DIAMETER, PRESSES = (18, 16), 6e-3, 24
-RESOLUTION = PadResolution((14, 12), 6e-3, (3, 3))
+RESOLUTION = PadResolution((14, 12), 6e-3, (3, 3), FINER)
 NODES = np.linspace(0, 1, 5)
 
 
