@@ -35,6 +35,7 @@ from fitting.sensor.model.as_built import (
 from fitting.sensor.model.constants import SensorConstant, SensorFamily, named, with_constants
 from fitting.sensor.model.counts import SensorModel, parts_of
 from fitting.sensor.report.skin_file import _set_as_built
+from fitting.sensor.shapes.scene_states import SceneStates
 from fitting.sensor.shapes.taxel_face import TaxelFace
 from suas_jax.config import UncertainQuantity, continuous_inputs, load_skin
 from suas_jax.config.input_errors import input_errors
@@ -185,6 +186,14 @@ def test_frames_on_the_way_to_a_press_are_left_out() -> None:
     np.testing.assert_array_equal(found.so[0], [0, 2, 3, 4, 6, 7, 8, 10, 11, 12])
     assert "3 frames" in found.warnings[-1]
     assert held_presses(found).warnings == found.warnings
+
+
+def test_a_press_off_the_pad_is_refused_before_it_is_solved() -> None:
+    loads = KnownLoads.pushes(
+        np.zeros((1, 2)), np.array([[0.0, 5.0]]), axial=np.array([[0.0, 0.07]])
+    )
+    with pytest.raises(ValueError, match=r"known load\.0\.axial: .*clamped end at 61\.5 mm"):
+        SceneStates(PAD, loads)
 
 
 def test_shapes_are_linear_in_common_constants_and_in_each_state_s_own() -> None:

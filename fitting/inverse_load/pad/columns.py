@@ -11,6 +11,7 @@ import equinox as eqx
 import numpy as np
 
 from fitting.arrays import Flags, Floats
+from fitting.inverse_load.pad.rest import film_readings
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.settings import configure
 from suas_jax.scene.forward import forward
@@ -89,6 +90,14 @@ class Columns:
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             rows += pool.map(column, numbers[1:], levels[1:])
         return _joined(rows)
+
+    def rest(self) -> Floats:
+        """Readings of the pad without contacts [taxel], by the program that solves columns."""
+        if not self.skin.prestressed:
+            return film_readings(self.skin)
+        nothing = np.array([0.0, 0.0, 0.0, self._diameter, 0.0])
+        once = self._total < _FEW
+        return np.asarray(solve_column(self.skin, nothing, LEVELS[LEVELS != 0], once).so[0])
 
     def _on_workers(
         self, workers: Executor, skin: Skin, numbers: Floats, levels: Floats, once: bool

@@ -28,7 +28,6 @@ from fitting.arrays import Floats
 from fitting.inverse_load.pad.columns import LEVELS, Column, Columns, grid
 from fitting.inverse_load.pad.input_errors import gap_line
 from fitting.inverse_load.pad.interpolant import PadInterpolant
-from fitting.inverse_load.pad.rest import rest_readings
 from fitting.inverse_load.pad.spline import TensorSpline
 from fitting.inverse_load.pad.table import PadTable, reciprocal
 from suas_jax.config import SkinSpec
@@ -84,10 +83,10 @@ class Line(NamedTuple):
     slope: Floats  # by the displacement [taxel] [1/counts/m]
 
     @classmethod
-    def of(cls, spec: SkinSpec, skin: Skin) -> "Line":
-        """Of a pad."""
+    def of(cls, spec: SkinSpec, rest: Floats) -> "Line":
+        """Of a pad with its readings at rest [taxel]."""
         stray, _, slope = gap_line(spec, {})
-        return cls(stray, 1 / (rest_readings(skin) - stray), slope)
+        return cls(stray, 1 / (rest - stray), slope)
 
     def seen_by(self, other: "Line", so: Floats) -> Floats:
         """What the other pad's taxels read where this one's read so [..., taxel] [counts]."""
@@ -199,7 +198,7 @@ def _read(
 
 def uneven_table(
     even: PadTable,  # of the pad of mean thickness and gap
-    lines: tuple[Line, Line],  # of that pad, and of the unit
+    specs: tuple[SkinSpec, SkinSpec],  # of that pad, and of the unit
     skin: Skin,  # the unit, with the elements of the table's meshes
     on_unit: Callable[[Floats], Floats],
     progress: Callable[[int, int], None] = lambda done, total: None,
@@ -210,7 +209,6 @@ def uneven_table(
     thickness count them along their own mid-line. `progress` is called with the number of
     columns solved and their total.
     """
-    of_even, of_unit = lines
     probes = tuple(
         np.linspace(x[0], x[-1], n)
         for x, n in zip((even.angle, even.axial), PROBES, strict=True)
@@ -218,6 +216,7 @@ def uneven_table(
     places, levels = grid(*probes), LEVELS[_PRESSED]
     middles = grid(*((x[1:] + x[:-1]) / 2 for x in probes))
     columns = Columns(skin, even.diameter, progress, len(places) + len(middles))
+    of_even, of_unit = Line.of(specs[0], even.rest), Line.of(specs[1], columns.rest())
     radius = float(skin.geometry.outer_size[0])
 
     def states(places: Floats) -> tuple[Floats, Column]:
@@ -239,7 +238,7 @@ def uneven_table(
     size = np.nansum(np.where(left == 0, 0.0, found.so - even.rest) ** 2)
     off = off.reshape(*(n - 1 for n in PROBES), len(levels), 3) * [radius, 1.0, 1.0]
     return replace(
-        _changed(even, lines, spline),
+        _changed(even, (of_even, of_unit), spline),
         angle=on_unit(even.angle),
         across_angle=on_unit(even.across_angle),
         place_error=_by_reach(off[..., :2]),
