@@ -988,22 +988,30 @@ def test_force_at_which_little_of_the_gap_is_left_is_interpolated() -> None:
 
 
 class Membrane:
-    """Columns of a pad whose gap of 5 mm closes at 10 N (1 + angle), a little stiffening."""
+    """Columns of a pad whose gap of 5 mm closes at 10 N (1 + angle), a little stiffening.
 
-    skin = SimpleNamespace(
-        geometry=SimpleNamespace(oil_gap=[5e-3], thickness=[1e-3]),
-        law=SimpleNamespace(shear_modulus=[1e6]),
-    )
+    Prestressed, the gap is smaller elsewhere until a third of that force acts.
+    """
+
+    def __init__(self, *, prestressed: bool) -> None:
+        self.skin = SimpleNamespace(
+            geometry=SimpleNamespace(oil_gap=[5e-3], thickness=[1e-3]),
+            law=SimpleNamespace(shear_modulus=[1e6]),
+            prestressed=prestressed,
+        )
 
     def solve(self, places: Any, force: Any, levels: Any) -> Column:
         """Gaps at all levels of the forces."""
         share = force[:, None] * levels / (10.0 * (1 + places[:, :1]))
         gap = 5e-3 * (1 - np.sign(share) * np.abs(share) ** 0.8)
+        if self.skin.prestressed:
+            gap = np.minimum(gap, 3e-3 + 1e-4 * share)
         return Column(gap, gap, gap, np.ones(gap.shape, bool))
 
 
-def test_largest_forces_leave_a_twentieth_of_the_gap() -> None:
-    columns: Any = Membrane()
+@pytest.mark.parametrize("prestressed", [False, True])
+def test_largest_forces_leave_a_twentieth_of_the_gap(prestressed: bool) -> None:
+    columns: Any = Membrane(prestressed=prestressed)
     cap, touch = largest_forces(columns, (np.array([0.0, 0.5]), np.array([0.0])))
     closes = 10.0 * np.array([[1.0], [1.5]])
     np.testing.assert_allclose(touch, closes, rtol=0.03)

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from fitting.arrays import Flags, Floats
-from fitting.inverse_load.check.changed_input import ELECTRICAL, ElectricalFit
+from fitting.inverse_load.check.changed_input import ELECTRICAL, FURTHEST, ElectricalFit
 from fitting.inverse_load.check.verdict import (
     FEWEST,
     GAIN,
@@ -80,7 +80,7 @@ def model_verdict(
     noise = chdtrc(dof, chi2) > _SURE or chi2 < LARGER * dof
     if not noise:
         found += [gained(name, by) for name, by in _slopes(estimator, parameters).items()]
-    named = [x for x in found if x.chi2 > GAIN and abs(x.change) > _LEAST_CHANGE]
+    named = [x for x in found if x.chi2 > GAIN and _LEAST_CHANGE < abs(x.change) < FURTHEST]
     if named:
         return verdict_of(sorted(named, reverse=True), chi2, dof)
     return ModelVerdict(chi2 / dof, bool(noise))
