@@ -92,7 +92,7 @@ def path(presses: Presses) -> str:
         0.0,
     )
     for angle, axial, force in presses:
-        for dt, own in ((0.0, 0), (1.0, 0), (0.2, force), (1.0, force), (0.2, 0)):
+        for dt, own in ((0.0, 0), (0.8, 0), (0.2, force), (1.0, force), (0.2, 0)):
             t += dt
             rows.append(f"{t:.3f},{own},{angle:.2f},{axial:.5f}")
         t += 0.05
@@ -147,7 +147,7 @@ def main() -> None:
     """Run the commands."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--small", action="store_true")
-    parser.add_argument("--seed", type=int, default=3)
+    parser.add_argument("--seed", type=int, default=11)
     options = parser.parse_args()
     make = small if options.small else shipped
     drawing, unit, known, unseen = make(np.random.default_rng(options.seed))
@@ -159,8 +159,8 @@ def main() -> None:
         for file, text in texts.items():
             (folder / file).write_text(text)
         for k, log in enumerate(("press", "unseen", "rest")):
-            arguments = f"simulate {log}.csv -o {log}.log.csv --rate 5 --seed {k}"
-            suas(folder, *arguments.split())
+            files = f"{log}.csv", "-o", f"{log}.log.csv"
+            suas(folder, "simulate", *files, "--rate", "5", "--seed", str(k))
         fit = ["drawing.toml", "press.log.csv", "--fit", "as-built", "--place-error", "0.5 mm"]
         suas(folder, "fit", "sensor", *fit, "-o", "built.toml")
         record = tomllib.loads((folder / "built.toml").read_text())["calibration"]
@@ -169,10 +169,10 @@ def main() -> None:
         ):
             if not what[0].startswith("geometry."):
                 print("{}: {:.6g} +- {:.2g}".format(*what))
-        suas(folder, *"baseline rest.log.csv -o rest.json".split())
+        suas(folder, "baseline", "rest.log.csv", "-o", "rest.json")
         for file in ("built.toml", "drawing.toml"):
-            arguments = f"invert {file} unseen.log.csv --baseline rest.json --contacts 1 --json"
-            score(suas(folder, *arguments.split()), folder / "unseen.log.csv")
+            log, options_ = "unseen.log.csv", ("--baseline", "rest.json", "--contacts", "1")
+            score(suas(folder, "invert", file, log, *options_, "--json"), folder / log)
 
 
 if __name__ == "__main__":
