@@ -212,8 +212,9 @@ def test_errors_of_a_table_grow_towards_its_edges() -> None:
     np.testing.assert_allclose(force, np.exp(np.abs(share) @ rate), rtol=1e-12)
     np.testing.assert_allclose(place, 1e-4 * force, rtol=1e-12)
     assert not np.any(linear_table().errors_at(angle, axial))
-    off = np.zeros((6, 4, 1))
+    off = np.zeros((6, 4, 3, 1))
     off[0, 3] = off[2, 1] = 2.0  # at an edge of both, nearest to the middle
+    off[..., 2, :] = 50.0  # at the wall, where one reading says everything
     expected = np.zeros((3, 2))
     expected[2, 1] = expected[0, 0] = 1.0
     np.testing.assert_allclose(_by_reach(off), expected)

@@ -235,7 +235,11 @@ def uneven_table(
     shift = spline.values(*middles.T).reshape(*force.shape, -1)[..., :3]
     so, slope, _ = _read(PadInterpolant(even), middles, force, shift)
     off, left = _step(found, so, slope, radius)
-    size = np.nansum(np.where(left == 0, 0.0, found.so - even.rest) ** 2)
+    change = np.where(left == 0, 0.0, found.so - even.rest)
+    size = np.linalg.norm(change, axis=-1)
+    known = size > 0
+    # Medians: of a state that leaves a taxel next to no gap, one reading says everything.
+    share = np.linalg.norm(left, axis=-1)[known] / size[known]
     off = off.reshape(*(n - 1 for n in PROBES), len(levels), 3) * [radius, 1.0, 1.0]
     return replace(
         _changed(even, (of_even, of_unit), spline),
@@ -243,13 +247,16 @@ def uneven_table(
         across_angle=on_unit(even.across_angle),
         place_error=_by_reach(off[..., :2]),
         force_error=_by_reach(off[..., 2:]),
-        reading_error=np.sqrt(np.sum(left**2) / size) if size else np.zeros(()),
+        reading_error=np.median(share) if share.size else np.zeros(()),
     )
 
 
 def _by_reach(off: Floats) -> Floats:
-    """Root mean squares of errors [angle, axial, ...] at places alike in both directions."""
-    square = np.mean(off**2, axis=tuple(range(2, off.ndim)))
+    """Root mean squares of errors at places alike in both directions, of a median level.
+
+    Errors are [angle, axial, level, direction].
+    """
+    square = np.mean(np.median(off**2, axis=2), axis=-1)
     square = (square + square[::-1])[len(square) // 2 :] / 2
     square = (square + square[:, ::-1])[:, square.shape[1] // 2 :] / 2
     return np.asarray(np.sqrt(square))
