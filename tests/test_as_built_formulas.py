@@ -22,7 +22,7 @@ from fitting.sensor.fit.calibrate import _as_built
 from fitting.sensor.fit.residuals import Prior, SensorProblem, SensorResiduals
 from fitting.sensor.logs.data import SensorData
 from fitting.sensor.logs.known_loads import KnownLoads
-from fitting.sensor.logs.readings import averaged
+from fitting.sensor.logs.readings import averaged, held_presses
 from fitting.sensor.model.as_built import (
     MODEL_ERROR,
     as_built,
@@ -35,6 +35,7 @@ from fitting.sensor.model.as_built import (
 from fitting.sensor.model.constants import SensorConstant, SensorFamily, named, with_constants
 from fitting.sensor.model.counts import SensorModel, parts_of
 from fitting.sensor.report.skin_file import _set_as_built
+from fitting.sensor.shapes.scene_states import SceneStates
 from fitting.sensor.shapes.taxel_face import TaxelFace
 from suas_jax.config import UncertainQuantity, continuous_inputs, load_skin
 from suas_jax.config.input_errors import input_errors
@@ -163,9 +164,36 @@ def test_means_of_frames_are_by_state_and_log() -> None:
     np.testing.assert_array_equal(found.so[0], [2.0, 11.0, 30.0])
     np.testing.assert_array_equal(np.isnan(found.so[1]), [True, True, False])
     np.testing.assert_array_equal(count, [2, 2, 1])
-    np.testing.assert_array_equal(found.state, [0, 1, 1])
+    np.testing.assert_array_equal(found.state, [0, 1, 2])  # each press has errors of its own
     with pytest.raises(ValueError, match="without load"):
         averaged(dataclasses.replace(data, state=np.ones(5, int)))
+
+
+def test_frames_on_the_way_to_a_press_are_left_out() -> None:
+    """Held forces count with their mean: two at one place, one at another, none on the way."""
+    force = np.array([0, 2.5, 5, 5.01, 5.02, 7, 9, 9, 9, 4, 0, 3, 0])
+    angle = np.where(np.arange(13) < 11, 0.1, 0.3)
+    loads = KnownLoads.pushes(angle[None], force[None])
+    none = np.zeros(13)
+    data = SensorData(
+        SKIN, np.arange(13.0)[None], np.arange(13.0), none.astype(int), np.arange(13), loads,
+        none + np.nan, (), (), (),
+    )  # fmt: skip
+    found = held_presses(data)
+    np.testing.assert_allclose(found.loads.force[0], [0, 0, 0, 5.01, 9, 3])
+    np.testing.assert_allclose(found.loads.angle[0, 3:], [0.1, 0.1, 0.3])
+    np.testing.assert_array_equal(found.state, [0, 3, 3, 3, 4, 4, 4, 1, 5, 2])
+    np.testing.assert_array_equal(found.so[0], [0, 2, 3, 4, 6, 7, 8, 10, 11, 12])
+    assert "3 frames" in found.warnings[-1]
+    assert held_presses(found).warnings == found.warnings
+
+
+def test_a_press_off_the_pad_is_refused_before_it_is_solved() -> None:
+    loads = KnownLoads.pushes(
+        np.zeros((1, 2)), np.array([[0.0, 5.0]]), axial=np.array([[0.0, 0.07]])
+    )
+    with pytest.raises(ValueError, match=r"known load\.0\.axial: .*clamped end at 61\.5 mm"):
+        SceneStates(PAD, loads)
 
 
 def test_shapes_are_linear_in_common_constants_and_in_each_state_s_own() -> None:

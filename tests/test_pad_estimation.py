@@ -341,6 +341,21 @@ def test_a_path_that_ends_early_is_tried_with_shorter_steps(skin: Skin) -> None:
     np.testing.assert_allclose(touch, 1.0, rtol=0.03)
 
 
+@pytest.mark.long  # compiles the columns of another pad
+def test_a_pad_that_lacks_oil_is_tabulated_to_its_wall(spec: SkinSpec) -> None:
+    oil = spec.oil.model_copy(update={"fill": 0.999})
+    skin = skin_of(spec.model_copy(update={"oil": oil}), elements=ELEMENTS, contact=False)
+    columns = Columns(skin, DIAMETER, lambda *_: None, MANY)
+    rest = np.asarray(forward(skin, Loads.patch(0.0, 0.0, 0.0, DIAMETER)).so)[:, 0]
+    np.testing.assert_allclose(columns.rest(), rest, rtol=1e-9)
+    middle = np.zeros(1)
+    cap, _ = largest_forces(columns, (middle, middle))
+    levels = LEVELS[LEVELS != 0]
+    found = columns.solve(np.zeros((1, 2)), cap.reshape(-1), levels)
+    left = found.min_gap[0, -1] / spec.geometry.mean_gap
+    assert 0.03 < left < 0.08  # a twentieth
+
+
 @pytest.mark.long  # 15 s to compile; random pads are a study of their own
 def test_a_state_that_a_path_does_not_find_is_solved_from_rest(
     skin: Skin, monkeypatch: pytest.MonkeyPatch

@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
+from fitting.inverse_load.check.changed_input import ElectricalFit
 from fitting.inverse_load.pad import stiffening
 from fitting.inverse_load.pad.columns import LEVELS, Column, _reach, grid, largest_forces
 from fitting.inverse_load.pad.finer_mesh import force_surplus
@@ -31,13 +33,16 @@ from fitting.inverse_load.pad.table_build import _between, edge_of
 from fitting.inverse_load.pad.uneven import (
     PROBES,
     Line,
+    _by_reach,
     _changed,
+    _read,
+    _step,
     contacts_alike,
     force_shares,
 )
 from suas_jax.config import InputErrors, SkinSpec, load_skin
 from suas_jax.config.geometry import SheetSpec
-from suas_jax.config.input_errors import value_of
+from suas_jax.config.input_errors import scaled_input, value_of
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.scene.skin import skin_of
 from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY
@@ -175,9 +180,44 @@ def test_a_unit_that_reads_another_contact_is_told_which() -> None:
     seen = 1 + there[:, :1] * by_angle + there[:, 1:] * by_axial
     so = 1 / (1e-3 - 1e-5 * 1.05 * force[..., None] * seen[:, None])
     found = Column(so, 110 * force, 0 * force, np.ones(force.shape, bool))
-    alike, left = contacts_alike(even, places, force, found, 0.06)
-    np.testing.assert_allclose(alike, np.broadcast_to(own, alike.shape), rtol=2e-3)
-    assert np.abs(left).max() < 1e-3 * np.abs(so - even.rest).max()
+    radius, step = 0.06, np.array([0.5e-3 / 0.06, 0.5e-3])
+
+    def unlikely(x: np.ndarray, k: int, j: int) -> np.ndarray:
+        load = np.append(places[k] + x[:2], force[k, j] * (1 + x[2]))
+        left = so[k, j] - PadInterpolant(even)(load[None], 1).readings[0, :-1]
+        return np.append(left / (0.01 * np.linalg.norm(so[k, j] - even.rest)), x[:2] / step)
+
+    alike = contacts_alike(even, places, force, found, radius)
+    for k, j in ((0, 0), (2, 6)):
+        best = least_squares(unlikely, np.zeros(3), x_scale=[*step, 0.1], args=(k, j)).x
+        np.testing.assert_allclose(alike[k, j, :3], best, rtol=1e-3)
+        by_readings, left = _step(
+            found, *_read(PadInterpolant(even), places, force, alike[..., :3])[:2], radius
+        )
+        there = alike[k, j, :3] + by_readings[k, j]
+        np.testing.assert_allclose(there, own[:3], rtol=0.1)  # one step, without the prior
+        assert np.abs(left[k, j]).max() < 1e-2 * np.abs(so[k, j] - even.rest).max()
+    np.testing.assert_allclose(alike[..., 3], 1.1, rtol=1e-6)
+
+
+def test_errors_of_a_table_grow_towards_its_edges() -> None:
+    """Exponentials of a bilinear form, that of the middles of the parts, on all four sides."""
+    rate = np.array([2.0, 3.0])
+    at = grid((np.arange(3) + 0.5) / 3, (np.arange(2) + 0.5) / 2)
+    error = np.exp(at @ rate).reshape(3, 2)
+    table = dataclasses.replace(linear_table(), place_error=1e-4 * error, force_error=error)
+    share = np.array([[0.1, -0.2], [-0.7, 0.3], [1.0, 1.0]])
+    angle, axial = (share * [table.angle[-1], table.axial[-1]]).T
+    place, force = table.errors_at(angle, axial)
+    np.testing.assert_allclose(force, np.exp(np.abs(share) @ rate), rtol=1e-12)
+    np.testing.assert_allclose(place, 1e-4 * force, rtol=1e-12)
+    assert not np.any(linear_table().errors_at(angle, axial))
+    off = np.zeros((6, 4, 3, 1))
+    off[0, 3] = off[2, 1] = 2.0  # at an edge of both, nearest to the middle
+    off[..., 2, :] = 50.0  # at the wall, where one reading says everything
+    expected = np.zeros((3, 2))
+    expected[2, 1] = expected[0, 0] = 1.0
+    np.testing.assert_allclose(_by_reach(off), expected)
 
 
 # --- errors of the inputs -----------------------------------------------------------------
@@ -203,6 +243,26 @@ def test_line_of_a_gap_that_is_a_table_is_the_same(spec: SkinSpec) -> None:
         np.testing.assert_allclose(own, expected, rtol=1e-9)
 
 
+def test_a_gap_that_is_a_table_is_compared_with_a_log_as_one_number(spec: SkinSpec) -> None:
+    """All values of the table change by one factor; so does a thickness."""
+    gap = SheetSpec(arc=(0.0, 1.0), axial=(0.0, 1.0), value=((GAP, GAP), (GAP, GAP)))
+    geometry = spec.geometry.model_copy(update={"oil_gap": gap})
+    tabled = spec.model_copy(update={"geometry": geometry})
+    u = 0.7 * AT_REST
+    fit = explanations([[0.1, 0.0, 3.0]], so=np.append(STRAY + 1 / u, 0.0))
+    estimator: Any = SimpleNamespace(spec=tabled, rest=None)
+    found = ElectricalFit(estimator, fit.so, fit.so, fit).slopes("geometry.oil_gap")
+    wider = 1 / (u + 0.01 * BY_GAP * GAP)
+    np.testing.assert_allclose(found[0, :-1], (wider - 1 / u) / 0.01, rtol=1e-6)
+    assert scaled_input(tabled, "geometry.oil_gap", 1.1) == {
+        f"geometry.oil_gap.value.{i}.{k}": pytest.approx(1.1 * GAP)
+        for i in range(2)
+        for k in range(2)
+    }
+    for path in ("geometry.thickness", "electrodes.lsb"):
+        assert scaled_input(tabled, path, 1.1) == {path: 1.1 * value_of(spec, path)}
+
+
 ERRORS = {  # path: (deviation, d stray, da, db / b, relative change of stiffness)
     "geometry.oil_gap": (5e-5, 0.0, BY_GAP * 5e-5, 0.0, 0.0),
     "oil.relative_permittivity": (0.1, 0.0, -0.05 * BY_GAP * GAP, -0.05, 0.0),
@@ -220,7 +280,7 @@ def _stiffened(spec: SkinSpec, steps: dict[str, float], *_: object) -> np.ndarra
 
 
 def errors_of(
-    spec: SkinSpec, *, from_rest: bool = False, doubt: tuple[float, ...] = (0.0, 0.0, 0.0)
+    spec: SkinSpec, *, from_rest: bool = False, by_table: tuple[float, float] = (0.0, 0.0)
 ) -> PadErrors:
     """Errors of every input of the pad above; those of a dimension stiffen by its power 1.5."""
     paths = tuple(ERRORS)
@@ -230,7 +290,7 @@ def errors_of(
         rest=STRAY + 1 / AT_REST,
         stray=np.full(3, STRAY),
         diameter=6e-3,
-        doubt=doubt,
+        errors_at=lambda angle, axial: [x + 0 * angle for x in by_table],
         angle=np.array([-1.0, 1.0]),
         axial=np.array([-0.02, 0.02]),
         largest=lambda angle, axial: (np.log(10.0) + 0 * angle[:, None],),
@@ -321,7 +381,7 @@ def test_model_and_mesh_leave_half_a_per_cent_and_a_twentieth_of_a_millimetre(
 
 
 def test_what_a_table_leaves_open_of_an_uneven_pad_widens_its_contacts(spec: SkinSpec) -> None:
-    errors = errors_of(spec, doubt=(1e-4, 0.02, 0.01))
+    errors = errors_of(spec, by_table=(1e-4, 0.02))
     found = errors.unexplained(explanations([[0.3, 0.01, 8.0]]), 3)
     assert found is not None
     place, force = np.hypot(5e-5, 1e-4), np.hypot(5e-3, 0.02)
@@ -333,24 +393,25 @@ def test_a_dimension_stiffens_as_less_force_does(
     spec: SkinSpec, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A membrane whose displacement is F / t^3, under which rest moves, too."""
-    forces = []
+    begun = []
 
-    def channels(skin: Any, loads: np.ndarray, diameter: float, slots: int) -> np.ndarray:
+    def contact(
+        skin: Any, load: np.ndarray, diameter: float, slots: int, near: Any = None
+    ) -> tuple[np.ndarray, float]:
         thickness = float(skin.geometry.thickness[0]) / 5e-3
-        forces.extend(loads[:, 2])
-        force = loads[:, 2] * (1 - 3 * (thickness - 1))
-        place = 1 + loads[:, 0] + loads[:, 1]
-        so = (force * place)[:, None] * np.array([1.0, 2.0, np.nan]) + 7 * thickness
-        return np.column_stack([so, 100 * loads[:, 2]])
+        begun.append((load[2], near))
+        force = load[2] * (1 - 3 * (thickness - 1))
+        so = force * (1 + load[0] + load[1]) * np.array([1.0, 2.0, np.nan]) + 7 * thickness
+        return np.append(so, 100 * load[2]), load[2]
 
-    monkeypatch.setattr(stiffening, "solved_channels", channels)
+    monkeypatch.setattr(stiffening, "solved_contact", contact)
     nodes = np.array([0.0, 0.4]), np.array([0.0, 0.01]), np.array([[[1.0, 8.0]] * 2] * 2)
     step = 1e-4  # of the thickness [m]
     skin = skin_of(spec, contact=False)
     found = stiffening._solved(spec, {"geometry.thickness": step}, skin, nodes, 6e-3, 1)
     np.testing.assert_allclose(found, np.full((2, 2, 2, 1), 3 * step / 5e-3), rtol=1e-9)
     own = [*nodes[2].ravel(), 0.0]
-    np.testing.assert_allclose(forces, [*own, *(0.98 * nodes[2].ravel()), *own], rtol=1e-12)
+    assert begun == [x for f in own for x in ((f, None), (0.98 * f, f), (f, f))]
 
 
 def test_errors_of_constants_alone_need_no_solved_states(spec: SkinSpec) -> None:
@@ -928,22 +989,30 @@ def test_force_at_which_little_of_the_gap_is_left_is_interpolated() -> None:
 
 
 class Membrane:
-    """Columns of a pad whose gap of 5 mm closes at 10 N (1 + angle), a little stiffening."""
+    """Columns of a pad whose gap of 5 mm closes at 10 N (1 + angle), a little stiffening.
 
-    skin = SimpleNamespace(
-        geometry=SimpleNamespace(oil_gap=[5e-3], thickness=[1e-3]),
-        law=SimpleNamespace(shear_modulus=[1e6]),
-    )
+    Prestressed, the gap is smaller elsewhere until a third of that force acts.
+    """
+
+    def __init__(self, *, prestressed: bool) -> None:
+        self.skin = SimpleNamespace(
+            geometry=SimpleNamespace(oil_gap=[5e-3], thickness=[1e-3]),
+            law=SimpleNamespace(shear_modulus=[1e6]),
+            prestressed=prestressed,
+        )
 
     def solve(self, places: Any, force: Any, levels: Any) -> Column:
         """Gaps at all levels of the forces."""
         share = force[:, None] * levels / (10.0 * (1 + places[:, :1]))
         gap = 5e-3 * (1 - np.sign(share) * np.abs(share) ** 0.8)
+        if self.skin.prestressed:
+            gap = np.minimum(gap, 3e-3 + 1e-4 * share)
         return Column(gap, gap, gap, np.ones(gap.shape, bool))
 
 
-def test_largest_forces_leave_a_twentieth_of_the_gap() -> None:
-    columns: Any = Membrane()
+@pytest.mark.parametrize("prestressed", [False, True])
+def test_largest_forces_leave_a_twentieth_of_the_gap(prestressed: bool) -> None:
+    columns: Any = Membrane(prestressed=prestressed)
     cap, touch = largest_forces(columns, (np.array([0.0, 0.5]), np.array([0.0])))
     closes = 10.0 * np.array([[1.0], [1.5]])
     np.testing.assert_allclose(touch, closes, rtol=0.03)

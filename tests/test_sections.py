@@ -321,6 +321,18 @@ SHEET: dict[str, Any] = {
 }
 
 
+def test_no_place_has_no_frame() -> None:
+    """A pad of uneven thickness at rest has no load whose place could be looked up."""
+    spec = of_kind("ellipse")
+    inputs = {path: np.array([x]) for path, x in inputs_of(spec).items()}
+
+    def thickness(inputs: dict[str, Any]) -> jax.Array:
+        section = build_geometry(spec.geometry, value_of(spec, inputs)).section
+        return section.frame(jnp.zeros((0, 1))).thickness
+
+    assert jax.eval_shape(thickness, inputs).shape == (0, 1)
+
+
 def test_tables_along_the_axis_are_products_of_splines() -> None:
     gap = SHEET | {"value": [[x.replace("1.", "4.") for x in row] for row in SHEET["value"]]}
     tables = {"thickness": SHEET, "oil_gap": gap, "ends": "clamped"}

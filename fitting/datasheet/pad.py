@@ -84,7 +84,7 @@ def measure_pad(
         region,
         distance > FAR * film,
         rated,
-        Accuracy(noise, float(np.hypot(PAD_MODEL_ERROR, table.doubt[2]))),
+        Accuracy(noise, float(np.hypot(PAD_MODEL_ERROR, table.reading_error))),
         places,
         {"min_gap_m": "a pad's table of states holds no gaps; `suas solve` tells them"},
     )

@@ -135,7 +135,7 @@ class LoadEstimator:
             zero,
             reading + uncertain,
             parts.rest,
-            float(np.hypot(self.model_error, self.table.doubt[2])) if pad else self.model_error,
+            float(np.hypot(self.model_error, self.table.reading_error if pad else 0.0)),
             self.pressure_noise if pad else None,
         )
         self._systematic = parts.systematic

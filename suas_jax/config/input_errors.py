@@ -96,6 +96,16 @@ def value_of(spec: SkinSpec, path: str) -> float:
     return float(given_inputs(spec)[path])
 
 
+def scaled_input(spec: SkinSpec, path: str, factor: float) -> dict[str, float]:
+    """A continuous input, or all values of a table, times a factor, by path [SI]."""
+    table = {
+        own: factor * float(x)
+        for own, x in given_inputs(spec).items()
+        if own.startswith(f"{path}.value.")
+    }
+    return table or {path: factor * value_of(spec, path)}
+
+
 def input_errors(spec: SkinSpec) -> InputErrors:
     """The errors of a skin's or a scene's inputs.
 

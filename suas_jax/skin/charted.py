@@ -8,6 +8,7 @@ through the polynomials.
 """
 
 import abc
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, Self
 
@@ -203,7 +204,8 @@ class ChartedSection(AbstractSection):
     ) -> tuple[Array, Array, list[Array]]:
         """Begin and inverse half length of the pieces at angles, powers [field, *shape]."""
         lanes = self.ends.shape[-1]
-        flat = angle.reshape(-1, angle.shape[-1])
+        # Not -1: a pad at rest has no load whose place could be counted.
+        flat = angle.reshape(math.prod(angle.shape[:-1]), angle.shape[-1])
 
         # A product with ones and zeros: XLA makes gathers anew for all that is made of them,
         # and folds `searchsorted` wrongly where several lanes ask at constants.
@@ -220,7 +222,7 @@ class ChartedSection(AbstractSection):
         own = (self.ends[:, 0], table[..., 0]) if lanes == 1 else (self.ends, table)
         fixed = jax.lax.stop_gradient(flat)
         found = jnp.moveaxis(jax.vmap(look_up, axes, -1)(*own, fixed), 1, 0)
-        found = found.reshape(-1, *angle.shape)
+        found = found.reshape(len(found), *angle.shape)
         return found[0], found[1], [found[2 + k :: _NODES] for k in range(_NODES)]
 
     def _with_slopes(

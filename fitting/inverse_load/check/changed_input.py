@@ -22,13 +22,14 @@ from fitting.inverse_load.fit.section_errors import changed_skin
 from fitting.inverse_load.fit.section_fitter import SectionFitter
 from fitting.inverse_load.pad.input_errors import gap_line
 from fitting.inverse_load.search.table import rest_readings
-from suas_jax.config.input_errors import value_of
+from suas_jax.config.input_errors import scaled_input
 
-_FURTHEST = 0.3  # relative change that is tried
 _FINE = 1e-3  # accuracy of the change
 _SHARES = (1.0, 0.8, 0.6)  # of the contacts' forces, where fits start
 _LOST = 100.0  # chi2 that a frame is charged whose contact is not found
 
+FURTHEST = 0.3
+"""Relative change of an input that is tried."""
 ELECTRICAL = ("geometry.oil_gap", "oil.relative_permittivity", "electrodes.lsb")
 """The inputs, by TOML path."""
 _Line = tuple[Floats, Floats, Floats]
@@ -63,11 +64,11 @@ class AbstractInputFit(abc.ABC):
         """
         found = minimize_scalar(
             lambda change: self.chi2(gained.name, change),
-            bounds=(-_FURTHEST, _FURTHEST),
+            bounds=(-FURTHEST, FURTHEST),
             method="bounded",
             options={"xatol": _FINE},
         )
-        if abs(found.x) > _FURTHEST - 2 * _FINE:  # chi2 falls on: something else is wrong
+        if abs(found.x) > FURTHEST - 2 * _FINE:  # chi2 falls on: something else is wrong
             return gained._replace(chi2=0.0)
         decrease = float(self._fit.chi2.sum()) - float(found.fun)
         return gained._replace(chi2=decrease, change=float(found.x))
@@ -80,8 +81,7 @@ class SectionInputFit(AbstractInputFit):
         """See the base class."""
         own, fitter = self._estimator, self._estimator.selection.fitter
         assert isinstance(fitter, SectionFitter)
-        value = (1 + change) * value_of(own.spec, path)
-        skin = changed_skin(own.spec, own.skin, {path: value})
+        skin = changed_skin(own.spec, own.skin, scaled_input(own.spec, path, 1 + change))
         there = SectionFitter(
             skin, fitter.table, direction=False, live=fitter.live, most_contacts=1
         )
@@ -142,7 +142,7 @@ class ElectricalFit(AbstractInputFit):
 
     def _changed(self, path: str, change: float) -> _Line:
         spec = self._estimator.spec
-        return gap_line(spec, {path: (1 + change) * value_of(spec, path)})
+        return gap_line(spec, scaled_input(spec, path, 1 + change))
 
 
 def _moved(so: Floats, one: _Line, other: _Line) -> Floats:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from fitting.arrays import Flags, Floats
-from fitting.inverse_load.check.changed_input import ELECTRICAL, ElectricalFit
+from fitting.inverse_load.check.changed_input import ELECTRICAL, FURTHEST, ElectricalFit
 from fitting.inverse_load.check.verdict import (
     FEWEST,
     GAIN,
@@ -26,8 +26,7 @@ from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.pad.fitter import PadFitter
 from fitting.inverse_load.pad.stiffening import solved_channels
-from suas_jax.config import continuous_inputs
-from suas_jax.config.input_errors import STIFFNESS
+from suas_jax.config.input_errors import STIFFNESS, scaled_input
 from suas_jax.scene.skin import skin_of
 
 _MOST = 12  # frames that are solved again
@@ -81,7 +80,7 @@ def model_verdict(
     noise = chdtrc(dof, chi2) > _SURE or chi2 < LARGER * dof
     if not noise:
         found += [gained(name, by) for name, by in _slopes(estimator, parameters).items()]
-    named = [x for x in found if x.chi2 > GAIN and abs(x.change) > _LEAST_CHANGE]
+    named = [x for x in found if x.chi2 > GAIN and _LEAST_CHANGE < abs(x.change) < FURTHEST]
     if named:
         return verdict_of(sorted(named, reverse=True), chi2, dof)
     return ModelVerdict(chi2 / dof, bool(noise))
@@ -92,9 +91,7 @@ def _slopes(estimator: LoadEstimator, parameters: Floats) -> dict[str, Floats]:
     skin, diameter = estimator.skin, estimator.diameter or float("nan")
     slots = max(estimator.most_contacts, 2)  # as the estimator's own program has
     base = solved_channels(skin, parameters, diameter, slots)
-    value = (1 + _STEP) * continuous_inputs(estimator.spec)[_THICKNESS]
-    changed = skin_of(
-        estimator.spec, {_THICKNESS: value}, elements=skin.elements, contact=False
-    )
+    inputs = scaled_input(estimator.spec, _THICKNESS, 1 + _STEP)
+    changed = skin_of(estimator.spec, inputs, elements=skin.elements, contact=False)
     thicker = solved_channels(changed, parameters, diameter, slots)
     return {_THICKNESS: (thicker - base) / _STEP}

@@ -11,6 +11,7 @@ import equinox as eqx
 import numpy as np
 
 from fitting.arrays import Flags, Floats
+from fitting.inverse_load.pad.rest import film_readings
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.settings import configure
 from suas_jax.scene.forward import forward
@@ -25,6 +26,8 @@ ACROSS = (0, 1, 2, 4, 6)
 _GAP_LEFT = 0.05  # smallest gap in the table in terms of the film's
 _MOST_FORCE = 3.0  # largest force in terms of the smallest of the largest forces
 _PASSES = 6  # attempts to find the largest force
+_SMALL_FORCE = 0.05  # where paths of prestressed pads begin, in terms of modulus and thickness
+_GROWTH = (2.5, 10.0)  # of a force that does not reach the wall, at least and at most
 _NARROWED = 1.2  # ratio of a force at which paths end to one that is reached, near enough
 _FEW = 20  # columns that aren't worth the compiler's own optimisation
 _AT_ONCE = 4  # columns that a worker is sent
@@ -89,6 +92,14 @@ class Columns:
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             rows += pool.map(column, numbers[1:], levels[1:])
         return _joined(rows)
+
+    def rest(self) -> Floats:
+        """Readings of the pad without contacts [taxel], by the program that solves columns."""
+        if not self.skin.prestressed:
+            return film_readings(self.skin)
+        nothing = np.array([0.0, 0.0, 0.0, self._diameter, 0.0])
+        once = self._total < _FEW
+        return np.asarray(solve_column(self.skin, nothing, LEVELS[LEVELS != 0], once).so[0])
 
     def _on_workers(
         self, workers: Executor, skin: Skin, numbers: Floats, levels: Floats, once: bool
@@ -156,17 +167,21 @@ def largest_forces(columns: Columns, probes: tuple[Floats, ...]) -> tuple[Floats
     """Forces that leave little of the gap, and those that leave none [angle, axial] [N].
 
     From the linear response at the crown a path of forces is guessed that reaches the wall,
-    and raised until it does; where it ends before, forces in between are tried.
+    and raised until it does; where it ends before, forces in between are tried. The smallest
+    gap of a prestressed pad at rest is anywhere, so that its path begins with a small force.
     """
     skin = columns.skin
     places, levels = grid(*probes), LEVELS[LEVELS != 0]
     g = skin.geometry
     gap = float(g.oil_gap[0])
-    tiny = 1e-7 * float(skin.law.shear_modulus[0]) * float(g.thickness[0]) ** 2
-    light = columns.solve(places[:1], np.array([tiny]), levels)
-    linear = tiny * gap / max(gap - float(light.min_gap[0, -1]), 1e-12 * gap)
+    unit = float(skin.law.shear_modulus[0]) * float(g.thickness[0]) ** 2
+    linear = _SMALL_FORCE * unit
+    if not skin.prestressed:
+        light = columns.solve(places[:1], np.array([1e-7 * unit]), levels)
+        linear = 1e-7 * unit * gap / max(gap - float(light.min_gap[0, -1]), 1e-12 * gap)
     top = np.full(len(places), 1.2 * linear)
     cap, touch, ended = (np.full(len(places), x) for x in (np.nan, np.inf, np.inf))
+    growth = np.full(len(places), _GROWTH[0])
     open_ = np.arange(len(places))
     for _ in range(_PASSES):
         found = columns.solve(places[open_], top[open_], levels)
@@ -177,10 +192,13 @@ def largest_forces(columns: Columns, probes: tuple[Floats, ...]) -> tuple[Floats
             touch[k] = closes * top[k]
             if np.isinf(closes) and share < levels[-1]:
                 ended[k] = min(ended[k], top[k])
+            before, last = found.min_gap[row, -2:]
+            falls = max((before - last) / (levels[-1] - levels[-2]), 1e-12 * gap)
+            growth[k] = np.clip(1 + last / falls, *_GROWTH)
         most = _MOST_FORCE * np.nanmin(cap)
         longer = np.isinf(ended) & (top < most)
         shorter = np.isfinite(ended) & (_NARROWED * cap < np.minimum(ended, most))
-        top = np.where(longer, 2.5 * top, np.sqrt(cap * ended))
+        top = np.where(longer, growth * top, np.sqrt(cap * ended))
         open_ = np.flatnonzero(np.isinf(touch) & (longer | shorter))
         if not open_.size:
             break

@@ -101,11 +101,11 @@ class PadErrors(AbstractSystematicErrors):
     def unexplained(self, best: Explanations, per_contact: int) -> Floats | None:
         """See the base class: errors of the model and its mesh."""
         total = np.full(best.information.shape, np.nan)
-        by_place, by_force, _ = self._table.doubt
-        place, force = np.hypot(_PLACE_ERROR, by_place), np.hypot(_FORCE_ERROR, by_force)
         for i, count in enumerate(best.contacts.tolist()):
             width = per_contact * count
             own = best.parameters[i, :width].reshape(per_contact, count)
+            by_place, by_force = self._table.errors_at(own[0], own[1])
+            place, force = np.hypot(_PLACE_ERROR, by_place), np.hypot(_FORCE_ERROR, by_force)
             sigma = np.zeros_like(own)
             longest = np.nan_to_num(best.beside[i, :count, :2, 0]).max(-1, initial=0.0)
             longer = np.maximum(longest - self._table.diameter, 0.0)

@@ -3,17 +3,7 @@
 import numpy as np
 
 from fitting.arrays import Floats
-from suas_jax.scene.forward import forward
-from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import Skin
-
-
-def rest_readings(skin: Skin) -> Floats:
-    """Readings of the pad without contacts [taxel] [counts]."""
-    if skin.prestressed:
-        none = Loads.patch(0.0, 0.0, 0.0, float(skin.geometry.thickness[0]))
-        return np.asarray(forward(skin, none).so)[:, 0]
-    return film_readings(skin)
 
 
 def film_readings(skin: Skin) -> Floats:

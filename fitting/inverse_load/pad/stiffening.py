@@ -9,15 +9,20 @@ the readings, and lies in between elsewhere.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
 from fitting.arrays import Floats
 from fitting.inverse_load.pad.table import PadTable
 from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
 from suas_jax.config.input_errors import value_of
+from suas_jax.equilibrium.balance import State
 from suas_jax.files.kept_arrays import kept_arrays
+from suas_jax.mechanics.pad.net import NetTopology
+from suas_jax.mesh.pad_plan import PadPlan
 from suas_jax.runtime.content_key import content_key, source_digest
 from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import Loads
@@ -136,41 +141,65 @@ def _solved(
     angle, axial, force = nodes
     places = np.meshgrid(angle, axial, np.arange(force.shape[-1]), indexing="ij")
     loads = np.stack([places[0], places[1], force], -1).reshape(-1, 3)
-    lighter = loads * np.array([1.0, 1.0, 1 - _LIGHTER])
-    rest = np.zeros((1, 3))
-    own = _readings(skin, np.concatenate([loads, rest]), diameter, slots)
-    less = (_readings(skin, lighter, diameter, slots) - own[:-1]) / _LIGHTER
-    found = []
-    for path, step in steps.items():
-        changed = skin_of(
+    changed = [
+        skin_of(
             spec, {path: value_of(spec, path) + step}, elements=skin.elements, contact=False
         )
-        moved = _readings(changed, np.concatenate([loads, rest]), diameter, slots) - own
-        by = moved[:-1] - moved[-1]
-        used = np.isfinite(less) & np.isfinite(by)
-        by, along = np.where(used, by, 0.0), np.where(used, less, 0.0)
-        size = (along**2).sum(1)
-        found.append((by * along).sum(1) / np.where(size > 0, size, np.inf))
-    return np.array(found).T.reshape(*force.shape, len(steps))
+        for path, step in steps.items()
+    ]
+    rows = []
+    for load in np.concatenate([loads, np.zeros((1, 3))]):
+        # All from the state of the file's pad, on its mesh.
+        own, near = solved_contact(skin, load, diameter, slots)
+        lighter = load * np.array([1.0, 1.0, 1 - _LIGHTER])
+        others = [(skin, lighter), *((other, load) for other in changed)]
+        found = [solved_contact(pad, x, diameter, slots, near)[0] for pad, x in others]
+        rows.append([own, *found])
+    so = np.array(rows)[..., :-1]  # [load, skin, taxel], rest last
+    less = (so[:-1, 1:2] - so[:-1, :1]) / _LIGHTER
+    moved = so[:, 2:] - so[:, :1]
+    by = moved[:-1] - moved[-1]
+    used = np.isfinite(less) & np.isfinite(by)
+    by, along = np.where(used, by, 0.0), np.where(used, less, 0.0)
+    size = (along**2).sum(-1)
+    change = (by * along).sum(-1) / np.where(size > 0, size, np.inf)
+    return np.asarray(change.reshape(*force.shape, len(steps)))
 
 
-def _readings(skin: Skin, loads: Floats, diameter: float, slots: int) -> Floats:
-    return solved_channels(skin, loads, diameter, slots)[:, :-1]
+class Nearby(NamedTuple):
+    """A state that others begin with."""
+
+    mesh: PadPlan | None
+    state: State
+
+
+def solved_contact(
+    skin: Skin,
+    parameters: Floats,  # angle, axial position, force, and a diameter where it is estimated
+    diameter: float,  # else [m]
+    slots: int,  # contacts that the program has room for
+    near: Nearby | None = None,  # where to begin; from rest if None
+) -> tuple[Floats, Nearby]:
+    """Readings and the oil's pressure under one contact, from the model [channel].
+
+    Channels are NaN where no state was found.
+    """
+    size = parameters[3] if len(parameters) > 3 else diameter
+    unused = [[*parameters[:2], 0.0, size]] * (slots - 1)
+    columns = np.array([[*parameters[:3], size], *unused]).T
+    loads = Loads.patch(*columns[..., None])
+    skin = skin.around(loads) if near is None else replace(skin, mesh=near.mesh)
+    assert skin.mesh is not None
+    if near is None:  # one program serves states from rest and from others
+        zero, shape = jnp.zeros(1), NetTopology(*skin.mesh.axes).free.shape
+        near = Nearby(skin.mesh, State(jnp.zeros((*shape, 1)), zero, zero))
+    found = forward(skin, loads, near.state)
+    row = np.append(np.asarray(found.so)[:, 0], np.asarray(found.oil_pressure))
+    if not bool(found.solved[0]):
+        return np.full_like(row, np.nan), near
+    return row, Nearby(near.mesh, found.state)
 
 
 def solved_channels(skin: Skin, parameters: Floats, diameter: float, slots: int) -> Floats:
-    """Readings and the oil's pressure under single contacts, from the model [frame, channel].
-
-    Parameters are angle, axial position and force, and a diameter where it is estimated
-    [frame, parameter]; else contacts have the given diameter [m]. The program has room for
-    `slots` contacts. Channels are NaN where no state was found.
-    """
-    rows = []
-    for x in parameters:
-        size = x[3] if len(x) > 3 else diameter
-        unused = [[*x[:2], 0.0, size]] * (slots - 1)
-        columns = np.array([[*x[:3], size], *unused]).T
-        found = forward(skin, Loads.patch(*columns[..., None]))
-        row = np.append(np.asarray(found.so)[:, 0], np.asarray(found.oil_pressure))
-        rows.append(row if bool(found.solved[0]) else np.full_like(row, np.nan))
-    return np.array(rows)
+    """The same of single contacts [frame, channel]; parameters are [frame, parameter]."""
+    return np.array([solved_contact(skin, x, diameter, slots)[0] for x in parameters])

@@ -50,9 +50,13 @@ class PadTable:
     across_angle: Floats  # angles of these places [rad]
     across_axial: Floats  # their axial positions [m]
     diameter: float  # of the contact [m]
-    # standard deviations of a contact that is found by the table, beside those of every pad's:
-    # place [m], relative force, and of a reading's change from rest, relative
-    doubt: Floats = field(default_factory=lambda: np.zeros(3))
+    # standard deviations of a contact that is found by the table, beside those of every pad's,
+    # in even parts of the way from the middle to the edges [part of the arc, of the axis]:
+    # place along arc and axis [m], relative force; none where they are zero
+    place_error: Floats = field(default_factory=lambda: np.zeros((1, 1)))
+    force_error: Floats = field(default_factory=lambda: np.zeros((1, 1)))
+    # the same of readings' changes from rest, relative, all over the pad []
+    reading_error: Floats | float = 0.0
 
     @functools.cached_property
     def spline(self) -> TensorSpline:
@@ -97,6 +101,27 @@ class PadTable:
         cap = np.exp(self.largest(angle, axial)[0][:, 0])
         level = np.clip(force / cap, LEVELS[0], LEVELS[-1])
         return np.asarray(force * (1 + self._surplus(angle, axial, level)[0][:, 0]))
+
+    def errors_at(self, angle: Floats, axial: Floats) -> tuple[Floats, Floats]:
+        """`place_error` and `force_error` of contacts, each [contact].
+
+        Their logarithms are linear in between, as errors grow towards clamps many times over.
+        Contacts have an angle [rad] and an axial position [m], each [contact].
+        """
+        values = np.stack([self.place_error, self.force_error])
+        if not values.all():
+            return np.zeros_like(angle), np.zeros_like(angle)
+        shares = []
+        for x, edge, n in (
+            (angle, self.angle[-1], values.shape[1]),
+            (axial, self.axial[-1], values.shape[2]),
+        ):
+            at = np.abs(x) / edge * n - 0.5  # in terms of the parts' middles
+            low = np.clip(at.astype(int), 0, max(n - 2, 0))
+            high, own = np.minimum(low + 1, n - 1), np.eye(n)
+            shares.append(own[low] + (at - low)[:, None] * (own[high] - own[low]))
+        found: Floats = np.exp(np.einsum("ca,cz,kaz->kc", *shares, np.log(values)))
+        return found[0], found[1]
 
     @functools.cached_property
     def _surplus(self) -> TensorSpline:

@@ -18,10 +18,10 @@ from fitting.inverse_load.pad.columns import (
 )
 from fitting.inverse_load.pad.finer_mesh import force_surplus
 from fitting.inverse_load.pad.mirror import mirror_images, mirrored
-from fitting.inverse_load.pad.rest import rest_readings, stray_counts
+from fitting.inverse_load.pad.rest import stray_counts
 from fitting.inverse_load.pad.spline import TensorSpline
 from fitting.inverse_load.pad.table import PadTable, reciprocal
-from fitting.inverse_load.pad.uneven import Line, even_spec, same_places, uneven_table
+from fitting.inverse_load.pad.uneven import even_spec, same_places, uneven_table
 from suas_jax.config import SkinSpec, continuous_inputs, structure
 from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.runtime.content_key import content_key, source_digest
@@ -80,10 +80,8 @@ def pad_table_of(
         if spec.geometry.mirrored_along_axis and skin.geometry.symmetric:
             return build_pad_table(skin, *how)
         even = even_spec(spec)
-        of_even = Line.of(even, skin_of(even, elements=resolution.elements, contact=False))
         table = pad_table_of(even, diameter, resolution, progress=progress, workers=workers)
-        lines = of_even, Line.of(spec, skin)
-        return uneven_table(table, lines, skin, same_places(even, spec), progress)
+        return uneven_table(table, (even, spec), skin, same_places(even, spec), progress)
 
     found = kept_arrays(name, lambda: vars(made()))
     return PadTable(**{**found, "diameter": float(found["diameter"])})  # type: ignore[arg-type]
@@ -123,7 +121,7 @@ def build_pad_table(
         places, force, (LEVELS * (1 + surplus))[:, LEVELS != 0], across=across.reshape(-1)
     )
     stray = stray_counts(skin)
-    rest = rest_readings(images)
+    rest = columns.rest()
     return _unfolded(
         found,
         where,

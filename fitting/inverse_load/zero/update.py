@@ -134,8 +134,9 @@ class PressModel:
                 if getattr(loads, k) is not None
             ]
             so.append(np.asarray(found.so).T)
-            columns = [COMPILED.run(_along, skin, loads, found.state, *by) for by in along]
-            slopes.append(np.stack([np.asarray(column).T for column in columns], 1))
+            every = jax.tree.map(lambda *x: jnp.stack(x), *along)
+            columns = COMPILED.run(_along, skin, loads, found.state, *every)
+            slopes.append(np.moveaxis(np.asarray(columns), -1, 0))
         readings, moved = np.concatenate(so), np.concatenate(slopes)
         by_error, by_press = moved[:, : len(tangents)], moved[:-1, len(tangents) :]
         return _Model(
@@ -159,13 +160,18 @@ def _filled(skin: Skin, tangent: Skin | None) -> Skin:
 @eqx.filter_jit
 def _along(
     skin: Skin, loads: Loads, start: State, by_skin: Skin, by_loads: Loads
-) -> Float[Array, "taxel lane"]:
-    """Derivative of readings at a state as skin and loads change along tangents."""
+) -> Float[Array, "tangent taxel lane"]:
+    """Derivatives of readings at a state as skin and loads change along some tangents."""
 
     def so(skin: Skin, loads: Loads) -> Array:
         return forward(skin, loads, start).so
 
-    return eqx.filter_jvp(so, (skin, loads), (by_skin, by_loads))[1]
+    def along(by_skin: Skin, by_loads: Loads) -> Array:
+        moved: Array = eqx.filter_jvp(so, (skin, loads), (by_skin, by_loads))[1]
+        return moved
+
+    # The state is solved once, its tangent factorised once.
+    return jax.vmap(along)(by_skin, by_loads)
 
 
 def zero_of(

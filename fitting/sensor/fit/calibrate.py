@@ -113,7 +113,10 @@ def fit_sensor(
     frames = np.zeros(0)
     if own:
         if len(fit) > 1 or gaps != "global" or like is not None:
-            raise ValueError(f"--fit {AS_BUILT}: alone, without --gap, as it finds both")
+            raise ValueError(
+                f"--fit {AS_BUILT} finds the gap and every other constant of a unit: name no "
+                "other one, and leave --gap out"
+            )
         data, frames = averaged(_as_built(data))
         fit = as_built_names(data.spec)
     data = dataclasses.replace(data, spec=naming(data.spec, fit))

@@ -16,6 +16,8 @@ from suas_jax.sensing.taxels import taxel_names
 ROUNDING = 1.0 / np.sqrt(12.0)
 """Standard deviation that whole counts have at least."""
 _MANY, _FEW = 50, 10
+_EVEN = 0.01  # of a force: what it may vary by while a press is held
+_HELD = 1 / 3  # of the longest such stretch of a press: shorter ones are on the way to it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,24 +74,80 @@ class LoggedCounts:
         return found, np.sqrt(np.einsum("tkf,tkf->tk", inverse, inverse))
 
 
+def held_presses(data: SensorData) -> SensorData:
+    """The frames at rest and those of presses that are held, each with its mean force.
+
+    A press is a stretch of frames of one log under one load at one place. It is held where its
+    force is even to 1 %, for more than a third of its longest such stretch: frames on the way
+    there and back would count as presses with place errors of their own.
+    """
+    loads, loaded = data.loads, data.loaded
+    force = np.nan_to_num(loads.force).sum(0)
+    kinds = loads.angle, loads.turn, loads.axial, loads.diameter, loads.depth, loads.radius
+    where = np.concatenate([*kinds, [np.nan_to_num(data.permittivity)]]).T
+    presses: list[list[list[int]]] = []  # frames of each even stretch of each press
+    last = None
+    for i, (log, k) in enumerate(zip(data.log, data.state, strict=True)):
+        here = (log, *where[k]) if loaded[k] else None
+        if here and here != last:
+            presses.append([])
+        if here:
+            begin = force[data.state[presses[-1][-1][0]]] if presses[-1] else np.nan
+            if not abs(force[k] - begin) <= _EVEN * abs(begin):
+                presses[-1].append([])
+            presses[-1][-1].append(i)
+        last = here
+    held = [s for own in presses for s in own if len(s) > _HELD * max(map(len, own))]
+    idle = np.flatnonzero(~loaded)
+    state = np.full(len(data.state), -1)
+    for new, k in enumerate(idle):
+        state[data.state == k] = new
+    for new, frames in enumerate(held, len(idle)):
+        state[frames] = new
+    first = np.array([*idle, *(data.state[frames[0]] for frames in held)], int)
+    told = loads.take(first)
+    if held:
+        mean = np.array([loads.force[:, data.state[frames]].mean(1) for frames in held]).T
+        told.force[:, len(idle) :] = mean
+    kept, left = state >= 0, int((state < 0).sum())
+    said = f"{data.paths}: {left} frames left out in which a press comes or goes"
+    return dataclasses.replace(
+        data,
+        so=data.so[:, kept],
+        time=data.time[kept],
+        log=data.log[kept],
+        state=state[kept],
+        loads=told,
+        permittivity=data.permittivity[first],
+        warnings=(*data.warnings, said) if left else data.warnings,
+    )
+
+
 def averaged(data: SensorData) -> tuple[SensorData, np.ndarray]:
     """Every known state of every log as one frame, and of how many it is the mean [frame].
 
     Raises ValueError: no state is at rest, or one has several loads, or a known displacement.
     """
     if np.isfinite(data.loads.displacement).any():
-        raise ValueError(f"{data.paths}: --fit as-built takes known forces")
-    keys, which, count = np.unique(
-        np.stack([data.log, data.state]), axis=1, return_inverse=True, return_counts=True
-    )
-    which = which.reshape(-1)
+        raise ValueError(
+            f"{data.paths}: --fit as-built takes known forces (load_0_force_N), which tell the "
+            "stiffness; leave columns of displacements out"
+        )
     if data.loaded[data.state].all():
         raise ValueError(
             f"{data.paths}: --fit as-built counts readings from rest; add a log, or frames, "
             "without load"
         )
     if (np.nan_to_num(data.loads.force) != 0).sum(0).max() > 1:
-        raise ValueError(f"{data.paths}: --fit as-built takes one load at a time")
+        raise ValueError(
+            f"{data.paths}: --fit as-built takes one load at a time; leave frames with several "
+            "out"
+        )
+    data = held_presses(data)
+    keys, which, count = np.unique(
+        np.stack([data.log, data.state]), axis=1, return_inverse=True, return_counts=True
+    )
+    which = which.reshape(-1)
     known = np.isfinite(data.so)
     sums = np.zeros((len(data.so), len(count)))
     found = np.zeros_like(sums)

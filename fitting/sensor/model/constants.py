@@ -169,7 +169,7 @@ def named(spec: SkinSpec, name: str) -> SensorConstant:
     if own in (GAP, THICKNESS) and not isinstance(getattr(spec.geometry, own), float):
         raise ValueError(
             f"--fit {name}: geometry.{own} is a table, not one number that can be found; "
-            "write its mean as one length, or fit other constants"
+            "write its mean as one length, fit other constants, or all with --fit as-built"
         )
     if own == GAP:
         return SensorConstant(own, "m", gap)

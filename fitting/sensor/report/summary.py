@@ -20,7 +20,7 @@ from fitting.sensor.model.constants import PATHS, is_press_error
 from suas_jax.acquisition.terminal import new_console
 from suas_jax.sensing.taxels import taxel_names
 
-_MANY_GAINS = 40  # channels whose gains are told together
+_MANY = 10  # channels whose gains are told together, constants whose priors have one reason
 
 
 def sensor_report(fit: SensorFit) -> dict[str, Any]:
@@ -136,23 +136,28 @@ def _described(report: dict[str, Any], fit: SensorFit) -> Iterator[Part]:
     # The report has the errors of single presses; a person looks for the skin.
     skin = {k: v for k, v in report["parameters"].items() if not is_press_error(k)}
     gains = [name for name in skin if is_gain(name)]
-    if len(gains) > _MANY_GAINS:
+    if len(gains) > _MANY:
         values = [skin.pop(name) for name in gains]
         typical = float(np.median([report["standard_errors"][name] for name in gains]))
         yield Remark(
             f"gains of {len(gains)} channels: {min(values):.4g} to {max(values):.4g}, median "
             f"standard error {typical:.2g}"
         )
+    reasons = {report["priors"].get(name, {}).get("reason") for name in skin}
+    alike = reasons.pop() if len(reasons) == 1 and len(skin) > _MANY else None
     for name, value in skin.items():
         unit, error = report["units"][name], report["standard_errors"][name]
         known = report["priors"].get(name)
         numbers = [value, error, *report["intervals"]["95"][name]]
         numbers += [known["mean"], known["sd"]] if known else []
         found, sigma, low, high, *prior = (quantity_text(x, unit, 6) for x in numbers)
-        assumed = f"{prior[0]} +- {prior[1]}: {known['reason']}" if known else "none"
+        why = "" if alike else f": {known['reason']}"
+        assumed = f"{prior[0]} +- {prior[1]}{why}" if known else "none"
         rows.append((name, found, sigma, f"{low} to {high}", assumed))
     names = ("constant", "value", "standard error", "95 % interval", "prior")
     yield ReportTable("Constants", names, rows)
+    if alike:
+        yield Remark(f"all priors are {alike}")
     if ratio := report.get("permittivity_per_gap"):
         error = f"{ratio['standard_error']:.2g}"
         yield Remark(f"permittivity / gap: {ratio['value']:.6g} +- {error} 1/m")

@@ -25,6 +25,7 @@ from fitting.sensor.shapes.state_programs import (
     state_slopes,
 )
 from suas_jax.config import BodyLoadSpec, PatchLoadSpec, SceneSpec, SkinSpec, SolveSpec
+from suas_jax.config.consistency import contradictions
 from suas_jax.config.input_errors import stresses_of
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.outcomes import NAMES, advice
@@ -66,7 +67,8 @@ class Solved(NamedTuple):
 class SceneStates:
     """Solves known states one by one.
 
-    Raises ValueError: a load on a pad is turned, or several displacements are known at once.
+    Raises ValueError: a load on a pad is turned or lies off it, or several displacements are
+    known at once.
     """
 
     def __init__(
@@ -123,10 +125,11 @@ class SceneStates:
         """Meshes of all states with as many elements and load points each."""
         # Checking the electrodes takes long, and no mesh depends on them.
         bare = scene.model_copy(update={"electrodes": None})
-        scenes = [
-            bare.model_copy(update={"loads": self._loads(self._told, k)})
-            for k in range(self._told.states)
-        ]
+        states = [self._loads(self._told, k) for k in range(self._told.states)]
+        for loads in states:
+            for key, why in contradictions({"geometry": scene.geometry, "loads": loads}):
+                raise ValueError(f"known {key}: {why}; check the log's columns")
+        scenes = [bare.model_copy(update={"loads": loads}) for loads in states]
         model = MODELS[scene.geometry.dimension]["shell"]
         counts: tuple[int, ...] = PAD_ELEMENTS  # one program serves all logs of a pad
         if self._told.bodies:
