@@ -461,6 +461,22 @@ def test_minima_of_a_linear_model_are_the_solution_of_its_normal_equations() -> 
     assert (np.diff(found.cost) >= 0).all()
 
 
+def test_a_step_to_where_nothing_is_a_number_is_taken_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Few of many residuals: there as many as elsewhere."""
+    asked = []
+
+    def at(_: Any, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        asked.append(theta)
+        return np.where(len(asked) == 2, np.nan, LINE @ theta - Y), LINE
+
+    monkeypatch.setattr("fitting.statistics.least_squares.by_theta", at)
+    found = minimise_one_by_one(linear(LINE, Y), np.array([[3.0, 1.0]]))
+    assert found.converged.all()
+    np.testing.assert_allclose(found.theta[0], BEST, rtol=1e-6)
+
+
 TWO = Family("two", (Constant("C1"), Constant("C2", "free")), lambda *c: None)  # type: ignore[arg-type,return-value]
 FREE: dict[str, Any] = {"law_name": "two", "build": lambda *c: None}
 

@@ -134,13 +134,17 @@ def solved_by_scipy(
     @functools.lru_cache(maxsize=2)
     def kept(key: bytes) -> tuple[np.ndarray, np.ndarray]:
         with np.errstate(all="ignore"):
-            r, J = at(np.frombuffer(key))
-        finite = np.isfinite(r) & np.all(np.isfinite(J), axis=1)
-        return np.where(finite, r, impossible), np.where(finite[:, None], J, 0.0)
+            return _finite(*at(np.frombuffer(key)), impossible)
 
     return scipy.optimize.least_squares(
         lambda x: kept(x.tobytes())[0], start, lambda x: kept(x.tobytes())[1], **options
     )
+
+
+def _finite(r: np.ndarray, J: np.ndarray, impossible: float) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals and derivatives, with large and flat ones for those that are no numbers."""
+    finite = np.isfinite(r) & np.all(np.isfinite(J), axis=1)
+    return np.where(finite, r, impossible), np.where(finite[:, None], J, 0.0)
 
 
 def compressed(r: np.ndarray, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -198,16 +202,18 @@ def minimise_one_by_one(
 
     def at(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         try:
-            return compressed(*by_theta(residuals, theta))
+            r, J = by_theta(residuals, theta)
         except jax.errors.JaxRuntimeError:  # an equilibrium inside that has no numbers
-            none = np.full(len(residuals.value), np.nan)
-            return none, np.zeros((len(none), theta.size))
+            r = np.full(len(residuals.value), np.nan)
+            J = np.zeros((len(r), theta.size))
+        # MINPACK takes as many residuals at every point.
+        return compressed(*_finite(r, J, _IMPOSSIBLE))
 
     exact = {"xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-12}
     for start in np.asarray(starts, float):
         run = solved_by_scipy(at, start, method="lm", max_nfev=evaluations, **exact)
         cost, decrease = judged(jnp.asarray(run.fun), jnp.asarray(run.jac))
-        possible = np.max(np.abs(run.fun)) < _IMPOSSIBLE
+        possible = np.max(np.abs(run.fun)) < 0.5 * _IMPOSSIBLE
         found.append((run.x, float(cost) if possible else np.inf, float(decrease)))
     theta, costs, decreases = (np.array([run[i] for run in found]) for i in range(3))
     return _sorted(residuals, theta, costs, decreases)
