@@ -19,7 +19,7 @@ from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.fit import fit_material
 from fitting.material.fit.problem import pose
 from fitting.material.fit.search import NoFit
-from fitting.material.laws.parameters import AbstractFamily
+from fitting.material.laws.parameters import Family
 from fitting.material.laws.registry import family
 from fitting.material.report.summary import material_report
 from fitting.statistics.least_squares import minimise
@@ -108,7 +108,7 @@ def synthetic(
     """The same tests with readings made by a law and relative Gaussian noise."""
     made = []
     for data in sets:
-        problem = pose([data], _Given(law), "absolute")
+        problem = pose([data], Family("given", (), lambda: law), "absolute")
         exact = np.asarray(problem.residuals.predict(jnp.zeros(0)))[: data.size]
         sigma = noise * np.abs(exact)
         value = exact + sigma * rng.standard_normal(data.size)
@@ -122,23 +122,9 @@ def _replaced(data: Dataset, value: np.ndarray, sigma: np.ndarray) -> Dataset:
     return dataclasses.replace(data, value=value, sigma=sigma)
 
 
-class _Given(AbstractFamily):
-    """A law without anything left to fit."""
-
-    law_name, names, units = "given", (), ()
-
-    def __init__(self, law: AbstractLaw) -> None:
-        self.given = law
-
-    def law(self, constants: object) -> AbstractLaw:
-        return self.given
-
-    constants = unconstrained = random = None  # type: ignore[assignment]
-
-
 def coverage(count: int = 200, only: str = "") -> None:
     """Share of synthetic data sets whose intervals contain the true constants."""
-    cases: dict[str, tuple[AbstractFamily, np.ndarray]] = {
+    cases: dict[str, tuple[Family, np.ndarray]] = {
         "mooney-rivlin": (family("mooney-rivlin", 2), np.array([1.8e5, 1.2e4])),
         "yeoh": (family("yeoh", 3), np.array([1.9e5, -1.8e3, 44.0])),
         "gent": (family("gent"), np.array([3.0e5, 90.0])),

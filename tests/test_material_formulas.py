@@ -43,7 +43,7 @@ from fitting.material.fit.specimens import (
     specimens_of,
 )
 from fitting.material.fit.suspects import _in_percent, _may_be_percent, zero_in_units
-from fitting.material.laws.blocks import ExtendedFamily, Relaxation, Softening
+from fitting.material.laws.blocks import Relaxation, Softening
 from fitting.material.laws.parameters import Constant, Family, Scales
 from fitting.statistics.noise_model import NoiseModel
 from suas_jax.constitutive.laws.neo_hookean import NeoHookean
@@ -312,7 +312,7 @@ def test_prony_terms_that_the_data_do_not_determine(
     shares: list[float], times: list[float], errors: list[float], reason: str
 ) -> None:
     """Known to half of the share, within three times the times measured, 1.5 apart."""
-    family = ExtendedFamily(LAW, (Relaxation(2),))
+    family = dataclasses.replace(LAW, beside=(Relaxation(2),))
     x = np.full(1001, 1.5)
     clock = np.linspace(0.0, 100.0, 1001)
     test = tension(x, time=clock, kind=HistoryTest)
@@ -328,7 +328,8 @@ def test_prony_terms_that_the_data_do_not_determine(
 
 
 def test_shares_times_and_softening_are_logarithms() -> None:
-    family = ExtendedFamily(LAW, (Relaxation(2, (0.1, 1000.0)), Softening()))
+    beside = (Relaxation(2, (0.1, 1000.0)), Softening())
+    family = dataclasses.replace(LAW, beside=beside)
     scales = Scales(2e5, 4.0, 9.0, 1.0)
     theta = jnp.array([0.1, -1.0, 0.5, 2.0, -3.0, 0.2, -0.3, 0.4])
     found = np.asarray(quick(family.constants, jax.jit)(theta, scales))
@@ -352,7 +353,8 @@ def test_shares_times_and_softening_are_logarithms() -> None:
     )
     assert family.units == ("Pa", "1", "1", "s", "s", "1", "Pa", "1")
     assert family.title == "neo-hookean + 2 Prony terms + Mullins softening"
-    starts = family.beside(np.random.default_rng(0), 6)
+    rng = np.random.default_rng(0)
+    starts = np.concatenate([block.random(rng, 6) for block in beside], axis=1)
     assert starts.shape == (6, 7)
     np.testing.assert_allclose(starts[0, :2], np.log(0.25))
     even = np.log(0.1) + np.array([0.25, 0.75]) * np.log(1e4)

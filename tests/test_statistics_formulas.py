@@ -12,7 +12,7 @@ from scipy import stats
 
 from fitting.material.fit.bounded import _box, _solve, minimise_in_box
 from fitting.material.fit.specimens import scatter_between
-from fitting.material.laws.parameters import Constant, Family, Scales
+from fitting.material.laws.parameters import Constant, Family, Scales, SumBlock
 from fitting.statistics.chain import Posterior, _round_up
 from fitting.statistics.diagnostics import (
     _basis,
@@ -580,7 +580,7 @@ def test_starts_are_within_a_factor_of_e_of_the_natural_sizes() -> None:
 
 def test_a_sum_that_is_bound_is_the_first_parameter() -> None:
     parts = (Constant("C1"), Constant("C2", "free"))
-    family = Family(**FREE, parts=parts, modulus_is_sum=True)
+    family = Family(**FREE, parts=parts, law_block=SumBlock)
     found = np.asarray(family.constants(jnp.array([0.5, -3.0]), SCALES))
     assert found[1] == pytest.approx(-6e5)
     assert found.sum() == pytest.approx(2e5 * np.exp(0.5))

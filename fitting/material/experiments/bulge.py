@@ -13,7 +13,7 @@ from fitting.material.data.errors import DataError
 from fitting.material.experiments.measurements import Predictor, StressTest
 from fitting.material.experiments.prediction import AbstractExperiment, mode_factors
 from fitting.material.experiments.table_reader import Reader
-from fitting.material.laws.parameters import AbstractFamily
+from fitting.material.laws.parameters import Family
 from suas_jax.constitutive import AbstractLaw, inflated_diaphragm
 from suas_jax.constitutive.specimens.homogeneous import kirchhoff
 
@@ -92,7 +92,7 @@ class Bulge(AbstractExperiment):
         return self._pressure(log_p, log_h, slope_p / slope_h)
 
     def linearised(
-        self, family: AbstractFamily, constants: Float[Array, " p"]
+        self, family: Family, constants: Float[Array, " p"]
     ) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
         """Pressures and their derivatives: by the constants and the apex stretch at once."""
         apex = self._apex(family.law(constants))

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from fitting.material.laws.parameters import AbstractFamily
+from fitting.material.laws.parameters import Family
 from fitting.statistics.residuals import linearised
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.constitutive.specimens.homogeneous import MODES, kirchhoff
@@ -45,7 +45,7 @@ class AbstractExperiment(eqx.Module):
         return self
 
     def linearised(
-        self, family: AbstractFamily, constants: Float[Array, " p"]
+        self, family: Family, constants: Float[Array, " p"]
     ) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
         """Readings of a family's law and their derivatives by its constants, SI units."""
         return linearised(

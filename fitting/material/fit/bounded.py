@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import jax.numpy as jnp
 import numpy as np
 
-from fitting.material.laws.parameters import AbstractFamily
+from fitting.material.laws.parameters import Family
 from fitting.statistics.least_squares import CONVERGED, Minima, judged, solved_by_scipy
 from fitting.statistics.residuals import AbstractResiduals, sensitivity
 
@@ -19,7 +19,7 @@ _AT_BOUND = 1e-6
 
 def minimise_in_box(
     residuals: AbstractResiduals,
-    family: AbstractFamily,  # the law, which may bind the signs of constants
+    family: Family,  # the law, which may bind the signs of constants
     constants: np.ndarray,  # the free minimum, SI units; its signs are kept
     others: np.ndarray,  # further starting points θ, shape [k, p]
     bounds: Mapping[str, tuple[float, float]],  # lowest and highest value by constant, SI units
@@ -47,7 +47,7 @@ def minimise_in_box(
 
 
 def _box(
-    family: AbstractFamily, point: np.ndarray, bounds: Mapping[str, tuple[float, float]]
+    family: Family, point: np.ndarray, bounds: Mapping[str, tuple[float, float]]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of every constant: the user's, and the signs of the law's conditions."""
     for name in bounds:

@@ -14,7 +14,8 @@ from fitting.material.fit.fit import fit_material
 from fitting.material.fit.preparation import window_of
 from fitting.material.fit.result import MaterialFit
 from fitting.material.fit.search import NoFit
-from fitting.material.laws.blocks import MOST_PRONY_TERMS, Relaxation, block_of
+from fitting.material.laws.blocks import MOST_PRONY_TERMS, Relaxation
+from fitting.material.laws.parameters import block_of
 from fitting.material.laws.registry import candidates as usual_candidates
 from fitting.material.laws.registry import family
 
@@ -263,8 +264,8 @@ def undetermined_term(fit: MaterialFit) -> str:
     found = block_of(fit.family, Relaxation)
     assert found is not None
     series, place = found
-    g, tau = series.parts(fit.constants[place])
-    errors, _ = series.parts(fit.uncertainty.standard_errors[place])
+    g, tau = series.terms(fit.constants[place])
+    errors, _ = series.terms(fit.uncertainty.standard_errors[place])
     shortest, longest = window_of(fit.sets, series.count)
     for share, error, time in zip(g, errors, tau, strict=True):
         if not error < _UNKNOWN_SHARE * share:

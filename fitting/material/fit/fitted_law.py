@@ -13,7 +13,7 @@ from fitting.material.experiments.measurements import PATHS, Dataset
 from fitting.material.experiments.prediction import Homogeneous, padded
 from fitting.material.fit.problem import MaterialProblem, readings
 from fitting.material.fit.specimens import Specimens
-from fitting.material.laws.parameters import AbstractFamily
+from fitting.material.laws.parameters import Family
 from fitting.statistics.identifiability import Uncertainty
 from suas_jax.constitutive import AbstractLaw, stable_range
 
@@ -39,7 +39,7 @@ class FittedLaw:
         return self.problem.sets
 
     @property
-    def family(self) -> AbstractFamily:
+    def family(self) -> Family:
         """The law's family."""
         return self.problem.residuals.family
 
@@ -82,7 +82,7 @@ class FittedLaw:
 
 @eqx.filter_jit
 def _prediction(
-    family: AbstractFamily, test: Homogeneous, constants: jax.Array
+    family: Family, test: Homogeneous, constants: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     def stress(c: jax.Array) -> jax.Array:
         return test.predict(family.law(c))

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from fitting.material.experiments.free_zero import Zero, can_be_freed, free_zeros
 from fitting.material.experiments.measurements import Dataset, Predictor
 from fitting.material.experiments.prediction import AbstractExperiment
-from fitting.material.laws.parameters import AbstractFamily, Scales
+from fitting.material.laws.parameters import Family, Scales
 from fitting.statistics.residuals import AbstractResiduals, sensitivity
 from suas_jax.constitutive import AbstractLaw
 
@@ -32,7 +32,7 @@ class Residuals(AbstractResiduals):
     # errors that all readings of a test share, such as a model's own, in the form that
     # `shared_error` gives them, shape [k, n]; k is zero where there are none
     shared: Float[Array, "k n"]
-    family: AbstractFamily = eqx.field(static=True)  # the law; part of the compiled program
+    family: Family = eqx.field(static=True)  # the law; part of the compiled program
 
     @property
     def costly(self) -> bool:
@@ -110,7 +110,7 @@ class Mapping(eqx.Module):
     """The map of a family from unconstrained parameters to constants."""
 
     scales: Scales  # sizes that make constants dimensionless
-    family: AbstractFamily = eqx.field(static=True)  # the law
+    family: Family = eqx.field(static=True)  # the law
 
     def __call__(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
         """Constants in SI units."""
@@ -172,7 +172,7 @@ class MaterialProblem:
 
 def pose(
     sets: Sequence[Dataset],
-    family: AbstractFamily,
+    family: Family,
     kind: str,
     *,
     estimate: bool = False,

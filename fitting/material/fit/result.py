@@ -16,7 +16,8 @@ from fitting.material.fit.fitted_law import STABLE_LIMITS, FittedLaw
 from fitting.material.fit.intervals import Intervals, intervals_of, modulus_and_slope
 from fitting.material.fit.noise import Noise
 from fitting.material.fit.problem import readings
-from fitting.material.laws.blocks import Relaxation, Softening, block_of
+from fitting.material.laws.blocks import Relaxation, Softening
+from fitting.material.laws.parameters import block_of
 from fitting.statistics.diagnostics import Misfit, information_criteria
 from fitting.statistics.least_squares import Minima
 from suas_jax.config.law import CorrelationSpec, LawSpec

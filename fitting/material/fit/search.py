@@ -18,14 +18,8 @@ from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.noise import noise_of, with_noise
 from fitting.material.fit.problem import MaterialProblem, Residuals, pose, predicted_readings
 from fitting.material.fit.specimens import Specimens, of_typical_specimen, specimens_of
-from fitting.material.laws.blocks import (
-    ExtendedFamily,
-    Relaxation,
-    Softening,
-    TestZeros,
-    block_of,
-)
-from fitting.material.laws.parameters import AbstractFamily
+from fitting.material.laws.blocks import Relaxation, Softening
+from fitting.material.laws.parameters import Family, block_of
 from fitting.statistics.least_squares import (
     Minima,
     minimise,
@@ -56,7 +50,7 @@ class NoFit(ArithmeticError):  # noqa: N818
 
 
 def refuse_without_stiffness(
-    sets: Sequence[Dataset], family: AbstractFamily, constants: np.ndarray
+    sets: Sequence[Dataset], family: Family, constants: np.ndarray
 ) -> None:
     """Refuse constants [SI] that follow the data best, of a law without stiffness at rest.
 
@@ -94,7 +88,7 @@ class SearchSettings(NamedTuple):
 
 def search(
     sets: Sequence[Dataset],
-    chosen: AbstractFamily,
+    chosen: Family,
     settings: SearchSettings,
     zeros: Sequence[Zero] = (),  # of tests that are found with the law
 ) -> tuple[MaterialProblem, Minima]:
@@ -107,7 +101,7 @@ def search(
         return problem, minimise_one_by_one(problem.residuals, points[:most])
     if any(data.mode == "skin" for data in sets):
         return problem, minimise(problem.residuals, points[:most], lanes=most)
-    if isinstance(chosen, ExtendedFamily) and block_of(chosen, TestZeros) is None:
+    if chosen.beside and not zeros:
         return problem, _with_effects(sets, chosen, problem, starts, seed)
     if not any(data.mode == "bulge" for data in sets):
         return problem, minimise(problem.residuals, points)
@@ -141,31 +135,33 @@ def _with_membranes(
 
 def _with_effects(
     sets: Sequence[Dataset],
-    chosen: ExtendedFamily,
+    chosen: Family,
     problem: MaterialProblem,
     starts: int,
     seed: int,
 ) -> Minima:
     """Minima of a law that relaxes or softens, from the best law without."""
     rng = np.random.default_rng(seed)
-    elastic = pose(sets, chosen.base, problem.kind, estimate=True).residuals
-    found = minimise(elastic, chosen.base.random(rng, starts))
+    base = dataclasses.replace(chosen, beside=())
+    elastic = pose(sets, base, problem.kind, estimate=True).residuals
+    found = minimise(elastic, base.random(rng, starts))
     if not np.isfinite(found.cost[0]):
         return found
     theta = jnp.asarray(found.theta[0])
     factor = 1.0 if block_of(chosen, Relaxation) is None else _LONG_TERM
     factor *= 1.0 if block_of(chosen, Softening) is None else _VIRGIN
-    constants = chosen.base.constants(theta, elastic.scales)
-    changed = jnp.where(chosen.base.stresses, factor * constants, constants)
-    law = np.asarray(chosen.base.unconstrained(changed, elastic.scales))
-    beside = chosen.beside(rng, min(starts, _BESIDE))
+    constants = base.constants(theta, elastic.scales)
+    changed = jnp.where(base.stresses, factor * constants, constants)
+    law = np.asarray(base.unconstrained(changed, elastic.scales))
+    count = min(starts, _BESIDE)
+    beside = np.concatenate([block.random(rng, count) for block in chosen.beside], axis=1)
     points = np.concatenate([np.tile(law, (len(beside), 1)), beside], axis=1)
     return minimise_one_by_one(problem.residuals, points, _BESIDE_STEPS)
 
 
 def weighed_search(
     sets: Sequence[Dataset],
-    chosen: AbstractFamily,
+    chosen: Family,
     settings: SearchSettings,
     zeros: Sequence[Zero],
 ) -> tuple[MaterialProblem, Minima]:
@@ -190,7 +186,7 @@ def weighed_search(
 
 
 def search_for_typical_specimen(
-    chosen: AbstractFamily, problem: MaterialProblem, minima: Minima, settings: SearchSettings
+    chosen: Family, problem: MaterialProblem, minima: Minima, settings: SearchSettings
 ) -> tuple[Specimens | None, MaterialProblem, Minima]:
     """The search for the typical specimen's constants, if the specimens differ.
 

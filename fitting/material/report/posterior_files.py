@@ -22,7 +22,7 @@ from fitting.material.fit.band import nominal_factors
 from fitting.material.fit.material_posterior import MaterialPosterior, sample_material
 from fitting.material.fit.problem import Residuals
 from fitting.material.fit.result import MaterialFit
-from fitting.material.laws.parameters import AbstractFamily
+from fitting.material.laws.parameters import Family
 from fitting.statistics.posterior import PosteriorError, Settings
 from suas_jax.figures.style import styled
 from suas_jax.figures.style import written as figure_written
@@ -127,9 +127,7 @@ def _readings(residuals: Residuals, constants: Float[Array, "draw p"]) -> Array:
 
 
 @eqx.filter_jit
-def _stresses(
-    family: AbstractFamily, test: Homogeneous, constants: Float[Array, "draw p"]
-) -> Array:
+def _stresses(family: Family, test: Homogeneous, constants: Float[Array, "draw p"]) -> Array:
     return jax.vmap(lambda c: test.predict(family.law(c)))(constants)
 
 
