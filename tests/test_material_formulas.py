@@ -11,7 +11,6 @@ import pytest
 from scipy import stats
 
 from fitting.material.data.errors import DataError
-from fitting.material.experiments.bulge import SphericalCap
 from fitting.material.experiments.free_zero import FreeZero, idle, smoothed, toe_end
 from fitting.material.experiments.history import (
     HistoryTest,
@@ -542,28 +541,6 @@ def test_factors_of_modes_and_of_shear_read_the_work_s_derivatives() -> None:
     np.testing.assert_allclose(minus, -h)
     np.testing.assert_allclose([one, other], [0.5 / np.cosh(h), -0.5 / np.cosh(h)])
     assert [len(padded(np.ones(n))) for n in (1, 64, 65, 128, 129)] == [64, 64, 128, 128, 256]
-
-
-def test_pressure_of_a_spherical_cap_is_that_of_virtual_work() -> None:
-    """P dV/deta = 2 pi R T integral of 2 tau d(log stretch)/deta rho drho, 12 % taken off."""
-    height, thickness = np.array([0.7]), np.array([0.02])
-    cap = SphericalCap.of_heights(height, thickness)
-    rho = (np.arange(4000) + 0.5) / 4000
-    eta, d = 0.7, 1e-5
-
-    def stretch(eta: float) -> np.ndarray:
-        return (1 + eta**2) / (1 + eta**2 * rho**2)
-
-    growth = (np.log(stretch(eta + d)) - np.log(stretch(eta - d))) / (2 * d)
-    x = stretch(eta)
-    tau = MU * (x**2 - x**-4)
-    work = 2 * np.pi * thickness[0] * np.mean(2 * tau * growth * rho)
-    pressure = work / (np.pi * (1 + eta**2) / 2)
-    pressure /= 1 + 0.123 * np.exp(-(eta**2) / 0.19)
-    found = np.exp(np.asarray(cap.strain))
-    stress = MU * (found**2 - found**-4)
-    total = float(np.sum(np.asarray(cap.share) * stress))
-    assert total == pytest.approx(pressure, rel=1e-4)
 
 
 def test_slack_ends_where_readings_begin_to_rise() -> None:

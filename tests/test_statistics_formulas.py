@@ -423,16 +423,13 @@ def test_step_on_a_linearised_constraint_is_least_squares_on_its_plane(p: int) -
 # --- least squares ------------------------------------------------------------------------
 
 
-judged = quick(judged, jax.jit)
-
-
 def test_predicted_decrease_is_in_full_up_to_a_step_of_one() -> None:
     """Of r = (a, b) and J = diag(s, t): 1/2 a^2 if a <= s, else s a - 1/2 s^2."""
-    r, J = jnp.array([3.0, 0.5]), jnp.diag(jnp.array([2.0, 4.0]))
+    r, J = np.array([3.0, 0.5]), np.diag([2.0, 4.0])
     cost, decrease = judged(r, J)
     assert float(cost) == pytest.approx(0.5 * 9.25)
     assert float(decrease) == pytest.approx((2 * 3 - 2 + 0.125) / 4.625)
-    cost, decrease = judged(r.at[0].set(jnp.nan), J)
+    cost, decrease = judged(np.array([np.nan, 0.5]), J)
     assert (float(cost), float(decrease)) == (np.inf, np.inf)
     cost, decrease = judged(0 * r, J)
     assert (float(cost), float(decrease)) == (0.0, 0.0)

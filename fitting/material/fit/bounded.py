@@ -96,5 +96,4 @@ def _solve(
     free = ~((constants - low <= reach) & (slope > 0.0)) & ~(
         (high - constants <= reach) & (slope < 0.0)
     )
-    cost, decrease = judged(jnp.asarray(r), jnp.asarray(J[:, free]))
-    return constants, float(cost), float(decrease)
+    return constants, *judged(r, J[:, free])

@@ -17,7 +17,6 @@ from fitting.material.experiments.measurements import Dataset, Predictor
 from fitting.material.experiments.prediction import AbstractExperiment
 from fitting.material.laws.parameters import Family, Scales
 from fitting.statistics.residuals import AbstractResiduals, sensitivity
-from suas_jax.constitutive import AbstractLaw
 
 KINDS = ("relative", "absolute", "noise", "estimated")
 
@@ -95,15 +94,6 @@ class Residuals(AbstractResiduals):
         plain = r + self.shared.T @ ((self.shared @ r) / share)
         used = self.inverse_scale > 0.0
         return jnp.where(used, plain / jnp.where(used, self.inverse_scale, 1.0), 0.0)
-
-    def refined(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
-        """Use what is linear in a start: the shares of an Ogden law's terms."""
-
-        def columns(law: AbstractLaw) -> Array:
-            readings = [test.predict(law) for test in self.experiments]
-            return self.weighed(jnp.concatenate(readings) * self.scales.stress)
-
-        return self.family.refined(theta, columns, self.scales, self.weighed(self.value))
 
 
 class Mapping(eqx.Module):
@@ -183,7 +173,7 @@ def pose(
     `kind`: what residuals are relative to: "relative", each reading's own size (or the larger
     stress of the same biaxial state) with a floor; "absolute", the root-mean-square reading;
     "noise", the stated standard deviation. `estimate`: predict bulges by a spherical cap, which
-    is fast, instead of a membrane.
+    is fast, instead of a membrane; relaxing stresses by elastic ones.
     Raises ValueError: the kind is unknown, there is no data, or "noise" is asked for and a file
     states none.
     """

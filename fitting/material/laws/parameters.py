@@ -21,7 +21,6 @@ Vector = Float[Array, " p"]
 Bounds = Mapping[str, tuple[float, float]]
 """Lowest and highest value by constant, SI units."""
 Signs = tuple[np.ndarray, np.ndarray]
-Columns = Callable[[AbstractLaw], Array]
 
 
 class Scales(NamedTuple):
@@ -98,13 +97,6 @@ class AbstractBlock:
     def effects(self, values: np.ndarray) -> dict[str, Any]:
         """What [material] says beside the law's constants; by default nothing."""
         return {}
-
-    def refined(self, theta: Vector, columns: Columns, scales: Scales, target: Array) -> Vector:
-        """Improve a start by what is linear in it; by default it stays.
-
-        `columns`: weighed readings of a law with unit modulus. `target`: weighed measurements.
-        """
-        return theta
 
     def ordered(self, constants: np.ndarray) -> np.ndarray:
         """Constants in canonical order, where equal laws can be written in several."""
@@ -298,11 +290,6 @@ class Family:
     def random(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Starting points θ, shape [count, p]; the first is a plain guess."""
         return np.concatenate([block.random(rng, count) for block in self.blocks], axis=1)
-
-    def refined(self, theta: Vector, columns: Columns, scales: Scales, target: Array) -> Vector:
-        """Improve a start by what is linear in it; see the blocks'."""
-        parts = self.split(theta)
-        return jnp.concatenate([b.refined(own, columns, scales, target) for b, own in parts])
 
     def ordered(self, constants: np.ndarray) -> np.ndarray:
         """Constants in canonical order."""

@@ -3,14 +3,12 @@
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from fitting.material.laws.parameters import (
     Bounds,
-    Columns,
     Constant,
     Family,
     LawBlock,
@@ -71,29 +69,6 @@ class OgdenBlock(LawBlock):
         alpha = size * np.where(rng.uniform(size=size.shape) < 0.35, -1.0, 1.0)
         alpha[0] = ([2.0, -2.0, 4.0, -4.0, 6.0, 8.0] * terms)[:terms]
         return np.concatenate([np.log(np.full((count, terms), 1.0 / terms)), alpha], axis=1)
-
-    def refined(self, theta: Vector, columns: Columns, scales: Scales, target: Array) -> Vector:
-        """Best shares m_p ≥ 0 for the given exponents: the residual is linear in them."""
-        terms = self.size // 2
-        exponents = zip(self.parts[terms:], theta[terms:], strict=True)
-        alpha = jnp.stack([jnp.asarray(part.value(t, scales)) for part, t in exponents])
-        basis = jax.vmap(lambda a: columns(Ogden((2.0 / a)[None], a[None])))(alpha)
-        basis = jnp.where(jnp.isfinite(basis), basis, 0.0)
-        gram, moment = basis @ basis.T, basis @ target
-        size = jnp.maximum(jnp.diagonal(gram), 1e-300)
-
-        # Coordinate descent for non-negative least squares; a rough answer will do.
-        def sweep(_: int, share: Array) -> Array:
-            for p in range(terms):
-                rest = moment[p] - gram[p] @ share
-                share = share.at[p].set(jnp.maximum(share[p] + rest / size[p], 0.0))
-            return share
-
-        share = jax.lax.fori_loop(0, 30, sweep, jnp.zeros(terms))
-        # A term that non-negativity switches off stays within reach.
-        usual = jnp.abs(moment) / size / terms
-        share = jnp.maximum(share, jnp.maximum(1e-3 * usual, 1e-12))
-        return theta.at[:terms].set(jnp.log(share))
 
     def signs(self, constants: np.ndarray, bounds: Bounds) -> Signs:
         """μ_p α_p > 0: each exponent keeps its sign, unless a bound fixes another one."""
