@@ -145,17 +145,7 @@ def bulge(reader: Reader) -> BulgeTest:
     # The spherical cap of this height (Hill's special solution): stretch 1 + η² at the
     # apex, p = 4 σ η (T/a) / ((1 + η²) λ²).
     stretch = 1.0 + relative**2
-    e1, e2, c1, c2 = mode_factors("equibiaxial", stretch)
-    share = 4.0 * relative * thickness / radius / stretch**3
-    factors = np.stack([e1, e2, share * c1, share * c2])
-    test = BulgeTest(
-        **reader.fields(values),
-        measure="pressure",
-        coordinate=relative,
-        factors=factors,
-        companion=np.zeros(len(values)),
-        direction=np.ones(len(values), int),
-        time=reader.times(relative),
-        thickness=thickness / radius,
-    )
-    return reader.kept(test, factors)
+    factors = mode_factors("equibiaxial", stretch)
+    factors[2:] *= 4.0 * relative * thickness / radius / stretch**3
+    own = {"coordinate": relative, "thickness": thickness / radius}
+    return reader.stress_test(BulgeTest, "pressure", factors, values, **own)

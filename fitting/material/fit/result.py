@@ -221,5 +221,5 @@ class MaterialFit(FittedLaw):
     def _fingerprint(self, constants: np.ndarray) -> np.ndarray:
         """Stresses of the three modes at a few stretches of the data's range."""
         h = np.asarray(self.problem.residuals.scales.strain) * np.array([0.1, 0.4, 0.7])
-        parts = [np.stack(mode_factors(path, np.exp(h))) for path in PATHS.values()]
+        parts = [mode_factors(path, np.exp(h)) for path in PATHS.values()]
         return self.stress(np.concatenate(parts, axis=1), constants)[0]

@@ -217,7 +217,5 @@ def _in_percent(data: StressTest) -> StressTest:
     """The test with its strains a hundred times smaller, or larger where they are stated so."""
     factor = 100.0 if data.origin.unit == "%" else 0.01
     stretch = np.maximum(1.0 + factor * (data.stretch_1 - 1.0), 0.05)
-    factors = np.stack(mode_factors(PATHS[data.mode], stretch))
-    power = {"cauchy": 0, "nominal": 1, "second_pk": 2}[data.measure]
-    factors[2:] /= stretch**power
+    factors = mode_factors(PATHS[data.mode], stretch, data.measure)
     return dataclasses.replace(data, factors=factors, coordinate=stretch)
