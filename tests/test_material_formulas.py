@@ -184,9 +184,7 @@ def test_factor_of_a_specimen_is_least_squares_of_its_readings() -> None:
     value = neo_hookean(x) * np.where(specimen == "A", 1.1, 0.9) * noise
     predicted, inverse = neo_hookean(x), 1 / neo_hookean(x)
     r = (predicted - value) * inverse
-    residuals: Any = SimpleNamespace(
-        value=value, inverse_scale=inverse, misfit=lambda r: np.asarray(r) / inverse
-    )
+    residuals: Any = SimpleNamespace(value=value, inverse_scale=inverse)
 
     def of_first(count: int) -> Any:
         part = tension(x[:count], value[:count], specimen=specimen[:count])
@@ -194,7 +192,7 @@ def test_factor_of_a_specimen_is_least_squares_of_its_readings() -> None:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            "fitting.material.fit.specimens.sensitivity", lambda residuals, c: (r, None)
+            "fitting.material.fit.specimens.readings", lambda residuals, c: (predicted, r)
         )
         found = specimens_of(of_first(18), np.ones(1))
         again = specimens_of(of_first(18), np.ones(1), np.array([2.0, 1.0]))

@@ -26,12 +26,15 @@ STABLE_LIMITS = (0.01, 100.0)
 class FittedLaw:
     """A law fitted to data; see `MaterialFit`."""
 
+    # its residuals, with the data that were fitted; a posterior samples
+    # `problem.residuals.log_likelihood`
     problem: MaterialProblem
-    constants: np.ndarray
-    uncertainty: Uncertainty
+    constants: np.ndarray  # SI units, in the order of `family.names`
+    uncertainty: Uncertainty  # covariance and identifiability
+    # factors of several specimens of one mode; None where there is one each
     specimens: Specimens | None
-    bounded: tuple[str, ...]
-    bounds: Mapping[str, tuple[float, float]]
+    bounded: tuple[str, ...]  # constants that stopped at a bound
+    bounds: Mapping[str, tuple[float, float]]  # hard bounds by constant, SI units
 
     @property
     def sets(self) -> tuple[Dataset, ...]:
