@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fitting.material.fit.bounded import _box, _solve, minimise_in_box
+from fitting.material.fit.search import _box, _solve, minimise_in_box
 from fitting.material.fit.specimens import scatter_between
 from fitting.material.laws.parameters import Constant, Family, Scales, SumBlock
 from fitting.statistics.chain import Posterior, _round_up
@@ -504,7 +504,7 @@ def test_decrease_in_a_box_counts_what_leads_back_into_it() -> None:
     point = np.array([8.0, -3.0])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            "fitting.material.fit.bounded.solved_by_scipy",
+            "fitting.material.fit.search.solved_by_scipy",
             lambda f, start, **given: SimpleNamespace(x=start),
         )
         far = np.full(2, np.inf)

@@ -4,7 +4,6 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from scipy import ndimage
 
 from fitting.material.experiments.free_zero import CERTAIN, can_be_freed, idle, toe_end
 from fitting.material.experiments.measurements import Dataset, StressTest
@@ -180,7 +179,9 @@ def _slips(data: StressTest) -> list[Suspect]:
 
 def _usual(steps: np.ndarray) -> np.ndarray:
     """Median of each step and of its neighbours."""
-    return np.asarray(ndimage.median_filter(steps, 2 * _NEIGHBOURS + 1, mode="mirror"))
+    around = np.pad(steps, _NEIGHBOURS, mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(around, 2 * _NEIGHBOURS + 1)
+    return np.asarray(np.median(windows, axis=1))
 
 
 def _drift(data: StressTest) -> list[Suspect]:

@@ -15,7 +15,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
-from scipy.interpolate import barycentric_interpolate
 
 from fitting.material.data.errors import DataError
 from fitting.material.experiments.prediction import AbstractExperiment
@@ -226,6 +225,8 @@ def nodes_of(travel: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _between(nodes: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Weights of values at nodes in the polynomial through them [x, node]."""
+    from scipy.interpolate import barycentric_interpolate  # slow to import
+
     return np.asarray(barycentric_interpolate(nodes, np.eye(len(nodes)), x))
 
 

@@ -10,7 +10,6 @@ from fitting.material.experiments.artefacts import Suspect
 from fitting.material.experiments.free_zero import KINDS as ZERO_KINDS
 from fitting.material.experiments.free_zero import can_be_freed, without_toe
 from fitting.material.experiments.measurements import Dataset
-from fitting.material.fit.bounded import minimise_in_box
 from fitting.material.fit.noise import judged_residuals, noise_of, noise_remark
 from fitting.material.fit.preparation import prepared, refuse_what_forgets, window_of
 from fitting.material.fit.problem import MaterialProblem
@@ -18,6 +17,7 @@ from fitting.material.fit.result import MaterialFit
 from fitting.material.fit.search import (
     NoFit,
     SearchSettings,
+    minimise_in_box,
     most_starts,
     refuse_without_stiffness,
     search_for_typical_specimen,
