@@ -26,6 +26,7 @@ AGREEMENT = 1e-6
 BEST = 16
 _ROUGH, _EVALUATIONS = 20, 200
 _IMPOSSIBLE = 1e6
+_HOLD = 1e-8  # of the derivatives: what holds a parameter at its start
 _FARTHEST = 300.0  # of parameters: beyond it exponentials are zero or no number
 
 
@@ -135,24 +136,42 @@ def minimise_one_by_one(
     """
     found = []
 
-    def at(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    @functools.lru_cache(maxsize=4)
+    def kept(key: bytes) -> tuple[np.ndarray, np.ndarray]:
+        theta = np.frombuffer(key)
         try:
             r, J = by_theta(residuals, theta)
         except jax.errors.JaxRuntimeError:  # an equilibrium inside that has no numbers
             r = np.full(len(residuals.value), np.nan)
             J = np.zeros((len(r), theta.size))
-        # MINPACK takes as many residuals at every point.
-        return compressed(*_finite(r, J, _IMPOSSIBLE))
+        return _finite(r, J, _IMPOSSIBLE)
 
-    exact = {"xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-12}
     for start in np.asarray(starts, float):
-        run = solved_by_scipy(at, start, method="lm", max_nfev=evaluations, **exact)
-        cost, decrease = judged(run.fun, run.jac)
-        possible = np.max(np.abs(run.fun)) < 0.5 * _IMPOSSIBLE
-        possible &= np.max(np.abs(run.x)) < _FARTHEST
-        found.append((run.x, cost if possible else np.inf, decrease))
+        found.append(_minimum(lambda theta: kept(theta.tobytes()), start, evaluations))
     theta, costs, decreases = (np.array([run[i] for run in found]) for i in range(3))
     return _sorted(residuals, theta, costs, decreases)
+
+
+def _minimum(
+    at: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+    start: np.ndarray,
+    evaluations: int,
+) -> tuple[np.ndarray, float, float]:
+    """The end of one start: parameters, cost, predicted decrease; see `minimise_one_by_one`."""
+    # What the residuals do not see stays where it is: rounding would move it by any amount.
+    hold = _HOLD * float(np.linalg.norm(at(start)[1])) * np.eye(len(start))
+
+    def held(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        r, J = at(theta)
+        # MINPACK takes as many residuals at every point.
+        return compressed(np.append(r, hold @ (theta - start)), np.vstack([J, hold]))
+
+    exact = {"xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-12}
+    x = solved_by_scipy(held, start, method="lm", max_nfev=evaluations, **exact).x
+    r, J = at(x)
+    possible = np.max(np.abs(r)) < _IMPOSSIBLE and np.max(np.abs(x)) < _FARTHEST
+    cost, decrease = judged(r, J)
+    return x, cost if possible else np.inf, decrease
 
 
 def judged(r: np.ndarray, J: np.ndarray) -> tuple[float, float]:
