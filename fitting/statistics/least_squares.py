@@ -26,6 +26,7 @@ AGREEMENT = 1e-6
 BEST = 16
 _ROUGH, _EVALUATIONS = 20, 200
 _IMPOSSIBLE = 1e6
+_EXACT = {"xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-12}
 _HOLD = 1e-8  # of the derivatives: what holds a parameter at its start
 _FARTHEST = 300.0  # of parameters: beyond it exponentials are zero or no number
 
@@ -158,19 +159,25 @@ def _minimum(
     evaluations: int,
 ) -> tuple[np.ndarray, float, float]:
     """The end of one start: parameters, cost, predicted decrease; see `minimise_one_by_one`."""
-    # What the residuals do not see stays where it is: rounding would move it by any amount.
-    hold = _HOLD * float(np.linalg.norm(at(start)[1])) * np.eye(len(start))
+    x, left = start, evaluations
+    while left > 0:
+        start = x
+        # What the residuals do not see stays where it is: rounding would move it by any amount.
+        # What they hardly see gets on from round to round.
+        hold = _HOLD * float(np.linalg.norm(at(start)[1])) * np.eye(len(start))
 
-    def held(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        r, J = at(theta)
-        # MINPACK takes as many residuals at every point.
-        return compressed(np.append(r, hold @ (theta - start)), np.vstack([J, hold]))
+        def held(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            r, J = at(theta)
+            # MINPACK takes as many residuals at every point.
+            rows = np.append(r, hold @ (theta - start))  # noqa: B023
+            return compressed(rows, np.vstack([J, hold]))  # noqa: B023
 
-    exact = {"xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-12}
-    x = solved_by_scipy(held, start, method="lm", max_nfev=evaluations, **exact).x
-    r, J = at(x)
-    possible = np.max(np.abs(r)) < _IMPOSSIBLE and np.max(np.abs(x)) < _FARTHEST
-    cost, decrease = judged(r, J)
+        run = solved_by_scipy(held, start, method="lm", max_nfev=left, **_EXACT)
+        x, left = run.x, left - run.nfev
+        cost, decrease = judged(*at(x))
+        if decrease <= CONVERGED or np.array_equal(x, start):
+            break
+    possible = np.max(np.abs(at(x)[0])) < _IMPOSSIBLE and np.max(np.abs(x)) < _FARTHEST
     return x, cost if possible else np.inf, decrease
 
 
