@@ -27,7 +27,7 @@ BEST = 16
 _ROUGH, _EVALUATIONS = 20, 200
 _IMPOSSIBLE = 1e6
 _EXACT = {"xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-12}
-_HOLD = 1e-8  # of the derivatives: what holds a parameter at its start
+_HOLD = 5e-9  # of the derivatives: what holds a parameter at its start
 _FARTHEST = 300.0  # of parameters: beyond it exponentials are zero or no number
 
 
