@@ -65,7 +65,10 @@ def against_scipy() -> None:
             f"{found.cost[0] / best - 1:.1e}"
         )
         print(f"  rms of residuals {rms[0]:.5f}, Table I {rms[1]:.5f}")
-        print(f"  {ours:.3f} s of processor time (64 starts), SciPy {theirs:.2f} s: {theirs / ours:.0f} times")
+        print(
+            f"  processor time: {ours:.3f} s (64 starts), SciPy {theirs:.2f} s: "
+            f"{theirs / ours:.0f} times"
+        )
 
 
 def _scipy(residuals: object, rng: np.random.Generator, count: int) -> tuple[float, int]:
