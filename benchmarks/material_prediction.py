@@ -1,7 +1,7 @@
 """Bands of modes that were not measured: how often they hold the readings, how wide they are.
 
 `python benchmarks/material_prediction.py [law] [replicas]`: a law (yeoh) is fitted to one or
-two modes of published rubbers, and to the uniaxial test of rubbers that are no law of the list;
+two modes of published rubbers, and to the uniaxial test of rubbers outside the list of laws;
 the 95 % bands of the other modes are compared with their readings. Other modes of made rubbers
 are exact: no specimen, machine or noise differs from the first test's. They are compared with
 the band of a further test, which allows for that, and with the band of the rubber itself.

@@ -91,7 +91,7 @@ class _WithoutTypes(ast.NodeTransformer):
 
 
 def _computed(source: str) -> str | None:
-    """What a source computes; None if it is no Python.
+    """What a source computes; None if it is not Python.
 
     The types are only read, and their operators (`int | None`) are operators to cosmic-ray,
     too, like the star in front of keywords, for which it writes a slash. What is frozen, or

@@ -24,7 +24,7 @@ from suas_jax import configure
 from suas_jax.config import SceneSpec, continuous_inputs, with_inputs, with_solve
 from suas_jax.scene.solve import solve
 
-TRUTH = (384, 4)  # at the joints of paths fewer elements are no truth
+TRUTH = (384, 4)  # at the joints of paths fewer elements are not exact enough
 _MODULI = {"mooney-rivlin": 32.6e6, "neo-hookean": 3e6, "yeoh": 1.2e6, "ogden": 4.225e5}
 
 

@@ -76,7 +76,7 @@ def unit_size(unit: str, dimension: str) -> float:
     """
     if dimension == "area":
         if not unit.endswith("^2"):
-            raise ValueError(f'"{unit}" is no unit of area')
+            raise ValueError(f'"{unit}" is not a unit of area')
         return parse_quantity(f"1 {unit[:-2]}", "length") ** 2
     kind: DimensionName = dimension  # type: ignore[assignment]
     size = parse_quantity(f"1 {unit}", kind)

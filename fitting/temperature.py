@@ -54,7 +54,7 @@ def log_temperature(
     """Find a log's temperature among its columns.
 
     Returns the temperature, None where there is none, and what a person should know.
-    Raises ValueError: a value is no number, or no temperature that a skin has.
+    Raises ValueError: a value is not a number, or no temperature that a skin has.
     """
     named = {name.strip().lower(): column for name, column in columns.items()}
     plain = next((name for name in _PLAIN if name in named), None)
@@ -80,8 +80,8 @@ def log_temperature(
     worst = float(found[np.nanargmax(np.abs(found - spec.reference.temperature))])
     if not _COLDEST < worst < _WARMEST:
         raise ValueError(
-            f"{where}, {source}: {worst - _ZERO_CELSIUS:.4g} degC is no temperature of such a "
-            f"skin (-40 to 120 degC); check the column's unit, or the thermal pads' scale"
+            f"{where}, {source}: {worst - _ZERO_CELSIUS:.4g} degC is not a skin's temperature "
+            f"(-40 to 120 degC); check the column's unit, or the thermal pads' scale"
         )
     return LogTemperature(found, source), []
 
@@ -130,7 +130,7 @@ def spec_at(
 
 
 def _numbers(column: Iterable[object], name: str, where: str) -> np.ndarray:
-    """A column's numbers, NaN where a cell is empty. Raises ValueError: a cell is no number."""
+    """A column's numbers, NaN where a cell is empty. ValueError: a cell is not a number."""
     texts = [str(x).strip() for x in column]
     values = np.array([number_in(text) for text in texts])
     for text, value in zip(texts, values, strict=True):

@@ -238,7 +238,7 @@ def scheduler_workers(address: str, *, trust_network: bool = False) -> Iterator[
         _check_certificates(address, security)
     log = logging.getLogger("distributed")
     level = log.level
-    log.setLevel(logging.CRITICAL)  # connections that end are no news, least of all in stacks
+    log.setLevel(logging.CRITICAL)  # connections that end are not news, least of all in stacks
     try:
         with Client(
             address, security=security, timeout=_TIMEOUT, set_as_default=False

@@ -109,7 +109,7 @@ def test_one_module_writes_to_the_terminal() -> None:
 
 
 def test_functions_have_fewer_than_80_lines() -> None:
-    """Of their bodies: a command's options, and a docstring, are no part of what it does."""
+    """Of their bodies: a command's options, and a docstring, are not part of what it does."""
     long = {}
     for file in (*(ROOT / "suas_jax").rglob("*.py"), *(ROOT / "fitting").rglob("*.py")):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):

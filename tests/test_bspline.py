@@ -46,7 +46,7 @@ def test_open_splines_are_those_of_scipy(
     wanted = np.stack(
         [BSpline(knots, np.eye(count)[k], 3).derivative(order)(x) for k in range(count)], 1
     )
-    # The first and the last control value are no unknowns.
+    # The first and the last control value are not unknowns.
     np.testing.assert_allclose(
         values(axis, BREAKS, x, order), wanted[:, 1:-1], atol=1e-12 * np.abs(wanted).max()
     )

@@ -466,7 +466,7 @@ def test_at_the_wall_a_force_is_bounded_from_below() -> None:
     # One contact alone may bound better than both.
     sure = assessed([0.0, 0.1, 15.0, 0.1], 0.5, contacts=2, full_scale=True)
     assert sure.at_least == pytest.approx(15.0 - 1.645 * 0.5, rel=1e-4)
-    assert len(sure.contacts) == 1  # the other's force is no twice its error
+    assert len(sure.contacts) == 1  # the other's force is not twice its error
     assert len(two.contacts) == 2
 
 
@@ -501,7 +501,7 @@ def test_a_contact_is_imprecise_beyond_what_anybody_wants() -> None:
         assert not contact(**{name: 0.99 * limit}).imprecise
         assert contact(**{name: 1.01 * limit}).imprecise
         assert contact(**{name: 0.0}).imprecise
-    # What is the same in all frames is no frame's fault.
+    # What is the same in all frames is not a frame's fault.
     shared = np.diag([0.0, 4.0])
     own = np.diag([1e-6, 1e-2])
     assert not Contact(0.1, 5.0, None, own + shared, systematic=shared).imprecise
@@ -556,7 +556,7 @@ def test_evidence_of_a_mode_is_its_gaussian_integral_over_the_prior() -> None:
     two = mode([0.1, 0.4, 5.0, 6.0], [0.01, 0.02, 0.2, 0.1])
     expected = np.exp(-1.5) * (2 * np.pi) ** 2 * (0.01 * 0.02 * 0.2 * 0.1) * 2 / 50.0**2
     assert np.exp(frame_posterior._log_evidence(estimator, two)) == pytest.approx(expected)
-    # A mode is no wider than its prior.
+    # A mode is not wider than its prior.
     wide = mode([0.1, 5.0], [10.0, 100.0])
     assert frame_posterior._log_evidence(estimator, wide) == pytest.approx(-1.5)
 

@@ -103,7 +103,7 @@ def test_the_cheapest_of_several_candidates_of_a_frame_wins() -> None:
     assert changed.tolist() == [2]
     assert best.parameters[:, 0].tolist() == [0.0, 0.0, 2.0]
     assert best.score.tolist() == [5.0, 5.0, 3.0]
-    # With a penalty of two it is no cheaper.
+    # With a penalty of two it is not cheaper.
     same, changed = now.cheapest(np.array([2, 2, 2, 0]), others.penalised(2.0))
     assert not changed.size
     assert same is now

@@ -118,7 +118,7 @@ def test_every_format_needs_the_same_columns(
 
 @pytest.mark.parametrize("header", [[1, 2], "words", None, 5, {"skin": {"a": 1}}, {"a": [1]}])
 def test_a_parquet_header_is_an_object_of_words(tmp_path: Path, header: Any) -> None:
-    with pytest.raises(LogFileError, match="header is no table of words"):
+    with pytest.raises(LogFileError, match="header is not a table of words"):
         as_parquet(tmp_path, GOOD, header)
 
 

@@ -92,7 +92,7 @@ def test_sound_data_raise_no_suspicion(tmp_path: pathlib.Path) -> None:
         )
         fit = fit_material([load_dataset("uniaxial", file)], "neo-hookean", starts=4)
         assert not fit.suspects
-        # Even noise is no misfit of the law, and its model is told from a relative one.
+        # Even noise is not a misfit of the law, and its model is told from a relative one.
         assert not fit.misfit.significant
         assert fit.noise is not None
         assert fit.noise.models[0] is not None

@@ -462,7 +462,7 @@ def test_corners_of_a_history_are_where_straight_lines_leave_it() -> None:
     assert found == [0, 30, 70, 100]
     quick_test = np.flatnonzero(_corners(1e-3 * clock, np.stack([x, x]))).tolist()
     assert quick_test == found  # however fast it is
-    # A hundredth of the span is no corner.
+    # A hundredth of the span is not a corner.
     assert (
         np.flatnonzero(_corners(clock, np.stack([x + 0.009 * (clock == 50), x]))).tolist()
         == found

@@ -1,4 +1,4 @@
-"""Scenes on sections that are no circle: an independent reference, derivatives."""
+"""Scenes on sections other than circles: an independent reference, derivatives."""
 
 import csv
 from pathlib import Path

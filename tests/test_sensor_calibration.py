@@ -304,7 +304,7 @@ def test_gaps_of_single_taxels(truth: dict, reference: SensorFit, tmp_path: Path
     gap = GAP * truth["so"][:, :1] / truth["so"]
     height = np.linspace(-0.2e-3, 0.2e-3, 8)[:, None]
     raised = dataclasses.replace(data, so=np.rint(data.so * gap / (gap - height)))
-    # One gap for all does not follow these counts; under a steady ramp that is no drift.
+    # One gap for all does not follow these counts; under a steady ramp that is not a drift.
     shared = fit_sensor(raised, like=reference)
     assert shared.drift is None
     assert any("--gap taxel" in text for text in shared.warnings)

@@ -158,7 +158,7 @@ def test_energy_does_not_see_a_shift() -> None:
 
 
 def test_energy_of_a_rotation_vanishes_with_refinement() -> None:
-    # The turned reference arc is no cubic: what is left is an error of interpolation.
+    # The turned reference arc is not a cubic: what is left is an error of interpolation.
     energies = []
     spec = scene(line(20, 5))
     plan = plan_for(spec, "shell", (8,))

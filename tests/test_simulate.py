@@ -229,7 +229,7 @@ def test_a_log_as_a_data_set(played: SoLog) -> None:
 
 
 def test_what_is_no_log_is_refused(folder: Path) -> None:
-    (folder / "no.parquet").write_text("this is no parquet file")
+    (folder / "no.parquet").write_text("this is not a parquet file")
     (folder / "no.nc").write_text("nor this NetCDF")
     for name in ("no.parquet", "no.nc", "played.xls"):
         with pytest.raises(ValueError, match=name.replace(".", r"\.")):

@@ -163,7 +163,7 @@ def test_deviations_of_a_material_may_be_correlated() -> None:
     [
         ({"of": ["C1"], "matrix": [[1.0, 0.5]]}, "1 rows of as many numbers"),
         ({"of": ["C1", "C2"], "matrix": [[1.0, 2.0], [2.0, 1.0]]}, "symmetric"),
-        ({"of": ["C1", "mu.3"], "matrix": [[1.0, 0.0], [0.0, 1.0]]}, '"mu.3" is no number'),
+        ({"of": ["C1", "mu.3"], "matrix": [[1.0, 0.0], [0.0, 1.0]]}, '"mu.3" is not a number'),
     ],
 )
 def test_correlations_that_are_none_are_refused(correlation: Any, message: str) -> None:

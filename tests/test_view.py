@@ -389,7 +389,7 @@ def test_a_connection_without_a_whole_request_is_closed(
     ):
         client.sendall(begin)
         end = time.monotonic() + 10
-        with contextlib.suppress(ConnectionError):  # one byte at a time is no excuse
+        with contextlib.suppress(ConnectionError):  # one byte at a time is not an excuse
             while begin and time.monotonic() < end:
                 client.sendall(b"x")
                 time.sleep(0.02)

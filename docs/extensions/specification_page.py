@@ -169,7 +169,7 @@ def _default(field: FieldInfo) -> str:
 
 
 def _for_files(meaning: str) -> str:
-    """A key's meaning in Python, said of a file: the unit is the file's, None is no key."""
+    """A key in Python said of a file: the unit is the file's, None is a missing key."""
     meaning = re.sub(r"\s*\[[A-Za-z/^0-9]+\]", "", meaning)
     meaning = re.sub(r"\bNone(?= for| where)", "left out", meaning)
     return meaning.replace("None", "leaving it out").rstrip(".")

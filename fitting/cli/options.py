@@ -113,7 +113,7 @@ def computing(
 
 
 def check_figures(*files: Path | None) -> None:
-    """Refuse endings that no figure can have, with a ValueError; None is no figure."""
+    """Refuse endings that no figure can have, with a ValueError; None asks for none."""
     for file in files:
         if file is not None:
             from suas_jax.figures.style import check_figure_file
@@ -133,7 +133,7 @@ def was_written_by(command: str, path: Path) -> bool:
 def named_values(text: str | None, option: str, example: str) -> dict[str, str]:
     """Values by name of an option such as --specimen "width=6 mm,thickness=2 mm".
 
-    Raises ValueError: a part is no NAME=VALUE.
+    Raises ValueError: a part is not NAME=VALUE.
     """
     values = {}
     for part in (text or "").split(","):
@@ -162,7 +162,7 @@ def named_file(
 def named_bounds(text: str) -> tuple[str, tuple[float, float]]:
     """Name and bounds of an option such as --bound alpha.0=1:3; either may be left open.
 
-    Raises ValueError: it is no NAME=LOW:HIGH, or the bounds leave nothing between them.
+    Raises ValueError: it is not NAME=LOW:HIGH, or the bounds leave nothing between them.
     """
     name, _, limits = text.partition("=")
     low, colon, high = limits.partition(":")

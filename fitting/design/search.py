@@ -1,7 +1,7 @@
 """The best design within bounds and limits: sequential quadratic programming from many starts.
 
-The worst place decides a goal, which is no smooth function of the design. A further variable t
-takes its place::
+The worst place decides a goal, which is not a smooth function of the design. A further
+variable t takes its place::
 
     minimise t   with   f_k(x) / f_0 <= t at every place k,   g_k(x) / limit >= 1
 

@@ -65,7 +65,7 @@ class Want:
     force: float | None
     starts: int  # of the search, the skin itself first
     seed: int  # of the other starts
-    keep: int | None = None  # how many of the skin's taxels; None where they are no question
+    keep: int | None = None  # how many of the skin's taxels; None where they are not asked for
 
     def inputs(self, x: Any) -> dict[str, Any]:
         """Inputs of the skin by path, from variables between 0 and 1, traced or not."""

@@ -338,7 +338,7 @@ class LoadEstimator:
         for k in range(len(so)):
             row = slice(k, k + 1)
             shift = memory.before(float(time[k]))
-            # The dent of a load before is no drift.
+            # The dent of a load before is not a drift.
             drift = self._followed(so[row] - shift, faulty[row], time[row])
             found += self._batch(so[row], faulty[row], None, drift, memory, shift)
             done(len(found))

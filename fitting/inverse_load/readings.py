@@ -174,7 +174,7 @@ class LogReadings:
 def noise_of_readings(spec: SkinSpec, noise: float | None) -> float:
     """Standard deviation of a reading [counts]: the skin file's where none is given.
 
-    Raises ValueError: it is no number of counts.
+    Raises ValueError: it is not a number of counts.
     """
     assert spec.electrodes is not None
     found = spec.electrodes.noise if noise is None else noise
@@ -194,7 +194,7 @@ def readings_of(log: SoLog, spec: SkinSpec, noise: float | None) -> LogReadings:
     Raises:
         EmptyLogError: no frame in it.
         LayoutMismatchError: it is another skin's.
-        ValueError: the skin has no electrodes, or the noise is no number of counts.
+        ValueError: the skin has no electrodes, or the noise is not a number of counts.
     """
     layout = Layout(spec)
     frames: Frames = group_frames(log)
@@ -239,7 +239,7 @@ def _scale_note(header: Mapping[str, str], spec: SkinSpec) -> list[str]:
     try:
         scale = parse_quantity(text, "capacitance") if text else None
     except ValueError:
-        return [f'scale "{text}" in the header is no capacitance; the skin\'s lsb is used']
+        return [f'scale "{text}" in the header is not a capacitance; the skin\'s lsb is used']
     lsb = spec.electrodes.lsb
     if scale is None or abs(scale / lsb - 1) < _SCALE_AGREES:
         return []

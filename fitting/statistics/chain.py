@@ -125,7 +125,7 @@ class Posterior:
         shift = (kept.mean(axis=0) - self.laplace.mean) / deviation
         ratio = kept.std(axis=0) / deviation
         factor = np.maximum(ratio, 1.0 / np.maximum(ratio, 1e-300))
-        # What the finite chain itself leaves open is no disagreement.
+        # What the finite chain itself leaves open is not a disagreement.
         slack = 3.0 / np.sqrt(np.maximum(self.effective_samples, 1.0))
         apart = (np.abs(shift) > _MEANS_AGREE + slack) | (factor > _DEVIATIONS_AGREE + slack)
         bad = [name for name, wrong in zip(self.names, apart, strict=True) if wrong]

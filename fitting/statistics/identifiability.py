@@ -124,7 +124,7 @@ def uncertainty(
     ratio = np.ones(len(r)) if noise_ratio is None else noise_ratio[used]
     whitened = r / ratio
     if noise_ratio is not None:
-        # What the constants are off by, for they were weighed otherwise, is no noise.
+        # What the constants are off by, for they were weighed otherwise, is not noise.
         along, size, _ = np.linalg.svd(scaled_rows / ratio[:, None], full_matrices=False)
         along = along[:, size > _RANK * max(float(size[0]), 1e-300)]
         whitened = whitened - along @ (along.T @ whitened)

@@ -64,7 +64,7 @@ def estimate_noise(
         return None
     size, thin = np.abs(size), 1.0 / np.sqrt(weight)
     assumed = assumed * thin
-    # An outlier is no sign of how the noise grows.
+    # An outlier is not a sign of how the noise grows.
     spread = np.median(np.abs(d) / _deviation(parts, assumed)) / 0.6745
     d = np.clip(d, *(_OUTLIER * spread * _deviation(parts, assumed) * s for s in (-1.0, 1.0)))
     shapes = {"relative": size, "absolute": np.ones_like(size)}

@@ -172,7 +172,7 @@ def _tau(backend: Any, steps: int, p: int) -> np.ndarray:
     if steps < 10:
         return np.full(p, np.inf)
     chain = backend.get_chain()[:steps]
-    cut = steps // 10  # the ensemble's way from its start is no correlation
+    cut = steps // 10  # the ensemble's way from its start is not correlation
     with np.errstate(invalid="ignore", divide="ignore"):
         tau = emcee.autocorr.integrated_time(chain[cut:], tol=0, quiet=True)
     return np.where(np.isfinite(tau) & (tau > 0.0), tau, np.inf)

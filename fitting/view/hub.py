@@ -159,6 +159,6 @@ def understood(message: dict[str, Any], description: dict[str, Any]) -> tuple[st
 
 
 def _within(value: float, least: float, most: float) -> float:
-    """The value, or the end that it is beyond; the least where it is no number."""
+    """The value, or the end that it is beyond; the least where it is not a number."""
     # Compared as it is: a whole number of 400 digits can't be converted.
     return float(min(max(value, least), most)) if value == value else least

@@ -15,7 +15,7 @@ from suas_jax.config import GeometrySpec
 from suas_jax.scene.taxel_film import TaxelFilm
 
 _LENGTHS = 2.0  # of the covariance, in distances between neighbouring taxels
-_LEAST_LENGTH = 8e-3  # [m] a fingertip's dent is no narrower
+_LEAST_LENGTH = 8e-3  # [m] a fingertip's dent is not narrower
 _AMPLITUDE = 0.2  # standard deviation of the displacement in terms of the oil gap
 _EDGE_POINTS = 41  # along each clamp
 _TINY = 1e-6  # variance that keeps the matrix regular, relative

@@ -262,7 +262,7 @@ def not_understood(name: str, wanted: str, recent: bytes) -> str:
             "seq,t_device_s,module,so_1,...,so_n with whole counts from 0 to 65535"
         )
     return (
-        f"{start}; {100 * (1 - printable):.0f} % of them are no text: a wrong --baud makes "
+        f"{start}; {100 * (1 - printable):.0f} % of them are not text: a wrong --baud makes "
         f"this, or another --format ({', '.join(f for f in FORMATS if f != wanted)})"
     )
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 # Control characters, marks and overrides of the direction of writing, ends of lines and
-# paragraphs, and halves of characters, which stand for bytes that are no text.
+# paragraphs, and halves of characters, which stand for bytes that are not text.
 _OBEYED = (
     *range(0x20), *range(0x7F, 0xA0), 0x61C, *range(0x200E, 0x2010), *range(0x2028, 0x202F),
     *range(0x2066, 0x206A), *range(0xD800, 0xE000),
@@ -40,7 +40,7 @@ def new_console(**options: Any) -> "Console":
     from rich import control
     from rich.console import Console
 
-    # What Rich takes out of every text that is no sequence of its own: a bell, but no escape.
+    # What Rich takes out of every text that is not a sequence itself: a bell, but no escape.
     control._CONTROL_STRIP_TRANSLATE.update(_OF_LINES)
     return Console(**options)
 

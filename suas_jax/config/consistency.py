@@ -201,7 +201,7 @@ def _of_no_shape(key: str, geometry: GeometrySpec, body: BodyLoadSpec) -> Contra
     if body.shape not in shapes:
         where = f"a {on}" if geometry.dimension == 2 else "a pad (geometry.ends)"
         allowed = listed(show(name) for name in shapes)
-        yield f"{key}.shape", f"is no shape of a body on {where}; use {allowed}"
+        yield f"{key}.shape", f"is not a shape of a body on {where}; use {allowed}"
         return
     needed, optional = shapes[body.shape]
     for name in needed:

@@ -70,7 +70,7 @@ def read_points(file: Path) -> list[tuple[str, str]]:
     """Points as quantities with units, as they would stand in a skin file.
 
     The line of names is such as ``x_mm,y_mm`` or ``x [mm],y [mm]``. Raises ValueError: a column
-    or its unit is missing, or a field is no length; OSError: the file can't be read.
+    or its unit is missing, or a field is not a length; OSError: the file can't be read.
     """
     table = read_csv_table(file)
     columns = {}

@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-_LONGEST_WORD = 100  # characters; longer ones are no slip of the finger
+_LONGEST_WORD = 100  # characters; longer ones are not a slip of the finger
 
 
 class Mistake(NamedTuple):

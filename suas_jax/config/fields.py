@@ -186,4 +186,4 @@ def at_most(count: int) -> BeforeValidator:
 
 Count = Annotated[int, BeforeValidator(whole_number)]
 AsList = at_most(1_000_000)
-"""Accepts a TOML list for a tuple, and refuses everything else (text is no list)."""
+"""Accepts a TOML list for a tuple, and refuses everything else (text is not a list)."""

@@ -61,14 +61,14 @@ def with_inputs(scene: SceneSpec, values: Mapping[str, float]) -> SceneSpec:
         values: new SI values by path, as `continuous_inputs` lists them.
 
     Raises:
-        ValueError: a path is no continuous input of the scene, or a value is not allowed.
+        ValueError: a path is not a continuous input of the scene, or a value is not allowed.
     """
     known = continuous_inputs(scene)
     for path in values:
         if path not in known:
             near = nearest(path, known)
             hint = f'; did you mean "{near}"?' if near else ""
-            raise ValueError(f'"{path}" is no continuous input of this scene{hint}')
+            raise ValueError(f'"{path}" is not a continuous input of this scene{hint}')
     changed: SceneSpec = _replaced(scene, {tuple(p.split(".")): v for p, v in values.items()})
     return changed
 

@@ -205,7 +205,7 @@ class LawSpec(Spec):
                 else:
                     value = None
             if not isinstance(value, float):
-                raise PlacedError("correlation", f'of: "{name}" is no number of this table')
+                raise PlacedError("correlation", f'of: "{name}" is not a number of this table')
         return self
 
     @model_validator(mode="after")

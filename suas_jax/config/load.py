@@ -136,7 +136,7 @@ class _Draft:
     def _refuse(self, name: str, table: object, file: str, known: tuple[str, ...]) -> None:
         """Note a key that doesn't belong at the top level of a file."""
         if name in SCENE_TABLES or name == "skin":
-            advice = "is no part of a skin file; it belongs in a scene, which names its skin"
+            advice = "is not a part of a skin file; it belongs in a scene, which names its skin"
         else:
             advice = unknown_key(name, ["skin", *known] if "load" in known else known)
         self.mistakes.append(Mistake(file, show_key(name), advice, show(table)))

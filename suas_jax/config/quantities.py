@@ -91,7 +91,7 @@ def _nearest_unit(text: str, dimension: Dimension) -> str | None:
 def parse_quantity(text: str, dimension: DimensionName) -> float:
     """Read a quantity such as ``"57.5 mm"`` as an SI value (angles in radians).
 
-    A pure number may carry ``%`` or nothing. Raises ValueError: the text is no finite number
+    A pure number may carry ``%`` or nothing. Raises ValueError: the text is not a finite number
     with a known unit of that kind; says what is expected, with an example.
     """
     kind = DIMENSIONS[dimension]
@@ -103,7 +103,7 @@ def parse_quantity(text: str, dimension: DimensionName) -> float:
     found = _NUMBER.match(stripped)
     if found is None:
         unit = find_unit(stripped)
-        reason = "the number is missing" if unit else "this is no number with a unit"
+        reason = "the number is missing" if unit else "this is not a number with a unit"
         raise ValueError(f"{reason}; {_expected(kind)}")
     number, unit_text = found.group(), stripped[found.end() :].strip()
     if not math.isfinite(float(number)):
@@ -118,7 +118,7 @@ def parse_quantity(text: str, dimension: DimensionName) -> float:
         raise ValueError(f"the unit is missing; {_expected(kind, number)}")
     unit = find_unit(unit_text)
     if unit is None and not re.match(r"[A-Za-zµμ°%]|/\s*[A-Za-z]", unit_text):
-        raise ValueError(f"this is no number followed by a unit; {_expected(kind)}")
+        raise ValueError(f"this is not a number followed by a unit; {_expected(kind)}")
     if unit is None:
         near = _nearest_unit(unit_text, kind)
         hint = f' (did you mean "{near}"?)' if near else ""
@@ -166,7 +166,7 @@ def to_si(value: object, dimension: DimensionName, *, bare_numbers: bool = False
             files must state the unit. Pure numbers need none anywhere.
 
     Raises:
-        ValueError: the value is no finite quantity of that kind; says what is expected.
+        ValueError: the value is not a finite quantity of that kind; says what is expected.
     """
     kind = DIMENSIONS[dimension]
     if isinstance(value, str):

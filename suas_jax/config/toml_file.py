@@ -31,7 +31,7 @@ _BARE_WORD = re.compile(r"=\s*([A-Za-z][\w/^-]*)\s*(?:#.*)?$")
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Tables of a TOML file (UTF-8, with or without a byte order mark, any line ends).
 
-    Raises ConfigError: the file can't be read, is no UTF-8 text, no TOML, or empty.
+    Raises ConfigError: the file can't be read, is not UTF-8 text, not TOML, or empty.
     """
     file = os.fspath(path)
     try:
@@ -88,7 +88,7 @@ def _depth(tables: Any) -> int:
 
 
 def missing_file(file: str, named_in: str = "") -> str | None:
-    """Say why a path is no file, with the nearest one beside it; None if it is one.
+    """Say why a path is not a file, with the nearest one beside it; None if it is one.
 
     Args:
         file: the path.

@@ -74,7 +74,7 @@ class History(NamedTuple):
 def read_history(file: Path) -> History:
     """Read a history.
 
-    Raises ValueError: a column is missing or unknown, a field is no number, or time falls;
+    Raises ValueError: a column is missing or unknown, a field is not a number, or time falls;
     OSError: the file can't be read.
     """
     table = read_csv_table(file)
@@ -389,7 +389,7 @@ class _Follower:
             }
             told = {"model": self.errors.plan.model, "reason": ""}
             report = report_of(course.scene, plain(reports, i) | errors, outcome | told)
-            report["strain_energy_J"] = None  # what dissipates is no stored energy
+            report["strain_energy_J"] = None  # what dissipates is not stored energy
             report |= {"time_error": outcome["time_error"], "time_steps": outcome["steps"]}
             points.append({"t_s": outcome["t_s"], **report, "shown": shown[i]})
         return points, jax.tree.map(jnp.asarray, last)

@@ -2,7 +2,7 @@
 
 Newton's method looks at the size of its corrections alone. A correction that jumps over the
 pole of a law's energy, or through a fibre of no length, can end at a root of the equations that
-is no state at all. So every state found is judged once more by itself.
+is not a state at all. So every state found is judged once more by itself.
 """
 
 import jax

@@ -143,7 +143,7 @@ def solid_fields(problem: Problem, state: State, shown: State) -> tuple[Fields, 
     return nodal_fields(solid, state.q), solid.angles[:, 0]
 
 
-_NO_FORCES = ("pressure", "body")  # loads that are no dead forces at a place
+_NO_FORCES = ("pressure", "body")  # loads that are not dead forces at a place
 # Four small quadrilaterals cover the nine nodes of an element.
 _QUADS = [
     [NODES.index(node) for node in ((a, b), (a + 1, b), (a + 1, b + 1), (a, b + 1))]

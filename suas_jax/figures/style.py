@@ -49,13 +49,13 @@ def styled(draw: Callable[_P, _R]) -> Callable[_P, _R]:
 def check_figure_file(file: Path) -> None:
     """Make sure that a figure can be written, before any work is done for it.
 
-    Raises ValueError: the ending is no figure format, or the folder does not exist.
+    Raises ValueError: the ending is not a figure format, or the folder does not exist.
     """
     formats = Figure().canvas.get_supported_filetypes()
     ending = file.suffix.removeprefix(".").lower()
     if ending not in formats:
         raise ValueError(
-            f'{file}: "{ending}" is no figure format; use one of {", ".join(sorted(formats))}'
+            f'{file}: "{ending}" is not a figure format; use {", ".join(sorted(formats))}'
         )
     if not file.absolute().parent.is_dir():
         raise ValueError(f"{file}: the folder {file.parent} does not exist")

@@ -117,7 +117,7 @@ class CacheFolder:
                 file.unlink()
 
     def _file(self, name: str) -> Path:
-        """Names that are no plain file names are replaced by their digest."""
+        """Names that are not plain file names are replaced by their digest."""
         if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,180}", name):
             name = hashlib.sha256(name.encode()).hexdigest()
         return self._folder / f"{name}.kept"
@@ -196,7 +196,7 @@ def read_private(file: Path, most_bytes: int) -> bytes:
     with open(file, "rb", opener=lambda path, _: os.open(path, flags)) as stream:
         facts = os.fstat(stream.fileno())
         if not stat.S_ISREG(facts.st_mode) or facts.st_size > most_bytes:
-            raise OSError(0, "is no regular file of the expected size", str(file))
+            raise OSError(0, "is not a regular file of the expected size", str(file))
         _refuse_foreign(file, facts)
         return stream.read(most_bytes)
 
@@ -206,7 +206,7 @@ def _private_folder(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     facts = os.lstat(folder)
     if not stat.S_ISDIR(facts.st_mode):
-        raise NotADirectoryError(0, "is no folder", str(folder))
+        raise NotADirectoryError(0, "is not a folder", str(folder))
     _refuse_foreign(folder, facts)
 
 

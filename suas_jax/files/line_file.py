@@ -86,7 +86,7 @@ class LineFile:
 
     @classmethod
     def open(cls, path: Path) -> Self:
-        """Go on in a file, or begin it; what is no whole line stays alone on its own.
+        """Go on in a file, or begin it; what is not a whole line stays alone on its own.
 
         Raises OwnedError: another program is writing it; OSError: it can't be opened or
         written.

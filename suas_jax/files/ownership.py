@@ -76,8 +76,8 @@ def owned(path: Path, *, wait: Callable[[str], None] | None = None) -> Iterator[
 def unwritten(path: Path) -> Iterator[bool]:
     """Keep writers in place out of the file that a name has now; yields whether it has one.
 
-    Readers that lock what they read, as HDF5 does, are no hindrance. Raises OwnedError: another
-    process writes it.
+    Readers that lock what they read, as HDF5 does, are not in the way. Raises OwnedError:
+    another process writes it.
     """
     descriptor, there = None, True
     try:

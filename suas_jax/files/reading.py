@@ -32,7 +32,7 @@ def opened(
         remember: it is an input of the command that runs, which no output may replace.
 
     Raises:
-        OSError: it can't be opened, is no regular file, or is larger.
+        OSError: it can't be opened, is not a regular file, or is larger.
     """
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
     name = os.fspath(path)

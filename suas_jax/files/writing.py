@@ -33,7 +33,7 @@ def check_output(path: Path, *, overwrite: bool = False) -> None:
         OSError: its folder is missing, or it is a directory.
     """
     if not path.name or "\0" in str(path):
-        raise ValueError(f'"{path}": is no name of a file')
+        raise ValueError(f'"{path}": is not the name of a file')
     own_output(path)
     try:
         facts = os.stat(path)

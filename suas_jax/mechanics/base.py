@@ -275,7 +275,7 @@ class AbstractMechanics(eqx.Module):
     def with_more_fibres(self) -> Self:
         """The same membrane, its energy summed up over twice as many fibres of the thickness.
 
-        The membrane itself where it is no sum over fibres.
+        The membrane itself where it is not a sum over fibres.
         """
         return self
 

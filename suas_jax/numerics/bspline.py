@@ -129,7 +129,7 @@ class SplineAxis:
         Raises ValueError: elements don't come in pairs.
         """
         if self.elements % 2 or self.multiplicity is not None:
-            raise ValueError(f"{self.elements} elements are no pairs")
+            raise ValueError(f"{self.elements} elements are not pairs")
         return SplineAxis(self.elements // 2, self.left, self.right)
 
     def knots(
@@ -155,7 +155,7 @@ class SplineAxis:
     ) -> Float[Array, "4 4 element"]:
         """Extraction matrices [control value, Bernstein coefficient, element].
 
-        Rows of control values that are no stations are zero; an image's row is added to
+        Rows of control values that are not stations are zero; an image's row is added to
         that of its station.
 
         `breakpoints`: ascending. `parity`: 1 where the mirror image has the same sign, -1 where

@@ -74,8 +74,8 @@ class Compiled:
     ) -> Any:
         """Call a function made by `equinox.filter_jit`, compiled apart, and wait for it.
 
-        Arguments that are no arrays are static. `once` says that the program is not expected to
-        run many times, `long` that a single run is worth some optimisation.
+        Arguments that are not arrays are static. `once` says that the program is not expected
+        to run many times, `long` that a single run is worth some optimisation.
         """
         leaves, structure = jax.tree.flatten(arguments)
         arrays = [x for x in leaves if eqx.is_array_like(x)]

@@ -75,7 +75,7 @@ def frame_from_json(tree: Any) -> Any:
         case {"named": name, "fields": items}:
             kind = _class(name)
             if not issubclass(kind, tuple):
-                raise ValueError(f"{name} is no named tuple")
+                raise ValueError(f"{name} is not a named tuple")
             return tuple.__new__(kind, tuple(_all(items)))
         case {"module": name, "fields": items}:
             kind = _class(name)
@@ -100,10 +100,10 @@ def _class(name: str) -> type:
     """A class of this project by module and name."""
     module, _, path = name.partition(":")
     if module.split(".")[0] not in PACKAGES:
-        raise ValueError(f"{name}: is no class of this project")
+        raise ValueError(f"{name}: is not a class of this project")
     found: Any = importlib.import_module(module)
     for part in path.split("."):
         found = getattr(found, part, None)
     if not isinstance(found, type) or found.__module__ != module:
-        raise ValueError(f"{name}: is no class of this project")
+        raise ValueError(f"{name}: is not a class of this project")
     return found

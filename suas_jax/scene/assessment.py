@@ -29,7 +29,7 @@ from suas_jax.scene.error_estimate import (
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import SceneParts
 
-# Relative error from which a body's force is no answer.
+# Relative error from which a body's force is not an answer.
 _MEANINGLESS = 0.1
 _LEAST = 1e-300
 

@@ -28,7 +28,7 @@ BY_PENETRATION = 2.0
 """Relative error by a penetration over that in the length: pressures go with its square."""
 MODEL_LIMIT, WALL_LIMIT = 0.3, 0.1
 """Bound of the model's error, and share of it that the wall has, beyond which a state of the
-fast path is no answer: what the first order does not tell would be a fifth and more."""
+fast path is not an answer: what the first order does not tell would be a fifth and more."""
 _BY_CHANCE = 0.2
 _TINY = 1e-300
 

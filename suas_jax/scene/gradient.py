@@ -28,7 +28,7 @@ from suas_jax.scene.travel import driven_by_force
 
 
 class UnknownQuantityError(ValueError):
-    """The quantity to differentiate is no real number of the report."""
+    """The quantity to differentiate is not a real number of the report."""
 
 
 class SingularTangentError(ValueError):
@@ -104,7 +104,7 @@ def _program(
 
 
 def require_known(path: str, allowed: list[str]) -> None:
-    """Refuse what is no quantity of a report.
+    """Refuse what is not a quantity of a report.
 
     Raises UnknownQuantityError: the message lists what is.
     """

@@ -142,7 +142,7 @@ def loads_of(scene: SceneSpec, inputs: Mapping[str, ArrayLike] | None = None) ->
 
     Raises:
         ConfigError: a body presses on the skin.
-        ValueError: a load of a pad is no disc.
+        ValueError: a load of a pad is not a disc.
         Float64Error: float64 is off.
     """
     require_float64()

@@ -20,7 +20,7 @@ from suas_jax.skin.pad_loads import DeadLoad
 
 
 def place_of(parts: SceneParts, name: str, angle: Array) -> dict[str, Array]:
-    """A place as scenes tell it, and by arc length where the section is no plain circle."""
+    """A place as scenes tell it, and by arc length where the section is not a plain circle."""
     section = parts.skin.geometry.section
     found = {f"{name}angle_deg": jnp.rad2deg(section.given_angle(angle))}
     if not parts.scene.geometry.is_circle:

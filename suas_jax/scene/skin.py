@@ -177,5 +177,5 @@ def _inputs(spec: SkinSpec, inputs: Mapping[str, ArrayLike] | None) -> dict[str,
         if path not in own:
             near = difflib.get_close_matches(path, own, 1)
             hint = f'; did you mean "{near[0]}"?' if near else ""
-            raise ValueError(f'"{path}" is no continuous input of this skin{hint}')
+            raise ValueError(f'"{path}" is not a continuous input of this skin{hint}')
     return {**own, **(inputs or {})}

@@ -16,7 +16,7 @@ from suas_jax.config import InputErrors, continuous_inputs
 from suas_jax.scene.solve import Solution, report_with
 
 _STEP = 0.01  # of a standard deviation
-# What tells how well the solve went, or is no smooth quantity.
+# What tells how well the solve went, or is not a smooth quantity.
 _NO_OUTPUT = frozenset(
     {"volume_residual", "discretisation_error", "model_error", "key_quantities"}
 )

@@ -107,7 +107,7 @@ def field_capacitance_under(
     if electrodes.geometry.gap_along is not None:
         raise ValueError(
             "the film's field is solved over a wall that is parallel to the membrane at rest: "
-            "oil_gap may be no table"
+            "oil_gap must not be a table"
         )
     if not electrodes.model.guarded:
         raise ValueError("the section's field is that of electrodes with a guard around them")

@@ -35,7 +35,7 @@ PAPER_NUMBERING = (1, 2, 3, 4, 10, 5, 6, 7, 8, 9)
 
 PLACE_CHANNELS = (9, 8, 11, 7, 3, 0, 5, 4, 2, 1)
 """Converter channel of each place on an iCub's triangle; of its twelve channels 6 and 10 are
-thermal pads, which lie under no taxel and are no counts of a log."""
+thermal pads, which lie under no taxel and are not counts of a log."""
 
 
 class Footprint(NamedTuple):

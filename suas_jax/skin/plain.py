@@ -219,7 +219,7 @@ def angles_at(spec: GeometrySpec, name: str, places: np.ndarray) -> np.ndarray:
 
 
 def check_places(spec: GeometrySpec, places: dict[str, Any]) -> None:
-    """Refuse what lies off a section that is no plain circle, whose table is checked alone.
+    """Refuse what lies off a section that is not a plain circle, whose table is checked alone.
 
     `places`: loads, taxels and modules by their keys.
     Raises ConfigError: names what lies off the skin, and how far it may lie.

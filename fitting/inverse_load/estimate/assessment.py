@@ -33,7 +33,7 @@ class AbstractLoadAssessment(abc.ABC):
     Args:
         parameters: of a contact.
         along: what scenes call places.
-        taxels: their number; further columns of explanations are no taxels.
+        taxels: their number; further columns of explanations are not taxels.
 
     Attributes:
         limit_error: of the force at first contact, relative.

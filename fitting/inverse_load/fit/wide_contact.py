@@ -75,7 +75,7 @@ class WideContactFitter(SectionFitter):
         variance = 1 / np.maximum(own - (share * information[2, :2]).sum(0), 1e-300)
         found.beside[:, 0, 0] = np.stack([length, np.sqrt(variance) / (2 * length)], 1)
         found.score[:] += (length / _USUAL) ** 2
-        # An arc that reaches over the clamp is no contact.
+        # An arc that reaches over the clamp is not a contact.
         over = np.abs(found.parameters[:, 0]) + length / 2 / self._radius > self.edge
         found.score[over] = found.chi2[over] = np.inf
         return found

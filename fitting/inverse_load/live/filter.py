@@ -67,7 +67,7 @@ class LoadFilter:
             places = [contact.names.index(name) for name in names]
             rows = np.ix_(places, places)
             noise, size = contact.covariance[rows], len(names)
-            # What a calibration leaves open is no noise: no filter makes it smaller.
+            # What a calibration leaves open is not noise: no filter makes it smaller.
             lasting = np.zeros((size, size))
             if contact.systematic is not None:
                 lasting = contact.systematic[rows]

@@ -9,7 +9,7 @@ loads' decrease does, at more pressure::
     dp = n (p - sum_c F_c dp/dF_c)
 
 n is the relative change of stiffness that the error amounts to under the contact
-(`stiffening`); the part of its effect that is no change of stiffness is left out.
+(`stiffening`); the part of its effect that is not a change of stiffness is left out.
 """
 
 from collections.abc import Mapping

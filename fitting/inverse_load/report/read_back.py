@@ -60,7 +60,7 @@ def _line(path: Path, k: int, text: str) -> tuple[int, LoadEstimate]:
         return int(line["seq"]), estimate
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise ValueError(
-            f'{path}, line {k}: "{text[:60]}": is no frame of `suas invert --json`'
+            f'{path}, line {k}: "{text[:60]}": is not a frame of `suas invert --json`'
         ) from None
 
 

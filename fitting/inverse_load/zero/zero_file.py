@@ -106,7 +106,7 @@ def read_zero(path: Path, skin: Path) -> CalibrationSpec:
     foreign = [key for key in data if key not in _TABLES]
     if foreign or "zero" not in data:
         key = foreign[0] if foreign else "zero"
-        advice = "is no table of a zero" if foreign else "is missing"
+        advice = "is not a table of a zero" if foreign else "is missing"
         raise ConfigError([Mistake(file, key, f"{advice}; give a file that `suas zero` wrote")])
     record, findings = validate_table(CalibrationSpec, data["zero"], "zero")
     if record is None:

@@ -9,7 +9,7 @@ from fitting.sensor.logs.log import Masked
 from fitting.sensor.model.constants import PERMITTIVITY, is_gap
 from suas_jax.sensing.taxels import taxel_names
 
-# A taxel-to-taxel misfit beyond this is no tolerance of assembly.
+# A taxel-to-taxel misfit beyond this is not a tolerance of assembly.
 _ANOTHER_SKIN = 0.3
 # What is left of the counts' changes, and by how many standard deviations of the noise.
 _UNEXPLAINED, _BEYOND_NOISE = 0.3, 5.0

@@ -102,7 +102,7 @@ def robust(problem: SensorProblem, start: np.ndarray) -> tuple[SensorProblem, Fo
 
 
 def _kept(r: np.ndarray, present: np.ndarray) -> np.ndarray:
-    """Readings that are no outliers [taxel, frame]."""
+    """Readings that are not outliers [taxel, frame]."""
     outlying = present & (np.abs(r) > _OUTLIER * max(_spread(r[present]), 1.0))
     share = outlying.sum(1) / np.maximum(present.sum(1), 1)
     # A taxel that mostly disagrees while others agree is broken; where most do, it is the
@@ -114,5 +114,5 @@ def _kept(r: np.ndarray, present: np.ndarray) -> np.ndarray:
 
 
 def _spread(r: np.ndarray) -> float:
-    """Standard deviation of what is no outlier."""
+    """Standard deviation of what is not an outlier."""
     return max(1.4826 * float(np.median(np.abs(r))), 1e-3)

@@ -177,7 +177,7 @@ def _joined(spec: SkinSpec, parts: Sequence[AlignedLog], joint: bool) -> SensorD
     _forget_idle_places(table)
     permittivity = np.concatenate([p.permittivity for p in parts])
     rows = np.concatenate([table.reshape(len(table) * count, -1), permittivity[None]]).T
-    # NaN is no value that rows could be told apart by; it stands for "not this kind".
+    # NaN is not a value that rows could be told apart by; it stands for "not this kind".
     _, first, state = np.unique(
         np.nan_to_num(rows, nan=1e300), axis=0, return_index=True, return_inverse=True
     )

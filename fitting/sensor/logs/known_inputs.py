@@ -86,7 +86,7 @@ class Known:
 
 
 def understood(name: str, where: str) -> tuple[Key, float] | None:
-    """Load, quantity and unit of a column; None if it is no known input.
+    """Load, quantity and unit of a column; None if it is not a known input.
 
     Raises ValueError: it looks like one, but its unit is missing or unknown.
     """
@@ -104,7 +104,7 @@ def understood(name: str, where: str) -> tuple[Key, float] | None:
     unit = {"µm": "um"}.get(unit, unit)
     if unit not in units:
         raise ValueError(
-            f'{where}, column "{name}": "{unit}" is no unit of {quantity}; allowed: '
+            f'{where}, column "{name}": "{unit}" is not a unit of {quantity}; allowed: '
             + ", ".join(units)
         )
     load = int(found["load"] or 0)

@@ -96,7 +96,7 @@ class Device:
         self._link = link
         self._master = -1
         if link is not None and (link.exists() or link.is_symlink()) and not link.is_symlink():
-            raise FileExistsError(f"{link}: exists and is no link; choose another name")
+            raise FileExistsError(f"{link}: exists and is not a link; choose another name")
         if self._faults.unplug_at is not None and link is None:
             raise ValueError(
                 "the fault unplug needs --port LINK: a port that comes back has another name"

@@ -29,11 +29,11 @@ def from_columns(path: Path, header: Any, table: Mapping[str, Any]) -> SoLog:
     if not isinstance(header, dict) or not all(
         isinstance(key, str) and isinstance(value, str) for key, value in header.items()
     ):
-        raise LogFileError(f"{path}: the header is no table of words: the file is no SO log")
+        raise LogFileError(f"{path}: the header is not a table of words: not an SO log")
     names = [f"so_{k}" for k in range(1, sum(n.startswith("so_") for n in table) + 1)]
     for name in (*KEY_COLUMNS, *(names or ["so_1"])):
         if name not in table:
-            raise LogFileError(f"{path}: no column {name}: the file is no SO log")
+            raise LogFileError(f"{path}: no column {name}: the file is not an SO log")
     arrays = {name: np.asarray(values) for name, values in table.items()}
     rows = len(arrays["seq"])
     for name, values in arrays.items():
@@ -151,7 +151,7 @@ class Column:
 
 
 def number_in(text: str) -> float:
-    """NaN where the text is no number; Python's own `1_000` is none in a CSV."""
+    """NaN where the text is not a number; Python's own `1_000` is none in a CSV."""
     try:
         return float(text) if "_" not in text else float("nan")
     except ValueError:

@@ -28,7 +28,7 @@ _ROWS = {"t_host": "t_host_s", "t_device": "t_device_s", "seq": "seq", "module":
 def convert(source: Path, target: Path, *, overwrite: bool = False) -> SoLog:
     """Convert a log between CSV, Parquet and NetCDF, as the files' endings say; returns it.
 
-    Raises ValueError: an ending is unknown, the source is no log, or a library is missing;
+    Raises ValueError: an ending is unknown, the source is not a log, or a library is missing;
     OSError: a file can't be read or written.
     """
     read = _chosen({".csv": read_log, ".parquet": read_parquet, ".nc": read_netcdf}, source)
@@ -44,7 +44,7 @@ def _chosen(by_ending: dict[str, Any], file: Path) -> Any:
         return by_ending[file.suffix.lower()]
     except KeyError:
         raise ValueError(
-            f'{file}: "{file.suffix}" is no log format; use {", ".join(by_ending)}'
+            f'{file}: "{file.suffix}" is not a log format; use {", ".join(by_ending)}'
         ) from None
 
 

@@ -63,7 +63,7 @@ def read_log(path: Path, *, follow: bool = True) -> SoLog:
         if Path(successor).name != successor or successor in names:
             raise LogFileError(
                 f'{path}: continued_in "{successor[:80]}": a file beside it is expected, which '
-                "is no earlier part"
+                "is not an earlier part"
             )
         names.add(successor)
         path = path.with_name(successor)

@@ -58,7 +58,7 @@ class LogEnd:
 def end_of_log(path: Path) -> LogEnd | None:
     """The end of a log; None where there is no file, or an empty one.
 
-    Raises LogFileError: it is no log, or can't be appended to; OSError: it can't be read.
+    Raises LogFileError: it is not a log, or can't be appended to; OSError: it can't be read.
     """
     names = {path.name}
     for part in range(1, _MOST_PARTS):
@@ -78,7 +78,7 @@ def end_of_log(path: Path) -> LogEnd | None:
 
 def _end_of_file(path: Path, part: int) -> tuple[LogEnd, str | None]:
     if not path.is_file():
-        raise LogFileError(f"{path}: is no regular file; --append needs a log")
+        raise LogFileError(f"{path}: is not a regular file; --append needs a log")
     with path.open("rb") as stream:
         head = stream.read(_MOST_HEAD)
         size = os.fstat(stream.fileno()).st_size

@@ -10,7 +10,7 @@ the meridian, τ_i = ∂Ψ̃/∂e_i, M_ij = ∂²Ψ̃/∂e_i∂e_j and X = pR/H,
 
 Radius and pressure enter through X alone, so one integration outwards from an apex
 stretched by λ₀ serves every size: the rim is where e₂ returns to zero, and X there is
-the pressure. There is no search over pressures, and a pressure maximum is no obstacle.
+the pressure. There is no search over pressures, and a pressure maximum is not an obstacle.
 
 The apex is a regular singular point: perturbations die out as R⁻² from there, and a series
 to second order starts the integration close to it. What is integrated are the coefficients

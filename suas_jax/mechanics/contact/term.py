@@ -136,7 +136,7 @@ def held_energy(
     if grip is None:
         return 0.0
     assert isinstance(obstacle, PlacedBody)
-    if obstacle.body.grip is None:  # of the state at hand, whose change is no work
+    if obstacle.body.grip is None:  # of the state at hand, whose change is not work
         grip = jax.lax.stop_gradient(grip)
     return grip.bound * obstacle.work_of_slip(moved, grip.normal)
 

@@ -139,7 +139,7 @@ def swept(s: Surface) -> tuple[Scalar, list[Vector]]:
     """Enclosed volume less that at rest, per area, and its derivatives by u, u,s, u,z.
 
     The flux of (x, y, 0)/2 through the mid-surface; none passes through planes across the
-    axis, so that ends free to slide in them are no part of it.
+    axis, so that ends free to slide in them are not part of it.
     """
     x, y = (s.rest.place[k] + s.u[k] for k in (0, 1))
     more = s.u[0] * s.n[0] + s.u[1] * s.n[1] - x * s.spin[0] - y * s.spin[1]

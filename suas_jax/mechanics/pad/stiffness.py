@@ -114,7 +114,7 @@ def add_blocks(
     topology = net.topology
     control = jnp.asarray(topology.long.first)[element[0]] + ROWS[:, None]
     station = jnp.asarray(topology.across.station_of)[element[1]]
-    # Places of what is no station are beyond the end, and dropped.
+    # Places of what is not a station are beyond the end, and dropped.
     place = jnp.where(station < 0, topology.across.stations, station)
     diagonal = REACH + np.arange(4) - np.arange(4)[:, None]
     index = (

@@ -39,7 +39,7 @@ class PadSolid(Pad):
         return held + self.contact_energy(q, factor) - pressure * more - factor * work
 
     def with_more_fibres(self) -> Self:
-        """The same: a solid is no sum over fibres."""
+        """The same: a solid is not a sum over fibres."""
         return self
 
     def stored_energy(self, q: StationVector) -> Lanes:

@@ -260,7 +260,7 @@ class Shell(AbstractPlaneStrain):
 
         A correction of its unknowns then moves and turns the normals there but does not bend
         them: beneath loads and at clamps the mid-line of a membrane that shears has kinks,
-        which are no strain.
+        which are not strains.
         """
         return dataclasses.replace(self, equilibrium=equilibrium)
 

@@ -5,7 +5,7 @@
     {"seq":258,"t":1.5,"module":3,"so":[13675,null,65535]}
 
 `t` is the device's clock [s] and may be missing; null in `so` is a missing value. Further keys
-are ignored. A line that was cut is no JSON, but a changed digit goes unnoticed.
+are ignored. A line that was cut is not JSON, but a changed digit goes unnoticed.
 """
 
 import json
