@@ -219,7 +219,7 @@ def tension(stretch: Any, value: Any = None, *, kind: Any = StressTest, **change
     """A uniaxial test of nominal stresses, by default of a neo-Hookean solid."""
     x = np.asarray(stretch, float)
     n = len(x)
-    factors = np.stack(mode_factors("uniaxial", x))
+    factors = mode_factors("uniaxial", x)
     factors[2:] /= x
     fields: dict[str, Any] = {
         "mode": "uniaxial",

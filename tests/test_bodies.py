@@ -219,6 +219,20 @@ def test_a_travel_that_ends_in_wall_or_clamp_is_named_before_it_is_solved(
     assert bool(room[0]) is tight
 
 
+def test_travels_of_one_skin_are_judged_at_once() -> None:
+    """As those of an indentation curve: the skin has one lane, its body's travel has many."""
+    spec = scene(body(30, 4.0))
+    problem = problem_of(spec, 32)
+    wall = skin_parts(spec, continuous_inputs(spec)).wall
+    mechanics = problem.mechanics.with_wall(wall)
+    (one,) = mechanics.bodies
+    many = dataclasses.replace(one, travel=jnp.array([4e-3, 5.5e-3, 8e-3]))
+    held = dataclasses.replace(mechanics, bodies=(many,))
+    lost, room = quick(room_for_bodies)(dataclasses.replace(problem, mechanics=held))
+    assert lost.tolist() == [0, 0, index_of("squeezed")]
+    assert room.tolist() == [False, True, True]
+
+
 def test_a_small_body_does_not_pass_through_a_skin_that_it_goes_into_deep() -> None:
     """Deeper than its radius: a soft law that lets it in has to push the skin back its way."""
     small = body(-48.416, 2.7134, shape="cylinder", radius="2.696 mm")

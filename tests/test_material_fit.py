@@ -11,7 +11,7 @@ import scipy.optimize
 from scipy import stats
 
 from fitting.material.experiments.artefacts import curve_suspects
-from fitting.material.experiments.bulge import Bulge, SphericalCap
+from fitting.material.experiments.bulge import Bulge
 from fitting.material.experiments.datasets import load_dataset
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.experiments.prediction import Homogeneous, mode_factors, shear_factors
@@ -210,15 +210,6 @@ def test_derivatives_of_bulges_are_those_of_their_pressures() -> None:
         moved = [constants + step * size * np.eye(4)[i] for step in (1e-5, -1e-5)]
         high, low = (linearised(jnp.asarray(c))[0] for c in moved)
         np.testing.assert_allclose(slope[:, i], (high - low) / (2e-5 * size), rtol=1e-6)
-
-
-def test_a_spherical_cap_estimates_the_pressure_of_a_membrane() -> None:
-    """At small heights of any law, and of a neo-Hookean one at all."""
-    for law, apex in ((NeoHookean(4e5), [1.001, 1.3, 2.0, 3.0]), (Gent(3e5, 30.0), [1.001])):
-        exact = inflated_diaphragm(law, jnp.asarray(apex), 1.0, 0.03)
-        height = np.asarray(exact.apex_height)
-        cap = SphericalCap.of_heights(height, np.full(len(apex), 0.03))
-        np.testing.assert_allclose(cap.predict(law), exact.pressure, rtol=0.01)
 
 
 def bulge_file(tmp_path: pathlib.Path, law: AbstractLaw, count: int) -> pathlib.Path:

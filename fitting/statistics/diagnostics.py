@@ -227,17 +227,24 @@ def _basis(columns: np.ndarray, tolerance: float = 1e-10) -> tuple[np.ndarray, i
 
 
 def information_criteria(
-    square: float, count: int, constants: int, *, known_noise: bool
+    square: float,
+    count: int,
+    constants: int,
+    *,
+    known_noise: bool,
+    effective: float | None = None,
 ) -> tuple[float, float]:
     """AICc and BIC of a least-squares fit, up to a constant of the data.
 
-    `square`: Σ r². `count`: number of readings n. `constants`: number of fitted constants p.
-    `known_noise`: −2 log L = Σ r²; else n log(Σ r²/n), the noise one parameter more.
+    `square`: Σ r². `count`: number of readings N. `constants`: number of fitted constants p.
+    `known_noise`: −2 log L = n Σ r²/N; else n log(Σ r²/N), the noise one parameter more.
+    `effective`: number n of independent readings; None for all.
     Returns AICc = −2 log L + 2k + 2k(k + 1)/(n − k − 1) (infinite for n ≤ k + 1) and BIC = −2
     log L + k log n.
     """
+    n = float(count) if effective is None else effective
     k = constants if known_noise else constants + 1
-    deviance = square if known_noise else count * np.log(max(square, 1e-300) / count)
-    spare = count - k - 1
+    deviance = n * (square / count if known_noise else np.log(max(square, 1e-300) / count))
+    spare = n - k - 1
     aicc = deviance + 2.0 * k + (2.0 * k * (k + 1) / spare if spare > 0 else np.inf)
-    return float(aicc), float(deviance + k * np.log(count))
+    return float(aicc), float(deviance + k * np.log(n))

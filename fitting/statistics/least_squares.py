@@ -1,37 +1,34 @@
-"""Nonlinear least squares from many starts at once, with its own check of convergence.
+"""Nonlinear least squares from many starts, with its own check of convergence.
 
-All starts advance together in one `vmap` of Optimistix's Levenberg-Marquardt: a short run
-of all of them, then a long run of the best few. Whether a start has converged is decided
-here and not by the solver's flag: at a minimum no Gauss-Newton step, cut to length one in
-every singular direction of the Jacobian, lowers the cost noticeably.
+A short run of MINPACK's Levenberg-Marquardt from every start, then a long one of the best few.
+Whether a start has converged is decided here and not by the solver's flag: at a minimum no
+Gauss-Newton step, cut to length one in every singular direction of the Jacobian, lowers the
+cost noticeably.
 """
 
 import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 import scipy.optimize
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from fitting.statistics.residuals import AbstractResiduals, by_theta, linearised
-from suas_jax.runtime.compiled import COMPILED
+from fitting.statistics.residuals import AbstractResiduals, by_theta
 
 # A start has converged when the predicted decrease of its cost is below this fraction,
 # or when nothing but rounding is left to fit.
 CONVERGED = 1e-9
 _ROUNDING = 1e-20
 AGREEMENT = 1e-6
-# Starts advance in batches of one size, so that one compiled program does everything.
-LANES = 16
-_STEPS, _PASSES, _PROGRESS = 20, 40, 1e-12
-# Of the best starts, how many are finished one by one, and in how many evaluations each.
-_FINISHED, _EVALUATIONS, _FARTHEST = 4, 200, 300.0
+# How many of the best starts go on, and evaluations of each: of all at first, then of these.
+BEST = 16
+_ROUGH, _EVALUATIONS = 20, 200
 _IMPOSSIBLE = 1e6
+_EXACT = {"xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-12}
+_HOLD = 5e-9  # of the derivatives: what holds a parameter at its start
+_FARTHEST = 300.0  # of parameters: beyond it exponentials are zero or no number
 
 
 class Minima(NamedTuple):
@@ -50,62 +47,17 @@ class Minima(NamedTuple):
 
 
 def minimise(
-    residuals: AbstractResiduals,
-    starts: Float[np.ndarray, "starts p"],
-    lanes: int = LANES,  # how many advance together, and how many of the best go on
-    passes: int = _PASSES,  # how many more runs the best get at most
-    *,
-    finish: bool = True,  # follow long valleys to their bottom; a rough minimum needs none
+    residuals: AbstractResiduals, starts: Float[np.ndarray, "starts p"], best: int = BEST
 ) -> Minima:
-    """Minimise ½ Σ r² from many starting points.
+    """Minimise ½ Σ r² from many starting points, of which the best go on to their minima.
 
-    Every start gets one run of Levenberg-Marquardt; the best go on until they have
-    converged or their passes are used up.
-
-    `starts`: unconstrained parameters to start from; fewer than `lanes` are repeated.
+    `starts`: unconstrained parameters to start from. `best`: how many of them go on.
     Returns the starts that went on, best first. Nothing raises: a start that fails has infinite
     cost and is not converged.
     """
-    points = np.asarray(starts, float)
-    filled = np.resize(points, (-(-len(points) // lanes) * lanes, points.shape[1]))
-    once = residuals.costly
-    batches = [
-        COMPILED.run(
-            _advance, residuals, COMPILED.run(_refined, residuals, batch, once=once), once=once
-        )
-        for batch in jnp.asarray(filled).reshape(-1, lanes, points.shape[1])
-    ]
-    theta, cost, predicted_decrease = (
-        np.concatenate([np.asarray(batch[i]) for batch in batches])[: len(points)]
-        for i in range(3)
-    )
-    order = np.argsort(cost, kind="stable")[:lanes]
-    theta, cost, predicted_decrease = theta[order], cost[order], predicted_decrease[order]
-    used = int(residuals.used.sum())
-    for _ in range(passes):
-        if np.all(_is_minimum(cost, predicted_decrease, used) | ~np.isfinite(cost)):
-            break
-        again = np.resize(theta, (lanes, theta.shape[1]))
-        advanced = COMPILED.run(_advance, residuals, jnp.asarray(again), once=once)
-        moved = [np.asarray(x)[: len(theta)] for x in advanced]
-        better = moved[1] <= cost
-        stuck = not np.any(moved[1] < cost * (1.0 - _PROGRESS))
-        # Where two starts or more share the lowest cost and only creep on, along a valley, they
-        # are finished one by one.
-        lowest = moved[1] <= np.min(moved[1]) * (1.0 + AGREEMENT)
-        gains = moved[1] < cost * (1.0 - AGREEMENT)
-        creeps = lowest.sum() > 1 and not np.any(gains & lowest)
-        theta = np.where(better[:, None], moved[0], theta)
-        cost, predicted_decrease = (
-            np.where(better, moved[1], cost),
-            np.where(better, moved[2], predicted_decrease),
-        )
-        if stuck or (finish and creeps):
-            break
-    minima = _sorted(residuals, theta, cost, predicted_decrease)
-    if finish and np.isfinite(minima.cost[0]) and not minima.converged[0]:
-        return _finished(residuals, minima)
-    return minima
+    if len(starts) > best:
+        starts = minimise_one_by_one(residuals, starts, _ROUGH).theta[:best]
+    return minimise_one_by_one(residuals, starts, _EVALUATIONS)
 
 
 def _sorted(
@@ -134,13 +86,17 @@ def solved_by_scipy(
     @functools.lru_cache(maxsize=2)
     def kept(key: bytes) -> tuple[np.ndarray, np.ndarray]:
         with np.errstate(all="ignore"):
-            r, J = at(np.frombuffer(key))
-        finite = np.isfinite(r) & np.all(np.isfinite(J), axis=1)
-        return np.where(finite, r, impossible), np.where(finite[:, None], J, 0.0)
+            return _finite(*at(np.frombuffer(key)), impossible)
 
     return scipy.optimize.least_squares(
         lambda x: kept(x.tobytes())[0], start, lambda x: kept(x.tobytes())[1], **options
     )
+
+
+def _finite(r: np.ndarray, J: np.ndarray, impossible: float) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals and derivatives, with large and flat ones for those that are no numbers."""
+    finite = np.isfinite(r) & np.all(np.isfinite(J), axis=1)
+    return np.where(finite, r, impossible), np.where(finite[:, None], J, 0.0)
 
 
 def compressed(r: np.ndarray, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -165,21 +121,6 @@ def compressed(r: np.ndarray, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.append(along, rest), np.vstack([R, np.zeros(p)])
 
 
-def _finished(residuals: AbstractResiduals, found: Minima) -> Minima:
-    """Starts of which the best few are brought to the bottom of a long valley."""
-    theta, cost, _, decrease = (part.copy() for part in found)
-    for i in range(min(_FINISHED, len(theta))):
-        end = minimise_one_by_one(residuals, theta[i : i + 1], _EVALUATIONS)
-        # Beyond this, exponentials of parameters are zero or have no number.
-        if end.cost[0] <= cost[i] and np.max(np.abs(end.theta[0])) < _FARTHEST:
-            theta[i], cost[i], decrease[i] = (
-                end.theta[0],
-                end.cost[0],
-                end.predicted_decrease[0],
-            )
-    return _sorted(residuals, theta, cost, decrease)
-
-
 def _is_minimum(cost: np.ndarray, predicted_decrease: np.ndarray, used: int) -> np.ndarray:
     return np.isfinite(cost) & ((predicted_decrease <= CONVERGED) | (cost <= used * _ROUNDING))
 
@@ -196,80 +137,57 @@ def minimise_one_by_one(
     """
     found = []
 
-    def at(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    @functools.lru_cache(maxsize=4)
+    def kept(key: bytes) -> tuple[np.ndarray, np.ndarray]:
+        theta = np.frombuffer(key)
         try:
-            return compressed(*by_theta(residuals, theta))
+            r, J = by_theta(residuals, theta)
         except jax.errors.JaxRuntimeError:  # an equilibrium inside that has no numbers
-            none = np.full(len(residuals.value), np.nan)
-            return none, np.zeros((len(none), theta.size))
+            r = np.full(len(residuals.value), np.nan)
+            J = np.zeros((len(r), theta.size))
+        return _finite(r, J, _IMPOSSIBLE)
 
-    exact = {"xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-12}
     for start in np.asarray(starts, float):
-        run = solved_by_scipy(at, start, method="lm", max_nfev=evaluations, **exact)
-        cost, decrease = judged(jnp.asarray(run.fun), jnp.asarray(run.jac))
-        possible = np.max(np.abs(run.fun)) < _IMPOSSIBLE
-        found.append((run.x, float(cost) if possible else np.inf, float(decrease)))
+        found.append(_minimum(lambda theta: kept(theta.tobytes()), start, evaluations))
     theta, costs, decreases = (np.array([run[i] for run in found]) for i in range(3))
     return _sorted(residuals, theta, costs, decreases)
 
 
-@eqx.filter_jit
-def _advance(
-    residuals: AbstractResiduals, starts: Float[Array, "lanes p"]
-) -> tuple[Array, Array, Array]:
-    """One run of Levenberg-Marquardt on every lane: parameters, cost, predicted decrease."""
-    solver: optx.LevenbergMarquardt = optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10)
+def _minimum(
+    at: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+    start: np.ndarray,
+    evaluations: int,
+) -> tuple[np.ndarray, float, float]:
+    """The end of one start: parameters, cost, predicted decrease; see `minimise_one_by_one`."""
+    x, left = start, evaluations
+    while left > 0:
+        start = x
+        # What the residuals do not see stays where it is: rounding would move it by any amount.
+        # What they hardly see gets on from round to round.
+        hold = _HOLD * float(np.linalg.norm(at(start)[1])) * np.eye(len(start))
 
-    # Traced once, whoever asks.
-    at = jax.jit(lambda theta: linearised(residuals, theta))
+        def held(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            r, J = at(theta)
+            # MINPACK takes as many residuals at every point.
+            rows = np.append(r, hold @ (theta - start))  # noqa: B023
+            return compressed(rows, np.vstack([J, hold]))  # noqa: B023
 
-    # The solver linearises and materialises; with the Jacobian as one explicit product
-    # it traces, compiles and runs in half the time. Where the law can't follow a test the
-    # residual is large and flat: the solver stops at anything that is not a number.
-    @jax.custom_jvp
-    def residual(theta: Array) -> Array:
-        value, _ = at(theta)
-        return jnp.where(jnp.isfinite(value), value, _IMPOSSIBLE)
-
-    @residual.defjvp
-    def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
-        value, jacobian = at(primals[0])
-        finite = jnp.isfinite(value) & jnp.all(jnp.isfinite(jacobian), 1)
-        jacobian = jnp.where(finite[:, None], jacobian, 0.0)
-        return jnp.where(finite, value, _IMPOSSIBLE), jacobian @ tangents[0]
-
-    def run(start: Array) -> tuple[Array, Array, Array]:
-        found = optx.least_squares(
-            lambda theta, _: residual(theta), solver, start, max_steps=_STEPS, throw=False
-        ).value
-        found = jnp.where(jnp.all(jnp.isfinite(found)), found, start)
-        return found, *judged(*at(found))
-
-    return jax.vmap(run)(starts)
+        run = solved_by_scipy(held, start, method="lm", max_nfev=left, **_EXACT)
+        x, left = run.x, left - run.nfev
+        cost, decrease = judged(*at(x))
+        if decrease <= CONVERGED or np.array_equal(x, start):
+            break
+    possible = np.max(np.abs(at(x)[0])) < _IMPOSSIBLE and np.max(np.abs(x)) < _FARTHEST
+    return x, cost if possible else np.inf, decrease
 
 
-def judged(
-    r: Float[Array, " n"], J: Float[Array, "n p"]
-) -> tuple[Float[Array, ""], Float[Array, ""]]:
+def judged(r: np.ndarray, J: np.ndarray) -> tuple[float, float]:
     """Cost, and the relative decrease that a bounded Gauss-Newton step predicts."""
-    finite = jnp.all(jnp.isfinite(r)) & jnp.all(jnp.isfinite(J))
-    u, s, _ = jnp.linalg.svd(jnp.where(finite, J, 0.0), full_matrices=False)
-    along = jnp.abs(u.T @ jnp.where(finite, r, 0.0))
+    if not (np.all(np.isfinite(r)) and np.all(np.isfinite(J))):
+        return np.inf, np.inf
+    u, s, _ = np.linalg.svd(J, full_matrices=False)
+    along = np.abs(u.T @ r)
     # Decrease of ½|r|²: in full if the step s⁻¹ along is at most one, else up to there.
-    decrease = jnp.where(along <= s, 0.5 * along**2, s * along - 0.5 * s**2)
-    cost = 0.5 * jnp.sum(r * r)
-    predicted_decrease = jnp.where(cost > 0.0, jnp.sum(decrease) / cost, 0.0)
-    return jnp.where(finite, cost, jnp.inf), jnp.where(finite, predicted_decrease, jnp.inf)
-
-
-@eqx.filter_jit
-def _refined(
-    residuals: AbstractResiduals, starts: Float[Array, "lanes p"]
-) -> Float[Array, "lanes p"]:
-    """Starts improved by what is linear in them."""
-
-    def improve(start: Array) -> Array:
-        better = residuals.refined(start)
-        return jnp.where(jnp.all(jnp.isfinite(better)), better, start)
-
-    return jax.vmap(improve)(starts)
+    decrease = np.where(along <= s, 0.5 * along**2, s * along - 0.5 * s**2)
+    cost = 0.5 * float(r @ r)
+    return cost, float(np.sum(decrease)) / cost if cost > 0.0 else 0.0

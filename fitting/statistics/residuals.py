@@ -65,10 +65,6 @@ class AbstractResiduals(eqx.Module):
         """Whether compiling them takes longer than a whole fit's use of them."""
         return False
 
-    def refined(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
-        """Improve a start by what is linear in it; by default it stays."""
-        return theta
-
     def log_likelihood(
         self, theta: Float[Array, " p"], noise: Float[Array, ""] | float = 1.0
     ) -> Float[Array, ""]:

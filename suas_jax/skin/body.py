@@ -307,7 +307,9 @@ class PlacedBody(eqx.Module):
     ) -> Float[Array, "component *point"]:
         """Places in the body's frame [m]."""
         origin = self.body.origin if self.drag is None else self.body.origin + self.drag
-        return seen_from(origin, self.body.frame, position).at[-1].add(self.travel)
+        *across, along = seen_from(origin, self.body.frame, position)
+        # Several travels may be asked for of points of one lane.
+        return jnp.stack(jnp.broadcast_arrays(*across, along + self.travel))
 
     def gap(
         self, position: Float[Array, "component *point"], near: Array | None = None

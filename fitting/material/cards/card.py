@@ -1,7 +1,7 @@
 """Material cards for other programs, each in its own convention.
 
 Ogden's law here is sum mu_p/alpha_p (l1^alpha_p + l2^alpha_p + l3^alpha_p - 3); what a term is
-elsewhere stands in the file of each program. Polynomials of I1 - 3 and I2 - 3 have the same
+elsewhere stands in `programs`. Polynomials of I1 - 3 and I2 - 3 have the same
 coefficients everywhere except in ANSYS, whose neo-Hookean law takes mu, and in FEBio, whose
 Mooney-Rivlin has c1 and c2. C3 (I2 - 3)^2 is C02 of a polynomial of degree two.
 
@@ -16,12 +16,7 @@ from typing import NamedTuple
 
 import tomlkit
 
-from fitting.material.cards.abaqus import abaqus, calculix
-from fitting.material.cards.ansys import ansys
-from fitting.material.cards.comsol import comsol
-from fitting.material.cards.febio import febio
-from fitting.material.cards.felupe import felupe
-from fitting.material.cards.lsdyna import lsdyna
+from fitting.material.cards import programs
 from fitting.material.cards.settings import UNITS, CardError, CardSettings, Material, in_units
 from suas_jax.config.law import LawSpec
 from suas_jax.files.writing import write_text
@@ -41,13 +36,13 @@ def _toml(material: Material) -> str:
 
 
 PROGRAMS: dict[str, Program] = {
-    "abaqus": Program(abaqus, "**", True, True),
-    "calculix": Program(calculix, "**", False, False),
-    "ansys": Program(ansys, "!", True, True),
-    "febio": Program(febio, "", True, False),
-    "comsol": Program(comsol, "%", True, True),
-    "lsdyna": Program(lsdyna, "$", True, False),
-    "felupe": Program(felupe, "#", False, True),
+    "abaqus": Program(programs.abaqus, "**", True, True),
+    "calculix": Program(programs.calculix, "**", False, False),
+    "ansys": Program(programs.ansys, "!", True, True),
+    "febio": Program(programs.febio, "", True, False),
+    "comsol": Program(programs.comsol, "%", True, True),
+    "lsdyna": Program(programs.lsdyna, "$", True, False),
+    "felupe": Program(programs.felupe, "#", False, True),
     "toml": Program(_toml, "#", True, True),
 }
 """Programs by name; "toml" is the [material] table of a skin."""

@@ -103,6 +103,12 @@ class Material:
             return pairs
         return [(2.0 * mu / alpha, alpha) for mu, alpha in pairs]
 
+    def at_most(self, most: int) -> list[tuple[float, float]] | None:
+        """The terms of Ogden's law where a program takes no more; None for other laws."""
+        if self.ogden is not None and len(self.ogden) > most:
+            raise self.missing(f"Ogden with at most {most} terms")
+        return self.ogden
+
     def coefficients(self, offered: str) -> dict[tuple[int, int], float]:
         """Coefficients of a polynomial law; other laws are refused, with those `offered`."""
         found = self.law.coefficients()

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -10,60 +10,15 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from fitting.material.data.errors import DataError
-from fitting.material.experiments.measurements import Predictor, StressTest
+from fitting.material.experiments.measurements import Predictor, StressTest, homogeneous
 from fitting.material.experiments.prediction import AbstractExperiment, mode_factors
 from fitting.material.experiments.table_reader import Reader
-from fitting.material.laws.parameters import AbstractFamily
 from suas_jax.constitutive import AbstractLaw, inflated_diaphragm
-from suas_jax.constitutive.specimens.homogeneous import kirchhoff
-
-_POINTS = 8
-# By how much a cap at small heights resists more than a membrane, and the η² where that fades.
-_STIFFER, _FADES = 0.123, 0.19
 
 # Newton steps in log e over log h. A step below the last is taken, too; what it leaves is its
 # square, and the pressure is exact up to the square of that. Laws end at large stretches:
 # where there is no bulge, the next is sought at a smaller one.
 _NEWTON_STEPS, _LONGEST, _BACK, _LAST = 10, 0.5, -0.25, 1e-3
-
-
-class SphericalCap(AbstractExperiment):
-    """Points of a bulge test, estimated by stresses at points of a spherical cap.
-
-    Hill's special solution: with η the apex height and ρ the undeformed radius, both over that
-    of the rim, the membrane is stretched by λ = (1 + η²)/(1 + η²ρ²) in every direction. Other
-    laws have other shapes; but the virtual work of inflating this one,
-
-        p dV/dη = 2π R T ∫ 2τ(λ) (∂ log λ/∂η) ρ dρ,    dV/dη = π R³ (1 + η²)/2,
-
-    with τ the equibiaxial stress and T the thickness, is off by no more than the square of how
-    far the shapes are apart. For a neo-Hookean membrane that is 12 % at small heights, as for
-    any law, and fades as exp(−η²/0.19) to less than 1 %; this much is taken off. A law has
-    such a pressure at every height, also where it has no membrane of that height.
-    """
-
-    sized_by: ClassVar = "strain"
-    # log λ at the points of each reading's cap, shape [n, points]
-    strain: Float[Array, "n points"]
-    share: Float[Array, "n points"]  # of each point's stress in the pressure
-
-    @classmethod
-    def of_heights(cls, height: Float[np.ndarray, " n"], thickness: np.ndarray) -> Self:
-        """Caps of apex heights and undeformed thicknesses, both over the radius."""
-        nodes, weights = np.polynomial.legendre.leggauss(_POINTS)
-        # Gauss's points in ρ², which the integrand is a function of.
-        square, weights = 0.5 * (nodes + 1.0), 0.5 * weights
-        eta = height[:, None]
-        apex, there = 1.0 + eta**2, 1.0 + eta**2 * square
-        growth = 2.0 * eta / apex - 2.0 * eta * square / there
-        stiffer = 1.0 + _STIFFER * np.exp(-(eta**2) / _FADES)
-        share = 4.0 * thickness[:, None] / apex * growth * weights / stiffer
-        return cls(jnp.asarray(np.log(apex / there)), jnp.asarray(share))
-
-    def predict(self, law: AbstractLaw) -> Float[Array, " n"]:
-        """Pressures [Pa]."""
-        stress, _ = kirchhoff(law, self.strain, self.strain)
-        return jnp.sum(self.share * stress, axis=1)
 
 
 class Bulge(AbstractExperiment):
@@ -90,24 +45,6 @@ class Bulge(AbstractExperiment):
         _, (slope_p, slope_h) = self._inflated(known, apex)
         log_p, log_h = self._at(law, apex)
         return self._pressure(log_p, log_h, slope_p / slope_h)
-
-    def linearised(
-        self, family: AbstractFamily, constants: Float[Array, " p"]
-    ) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
-        """Pressures and their derivatives: by the constants and the apex stretch at once."""
-        apex = self._apex(family.law(constants))
-
-        def at(x: Array) -> tuple[Array, Array]:
-            return self._at(family.law(x[:-1]), apex * jnp.exp(x[-1]))
-
-        def push(tangent: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-            return jax.jvp(at, (jnp.append(constants, 0.0),), (tangent,))
-
-        basis = jnp.eye(constants.size + 1, dtype=constants.dtype)
-        (log_p, log_h), (of_p, of_h) = jax.vmap(push, out_axes=(None, 1))(basis)
-        along = of_p[:, -1] / of_h[:, -1]
-        pressure = self._pressure(log_p, log_h, along)
-        return pressure, pressure[:, None] * (of_p - along[:, None] * of_h)[:, :-1]
 
     def _apex(self, law: AbstractLaw) -> Float[Array, " n"]:
         """e, logarithms of the apex stretches that give the measured heights."""
@@ -163,8 +100,11 @@ class BulgeTest(StressTest):
         return self.height
 
     def predictor(self, *, estimate: bool) -> Predictor:
-        """A spherical cap, or a membrane."""
-        return caps if estimate else membranes
+        """Membranes; as a rough prediction, the apex of a spherical cap, whose stress is known.
+
+        That has a pressure at every height, also where the law has no membrane of it.
+        """
+        return homogeneous if estimate else membranes
 
 
 def membranes(tests: Sequence[BulgeTest]) -> Bulge:
@@ -172,13 +112,6 @@ def membranes(tests: Sequence[BulgeTest]) -> Bulge:
     height = np.concatenate([test.height for test in tests])
     thickness = np.concatenate([test.thickness for test in tests])
     return Bulge(jnp.asarray(height), jnp.asarray(thickness))
-
-
-def caps(tests: Sequence[BulgeTest]) -> SphericalCap:
-    """Bulge tests as spherical caps."""
-    height = np.concatenate([test.height for test in tests])
-    thickness = np.concatenate([test.thickness for test in tests])
-    return SphericalCap.of_heights(height, thickness)
 
 
 def bulge(reader: Reader) -> BulgeTest:
@@ -212,17 +145,7 @@ def bulge(reader: Reader) -> BulgeTest:
     # The spherical cap of this height (Hill's special solution): stretch 1 + η² at the
     # apex, p = 4 σ η (T/a) / ((1 + η²) λ²).
     stretch = 1.0 + relative**2
-    e1, e2, c1, c2 = mode_factors("equibiaxial", stretch)
-    share = 4.0 * relative * thickness / radius / stretch**3
-    factors = np.stack([e1, e2, share * c1, share * c2])
-    test = BulgeTest(
-        **reader.fields(values),
-        measure="pressure",
-        coordinate=relative,
-        factors=factors,
-        companion=np.zeros(len(values)),
-        direction=np.ones(len(values), int),
-        time=reader.times(relative),
-        thickness=thickness / radius,
-    )
-    return reader.kept(test, factors)
+    factors = mode_factors("equibiaxial", stretch)
+    factors[2:] *= 4.0 * relative * thickness / radius / stretch**3
+    own = {"coordinate": relative, "thickness": thickness / radius}
+    return reader.stress_test(BulgeTest, "pressure", factors, values, **own)

@@ -22,7 +22,7 @@ from fitting.material.experiments.measurements import (
     joined,
     mode_named,
 )
-from fitting.material.experiments.prediction import mode_factors, shear_factors
+from fitting.material.experiments.prediction import POWERS, mode_factors, shear_factors
 from fitting.material.experiments.skin_readings import indentation, skin
 from fitting.material.experiments.table_reader import Reader
 from fitting.material.experiments.volumetric import volumetric
@@ -30,37 +30,13 @@ from suas_jax.config import load_scene
 from suas_jax.config.quantities import parse_quantity
 
 
-def _stress_test(
-    reader: Reader,
-    measure: str,
-    factors: np.ndarray,
-    values: np.ndarray,
-    *,
-    coordinate: np.ndarray | None = None,
-    companion: np.ndarray | None = None,
-    direction: int = 1,
-) -> StressTest:
-    """A test of one stress; its coordinate is λ₁ unless another is given."""
-    count = len(values)
-    test = StressTest(
-        **reader.fields(values),
-        measure=measure,
-        coordinate=np.exp(factors[0]) if coordinate is None else coordinate,
-        factors=factors,
-        companion=np.zeros(count) if companion is None else companion,
-        direction=np.full(count, direction),
-        time=reader.times(np.expm1(factors[0]) if coordinate is None else coordinate),
-    )
-    return reader.kept(test, factors)
-
-
 def one_parameter(reader: Reader) -> StressTest:
     """Readings of uniaxial, equibiaxial tension or pure shear: stress over one stretch."""
     names = "nominal_stress_MPa", "cauchy_stress_kPa", "force_N"
     values, measure = reader.needed_stress("the stress", *names)
     stretch = reader.stretch()
-    factors = _measured(mode_factors(PATHS[reader.mode], stretch), stretch, measure)
-    return _stress_test(reader, measure, factors, values)
+    factors = mode_factors(PATHS[reader.mode], stretch, measure)
+    return reader.stress_test(StressTest, measure, factors, values)
 
 
 def biaxial(reader: Reader) -> StressTest:
@@ -71,9 +47,9 @@ def biaxial(reader: Reader) -> StressTest:
         found = reader.stress(direction)
         if found is not None:
             values, measure = found
-            zero, one = np.zeros_like(own), np.ones_like(own)
-            pair = (one, zero) if direction == 1 else (zero, one)
-            factors = _measured((np.log(first), np.log(second), *pair), own, measure)
+            pair = [np.zeros_like(own), np.zeros_like(own)]
+            pair[direction - 1] = 1.0 / own ** POWERS[measure]
+            factors = np.stack([np.log(first), np.log(second), *pair])
             parts.append((values, measure, factors, direction))
     if not parts:
         if any(key[0].startswith("cauchy_difference") for key in reader.columns):
@@ -87,7 +63,14 @@ def biaxial(reader: Reader) -> StressTest:
     with np.errstate(invalid="ignore"):
         largest = np.fmax.reduce([np.abs(values) for values, *_ in parts])
     sets = [
-        _stress_test(reader, measure, factors, values, companion=largest, direction=direction)
+        reader.stress_test(
+            StressTest,
+            measure,
+            factors,
+            values,
+            companion=largest,
+            direction=np.full(len(values), direction),
+        )
         for values, measure, factors, direction in parts
     ]
     return joined(sets)
@@ -116,7 +99,7 @@ def difference(reader: Reader) -> StressTest:
         values = pair[1] - pair[0]
     one = np.ones_like(first)
     factors = np.stack([np.log(first), np.log(second), -one, one])
-    return _stress_test(reader, "difference", factors, values)
+    return reader.stress_test(StressTest, "difference", factors, values)
 
 
 def simple_shear(reader: Reader) -> StressTest:
@@ -134,7 +117,7 @@ def simple_shear(reader: Reader) -> StressTest:
     if values is None:
         values, _ = reader.needed_stress("the shear stress", "shear_stress_kPa", "force_N")
     factors = np.stack(shear_factors(shear))
-    return _stress_test(reader, "shear", factors, values, coordinate=shear)
+    return reader.stress_test(StressTest, "shear", factors, values, coordinate=shear)
 
 
 def balloon(reader: Reader) -> StressTest:
@@ -164,17 +147,9 @@ def balloon(reader: Reader) -> StressTest:
                 f'or give --specimen "thickness=0.3 mm,rest_radius=20 mm"'
             )
         ratio = thickness / rest
-    e1, e2, c1, c2 = mode_factors("equibiaxial", stretch)
-    share = 2.0 * ratio / stretch**3
-    factors = np.stack([e1, e2, share * c1, share * c2])
-    return _stress_test(reader, "pressure", factors, values)
-
-
-def _measured(factors: tuple[np.ndarray, ...], stretch: np.ndarray, measure: str) -> np.ndarray:
-    """Turn factors that read Cauchy stress into those of another measure."""
-    power = {"cauchy": 0, "nominal": 1, "second_pk": 2}[measure]
-    e1, e2, c1, c2 = factors
-    return np.stack([e1, e2, c1 / stretch**power, c2 / stretch**power])
+    factors = mode_factors("equibiaxial", stretch)
+    factors[2:] *= 2.0 * ratio / stretch**3
+    return reader.stress_test(StressTest, "pressure", factors, values)
 
 
 TESTS: dict[str, Callable[[Reader], Dataset]] = {

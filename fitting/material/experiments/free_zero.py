@@ -23,14 +23,18 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from fitting.material.experiments.measurements import PATHS, Dataset, StressTest
-from fitting.material.experiments.prediction import AbstractExperiment, mode_factors, padded
+from fitting.material.experiments.prediction import (
+    POWERS,
+    AbstractExperiment,
+    mode_factors,
+    padded,
+)
 from fitting.material.experiments.selection import series_of
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.constitutive.specimens.homogeneous import kirchhoff
 
 KINDS = ("slack", "force", "machine")
 _DEGREE, _LEAST = 5, 0.01
-_POWERS = {"cauchy": 0.0, "nominal": 1.0, "second_pk": 2.0}
 
 
 class Zero(NamedTuple):
@@ -80,7 +84,7 @@ def can_be_freed(test: object) -> bool:
     """Whether a test is one of a single stretch with a stress reading."""
     if not isinstance(test, StressTest) or test.follows_history:
         return False
-    return test.mode in PATHS and test.measure in _POWERS
+    return test.mode in PATHS and test.measure in POWERS
 
 
 def smoothed(test: StressTest, values: np.ndarray) -> np.ndarray:
@@ -113,7 +117,7 @@ def free_zeros(
     for test, number in zip(tests, numbers, strict=True):
         # Of a stretch whose logarithm is one.
         _, along, first, second = mode_factors(PATHS[test.mode], np.exp(np.ones(1)))
-        power = _POWERS[test.measure]
+        power = POWERS[test.measure]
         side = 1.0 if np.sum(np.log(test.stretch_1)) >= 0.0 else -1.0
         force = smoothed(test, test.value * test.stretch_1 ** (power - 1.0))
         constants = np.array([along[0], first[0], second[0], power, side])

@@ -208,8 +208,8 @@ def body_specimen(
 def nodes_of(travel: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
     """Travels at which to solve, and their weights in readings at others [n, level].
 
-    The readings are a polynomial of the travel's root through Chebyshev's points (Lagrange's
-    formula, barycentric), which follows a contact that begins at a point.
+    The readings are a polynomial of the travel's root through Chebyshev's points, which follows
+    a contact that begins at a point.
 
     Args:
         travel: of each reading [m], shape [n].
@@ -220,18 +220,14 @@ def nodes_of(travel: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
         return levels, np.eye(len(levels))[lane.reshape(-1)]
     ends = np.sqrt(np.maximum(levels[[0, -1]], 0.0))
     nodes = ends[0] + (ends[1] - ends[0]) * (1 - np.cos(np.linspace(0, np.pi, most))) / 2
-    return nodes**2, lagrange(nodes, np.sqrt(np.maximum(travel, 0.0)))
+    return nodes**2, _between(nodes, np.sqrt(np.maximum(travel, 0.0)))
 
 
-def lagrange(nodes: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Weights of values at Chebyshev's nodes in the polynomial through them [x, node]."""
-    sign = (-1.0) ** np.arange(len(nodes))
-    sign[[0, -1]] /= 2
-    apart = x[:, None] - nodes
-    hit = np.abs(apart) < 1e-12 * np.ptp(nodes)
-    weight = sign / np.where(hit, 1.0, apart)
-    weight = weight / weight.sum(1, keepdims=True)
-    return np.where(hit.any(1, keepdims=True), hit, weight)
+def _between(nodes: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Weights of values at nodes in the polynomial through them [x, node]."""
+    from scipy.interpolate import barycentric_interpolate  # slow to import
+
+    return np.asarray(barycentric_interpolate(nodes, np.eye(len(nodes)), x))
 
 
 def _is_smooth(levels: np.ndarray, readings: np.ndarray) -> bool:
@@ -240,7 +236,7 @@ def _is_smooth(levels: np.ndarray, readings: np.ndarray) -> bool:
     With twice as many nodes its error is squared, relative to the largest reading.
     """
     root = np.sqrt(levels)
-    found = readings[:, ::2] @ lagrange(root[::2], root).T
+    found = readings[:, ::2] @ _between(root[::2], root).T
     apart = np.abs(found - readings).max(1) / np.abs(readings).max(1)
     return bool((apart**2 < _SMOOTH).all())
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from fitting.material.laws.parameters import AbstractFamily
+from fitting.material.laws.parameters import Family
 from fitting.statistics.residuals import linearised
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.constitutive.specimens.homogeneous import MODES, kirchhoff
@@ -21,6 +21,9 @@ from suas_jax.constitutive.specimens.homogeneous import MODES, kirchhoff
 # Points are padded to a power of two, and to no less than this, so that data sets of
 # different sizes share compiled programs.
 _FEWEST = 64
+
+POWERS = {"cauchy": 0, "nominal": 1, "second_pk": 2}
+"""Power of the stretch by which the Cauchy stress is divided in a measure of stress."""
 
 
 class AbstractExperiment(eqx.Module):
@@ -45,7 +48,7 @@ class AbstractExperiment(eqx.Module):
         return self
 
     def linearised(
-        self, family: AbstractFamily, constants: Float[Array, " p"]
+        self, family: Family, constants: Float[Array, " p"]
     ) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
         """Readings of a family's law and their derivatives by its constants, SI units."""
         return linearised(
@@ -78,15 +81,18 @@ def padded(values: np.ndarray, fill: float = 0.0) -> Float[Array, " n"]:
     return jnp.asarray(np.concatenate([values, np.full(missing, fill)]), float)
 
 
-def mode_factors(mode: str, stretch: np.ndarray) -> tuple[np.ndarray, ...]:
-    """(e₁, e₂, c₁, c₂) that read the Cauchy stress of a one-parameter mode.
+def mode_factors(
+    mode: str, stretch: np.ndarray, measure: str = "cauchy"
+) -> Float[np.ndarray, "4 n"]:
+    """(e₁, e₂, c₁, c₂) that read a stress of a one-parameter mode.
 
-    `mode`: "uniaxial", "equibiaxial" or "planar". `stretch`: λ > 0, shape [n].
+    `mode`: "uniaxial", "equibiaxial" or "planar". `stretch`: λ > 0, shape [n]. `measure`: a key
+    of `POWERS`.
     """
     path = MODES[mode]
     e = np.log(stretch)
-    one = np.ones_like(e)
-    return e, path.ratio * e, one / path.directions, path.ratio / path.directions * one
+    share = 1.0 / path.directions / stretch ** POWERS[measure]
+    return np.stack([e, path.ratio * e, share, path.ratio * share])
 
 
 def shear_factors(shear: np.ndarray) -> tuple[np.ndarray, ...]:

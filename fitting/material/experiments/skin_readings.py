@@ -12,9 +12,8 @@ from fitting.material.experiments.indentation_curve import BodySpecimen, body_sp
 from fitting.material.experiments.measurements import Channel, Dataset, Predictor, joined
 from fitting.material.experiments.prediction import AbstractExperiment
 from fitting.material.experiments.skin_curve import Specimen, specimen
-from fitting.material.experiments.table_reader import Reader, deviations_of
+from fitting.material.experiments.table_reader import Reader
 from suas_jax.config import BodyLoadSpec, LineLoadSpec, SceneSpec
-from suas_jax.config.quantities import DimensionName
 
 DISPLACEMENT, PRESSURE = 0, 1
 """Channels of a skin's readings; a body's force takes the place of the displacement."""
@@ -185,9 +184,8 @@ def _test(
         values = np.where(drive == 0.0, np.nan, values)
         sizes = np.abs(values[np.isfinite(values)])
         typical = float(np.median(sizes)) if sizes.size else 0.0
-        noise = reader.column("sigma" if channel == PRESSURE else f"sigma_{read}")
         test = kind(
-            **reader.fields(values, _sigma(reader, values, noise, name)),
+            **reader.fields(values, name),
             scene=scene,
             drive=drive,
             channel=np.full(len(values), channel),
@@ -203,23 +201,3 @@ def _test(
             f"magnitudes, their directions are the scene's"
         )
     return joined(parts)
-
-
-def _sigma(
-    reader: Reader, values: np.ndarray, stated: np.ndarray | None, name: str
-) -> np.ndarray:
-    """Standard deviation of readings that are no stresses."""
-    if stated is not None:
-        reader.require_positive(stated, "sigma")
-        return stated
-    text = reader.stated_noise
-    if text is None:
-        return np.full(len(values), np.nan)
-    kinds: dict[str, DimensionName] = {"displacement": "length", "force": "force"}
-    try:
-        return deviations_of(text, values, kinds.get(name, "stress"))
-    except ValueError as error:
-        raise DataError(
-            f'{reader.table.file}: noise "{text}" of the {name}: {error}; give "1 %", or '
-            f"columns sigma_displacement_mm (sigma_force_N) and sigma_pressure_kPa"
-        ) from None

@@ -5,15 +5,15 @@ import dataclasses
 import math
 import re
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from fitting.material.data.errors import DataError, said_of
+from fitting.material.data.errors import DataError
 from fitting.material.data.header import given_sizes, stated_sizes
 from fitting.material.data.tables import Table
 from fitting.material.experiments import timing
-from fitting.material.experiments.measurements import Kind, Origin
+from fitting.material.experiments.measurements import Kind, Origin, StressTest
 from fitting.material.experiments.named_columns import NamedColumns, closeness_to_specimen
 from suas_jax.config.quantities import DimensionName, parse_quantity
 
@@ -28,7 +28,12 @@ _MEASURES: tuple[tuple[str, Callable[[np.ndarray], np.ndarray], str], ...] = (
         "a Green strain is greater than -1/2",
     ),
 )
+# Columns of the noise, over the readings where it is zero; dimension of what is no stress.
+_SIGMAS = {"sigma": 1.0, "relative_sigma": 0.0}
+_DIMENSIONS: dict[str, DimensionName] = {"displacement": "length", "force": "force"}
 _PRELOAD = re.compile(r"vorkraft|vorlast|pre_?(?:load|force|tension)|precharge")
+
+AnyStressTest = TypeVar("AnyStressTest", bound=StressTest)
 
 
 class Reader(NamedColumns):
@@ -175,17 +180,17 @@ class Reader(NamedColumns):
             raise self.need(what, *names)
         return found
 
-    def fields(self, values: np.ndarray, sigma: np.ndarray | None = None) -> dict[str, Any]:
+    def fields(self, values: np.ndarray, read: str = "stress") -> dict[str, Any]:
         """What the readings of every kind of test share, one entry a row of the table.
 
-        `sigma`: of their noise, if they are no stresses.
+        `read`: what they are readings of.
         Raises DataError: a weight is negative, or a noise is not positive.
         """
         return {
             "mode": self.mode,
             "file": self.table.file,
             "value": values,
-            "sigma": self._sigma(values) if sigma is None else sigma,
+            "sigma": self._sigma(values, read),
             "weight": self._weight(),
             "specimen": self._specimens(),
             "line": self.table.lines,
@@ -193,6 +198,31 @@ class Reader(NamedColumns):
             "warnings": tuple(self.warnings),
             "origin": self._origin(),
         }
+
+    def stress_test(
+        self,
+        kind: type[AnyStressTest],
+        measure: str,
+        factors: np.ndarray,
+        values: np.ndarray,
+        *,
+        coordinate: np.ndarray | None = None,  # λ₁ unless another is given
+        strain: np.ndarray | None = None,  # whose rate a file may state
+        **own: Any,  # what else this kind of test has, or has otherwise
+    ) -> AnyStressTest:
+        """A test of one stress or pressure; see `StressTest`."""
+        count = len(values)
+        if strain is None:
+            strain = np.expm1(factors[0]) if coordinate is None else coordinate
+        given: dict[str, Any] = {
+            "measure": measure,
+            "coordinate": np.exp(factors[0]) if coordinate is None else coordinate,
+            "factors": factors,
+            "companion": np.zeros(count),
+            "direction": np.ones(count, int),
+            "time": self.times(strain),
+        }
+        return self.kept(kind(**self.fields(values), **given | own), factors)
 
     def kept(self, test: Kind, states: np.ndarray) -> Kind:
         """A test of one reading a row without rows that are masked or miss something.
@@ -262,34 +292,34 @@ class Reader(NamedColumns):
         index = self.columns["specimen", 0][0]
         return np.array([texts[index] for texts in self.table.texts], dtype=object)
 
-    def _sigma(self, values: np.ndarray) -> np.ndarray:
-        """Standard deviation of stresses [Pa]; NaN where none is stated."""
-        for quantity, size in (("sigma", 1.0), ("relative_sigma", np.abs(values))):
+    def _sigma(self, values: np.ndarray, read: str) -> np.ndarray:
+        """Standard deviation of readings, SI units; NaN where none is stated."""
+        own = read in _DIMENSIONS
+        columns = {f"sigma_{read}": 1.0} if own else _SIGMAS
+        for quantity, size in columns.items():
             sigma = self.column(quantity)
             if sigma is not None:
-                sigma = sigma * size
+                sigma = sigma * (size or np.abs(values))
                 self.require_positive(sigma, quantity)
                 return sigma
-        text = self.stated_noise
+        text = self.noise or self.table.metadata.get("sigma", self.table.metadata.get("noise"))
         if text is None:
             return np.full(len(values), np.nan)
-        with said_of(f'{self.table.file}: noise "{text}"'):
-            sigma = deviations_of(text, values, "stress")
-        if np.any(sigma < 0.0) or not np.any(sigma > 0.0):
-            raise DataError(f'{self.table.file}: noise "{text}" must be greater than zero')
+        try:
+            if text.strip().endswith("%"):
+                sigma = parse_quantity(text, "number") * np.abs(values)
+            else:
+                one = parse_quantity(text, _DIMENSIONS.get(read, "stress"))
+                sigma = np.full(len(values), one)
+            if np.any(sigma < 0.0) or not np.any(sigma > 0.0):
+                raise ValueError("must be greater than zero")
+        except ValueError as error:
+            what, hint = "", ""
+            if self.mode in ("skin", "indentation"):
+                what = f" of the {read}"
+                hint = (
+                    '; give "1 %", or columns sigma_displacement_mm (sigma_force_N) and '
+                    "sigma_pressure_kPa"
+                )
+            raise DataError(f'{self.table.file}: noise "{text}"{what}: {error}{hint}') from None
         return np.where(sigma > 0.0, sigma, np.max(sigma))
-
-    @property
-    def stated_noise(self) -> str | None:
-        """The noise of all readings, by the command line or the file's comments."""
-        return self.noise or self.table.metadata.get("sigma", self.table.metadata.get("noise"))
-
-
-def deviations_of(text: str, values: np.ndarray, dimension: DimensionName) -> np.ndarray:
-    """Standard deviations of readings from text such as "2 %" or "5 kPa", shape [n].
-
-    Raises ValueError: it is no quantity of this dimension.
-    """
-    if text.strip().endswith("%"):
-        return parse_quantity(text, "number") * np.abs(values)
-    return np.full(len(values), parse_quantity(text, dimension))

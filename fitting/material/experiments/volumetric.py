@@ -69,16 +69,9 @@ def volumetric(reader: Reader) -> VolumetricTest:
     reader.require_positive(ratio, "volumetric_strain", "no volume would be left")
     thirds = np.log(ratio) / 3.0
     zero = np.zeros(len(values))
-    test = VolumetricTest(
-        **reader.fields(values),
-        measure="pressure",
-        coordinate=ratio,
-        factors=np.stack([thirds, thirds, zero, zero]),
-        companion=zero,
-        direction=np.ones(len(values), int),
-        time=reader.times(ratio - 1.0),
-    )
-    kept = reader.kept(test, test.factors)
+    factors = np.stack([thirds, thirds, zero, zero])
+    along = {"coordinate": ratio, "strain": ratio - 1.0}
+    kept = reader.stress_test(VolumetricTest, "pressure", factors, values, **along)
     modulus = kept.modulus
     if np.isfinite(modulus) and not _SOFT < modulus < _STIFF:
         doubt = (

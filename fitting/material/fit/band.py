@@ -170,8 +170,7 @@ def _mode_of(data: Dataset) -> str:
 
 def nominal_factors(mode: str, stretch: Rows) -> np.ndarray:
     """(e₁, e₂, c₁, c₂) that read the nominal stress of a mode, each [n]."""
-    e1, e2, c1, c2 = mode_factors(PATHS[mode], stretch)
-    return np.stack([e1, e2, c1 / stretch, c2 / stretch])
+    return mode_factors(PATHS[mode], stretch, "nominal")
 
 
 def _readings_of(fit: FittedLaw) -> Readings:

@@ -14,9 +14,11 @@ from fitting.material.fit.fit import fit_material
 from fitting.material.fit.preparation import window_of
 from fitting.material.fit.result import MaterialFit
 from fitting.material.fit.search import NoFit
-from fitting.material.laws.blocks import MOST_PRONY_TERMS, Relaxation, block_of
+from fitting.material.laws.blocks import MOST_PRONY_TERMS, Relaxation
+from fitting.material.laws.parameters import block_of
 from fitting.material.laws.registry import candidates as usual_candidates
 from fitting.material.laws.registry import family
+from fitting.statistics.diagnostics import information_criteria
 
 # A law must be stable this much further than the data reach, in log stretch.
 STABILITY_MARGIN = 0.1
@@ -60,14 +62,10 @@ class Comparison:
 
     def aicc(self, fit: MaterialFit) -> float:
         """AICc with the effective number of readings; infinite if they are too few."""
-        effective, count = self.effective_number, float(fit.problem.residuals.used.sum())
+        count = int(fit.problem.residuals.used.sum())
         known = fit.problem.kind in ("noise", "estimated")
-        square = 2.0 * fit.cost
-        deviance = square / count if known else float(np.log(max(square, 1e-300) / count))
-        k = fit.family.size + (not known)
-        spare = effective - k - 1
-        rest = 2.0 * k * (k + 1) / spare if spare > 0 else np.inf
-        return effective * deviance + 2.0 * k + rest
+        square, p, effective = 2.0 * fit.cost, fit.family.size, self.effective_number
+        return information_criteria(square, count, p, known_noise=known, effective=effective)[0]
 
     def against(self, fit: MaterialFit) -> list[str]:
         """Why a law is not to be recommended; nothing if it is sound."""
@@ -263,8 +261,8 @@ def undetermined_term(fit: MaterialFit) -> str:
     found = block_of(fit.family, Relaxation)
     assert found is not None
     series, place = found
-    g, tau = series.parts(fit.constants[place])
-    errors, _ = series.parts(fit.uncertainty.standard_errors[place])
+    g, tau = series.terms(fit.constants[place])
+    errors, _ = series.terms(fit.uncertainty.standard_errors[place])
     shortest, longest = window_of(fit.sets, series.count)
     for share, error, time in zip(g, errors, tau, strict=True):
         if not error < _UNKNOWN_SHARE * share:

@@ -10,7 +10,6 @@ from fitting.material.experiments.artefacts import Suspect
 from fitting.material.experiments.free_zero import KINDS as ZERO_KINDS
 from fitting.material.experiments.free_zero import can_be_freed, without_toe
 from fitting.material.experiments.measurements import Dataset
-from fitting.material.fit.bounded import minimise_in_box
 from fitting.material.fit.noise import judged_residuals, noise_of, noise_remark
 from fitting.material.fit.preparation import prepared, refuse_what_forgets, window_of
 from fitting.material.fit.problem import MaterialProblem
@@ -18,6 +17,7 @@ from fitting.material.fit.result import MaterialFit
 from fitting.material.fit.search import (
     NoFit,
     SearchSettings,
+    minimise_in_box,
     most_starts,
     refuse_without_stiffness,
     search_for_typical_specimen,
@@ -25,8 +25,8 @@ from fitting.material.fit.search import (
 )
 from fitting.material.fit.specimens import has_several_specimens
 from fitting.material.fit.suspects import fit_suspects, with_zeros, zero_in_units, zeros_of
-from fitting.material.laws.blocks import ExtendedFamily, Relaxation, Softening
-from fitting.material.laws.parameters import AbstractFamily
+from fitting.material.laws.blocks import Relaxation, Softening
+from fitting.material.laws.parameters import Family
 from fitting.material.laws.registry import family
 from fitting.statistics.identifiability import uncertainty
 from fitting.statistics.least_squares import Minima
@@ -46,7 +46,7 @@ _MENDS = {"slack": ("slack", "force"), "toe": ("slack",), "force offset": ("forc
 
 def fit_material(
     sets: Sequence[Dataset],
-    law: str | AbstractFamily = "ogden",
+    law: str | Family = "ogden",
     terms: int | None = None,
     *,
     residual: str = "relative",
@@ -88,7 +88,7 @@ def fit_material(
         Float64Error: float64 is off.
     """
     require_float64()
-    chosen = law if isinstance(law, AbstractFamily) else family(law, terms)
+    chosen = law if isinstance(law, Family) else family(law, terms)
     if starts < 1:
         raise ValueError(f"--starts {starts}: at least one is needed")
     if thin is not None and thin < 0:
@@ -108,7 +108,8 @@ def fit_material(
     if remembers:
         window = window_of(used, prony)
         series = (Relaxation(prony, window),) if prony else ()
-        chosen = ExtendedFamily(chosen, (*series, *((Softening(),) if mullins else ())))
+        softening = (Softening(),) if mullins else ()
+        chosen = dataclasses.replace(chosen, beside=(*series, *softening))
     fit = _fitted(used, chosen, bounds, notes, suspects, settings, doubt=doubt)
     refuse_without_stiffness(fit.sets, fit.family, fit.constants)
     if not (doubt and "slack" in zero and fit.misfit.significant):
@@ -128,7 +129,7 @@ def fit_material(
 
 def _fitted(
     used: list[Dataset],
-    chosen: AbstractFamily,
+    chosen: Family,
     bounds: Mapping[str, tuple[float, float]] | None,
     notes: list[str],
     suspects: list[Suspect],
@@ -233,9 +234,7 @@ def _bounded(
     return found
 
 
-def _toe(
-    sets: Sequence[Dataset], chosen: AbstractFamily, settings: SearchSettings
-) -> list[Suspect]:
+def _toe(sets: Sequence[Dataset], chosen: Family, settings: SearchSettings) -> list[Suspect]:
     """A toe, if the law follows what is left without it, with the slack found."""
     if len(sets) > 1 or not can_be_freed(sets[0]):
         return []

@@ -13,7 +13,7 @@ from fitting.material.experiments.measurements import PATHS, Dataset
 from fitting.material.experiments.prediction import Homogeneous, padded
 from fitting.material.fit.problem import MaterialProblem, readings
 from fitting.material.fit.specimens import Specimens
-from fitting.material.laws.parameters import AbstractFamily
+from fitting.material.laws.parameters import Family
 from fitting.statistics.identifiability import Uncertainty
 from suas_jax.constitutive import AbstractLaw, stable_range
 
@@ -26,12 +26,15 @@ STABLE_LIMITS = (0.01, 100.0)
 class FittedLaw:
     """A law fitted to data; see `MaterialFit`."""
 
+    # its residuals, with the data that were fitted; a posterior samples
+    # `problem.residuals.log_likelihood`
     problem: MaterialProblem
-    constants: np.ndarray
-    uncertainty: Uncertainty
+    constants: np.ndarray  # SI units, in the order of `family.names`
+    uncertainty: Uncertainty  # covariance and identifiability
+    # factors of several specimens of one mode; None where there is one each
     specimens: Specimens | None
-    bounded: tuple[str, ...]
-    bounds: Mapping[str, tuple[float, float]]
+    bounded: tuple[str, ...]  # constants that stopped at a bound
+    bounds: Mapping[str, tuple[float, float]]  # hard bounds by constant, SI units
 
     @property
     def sets(self) -> tuple[Dataset, ...]:
@@ -39,7 +42,7 @@ class FittedLaw:
         return self.problem.sets
 
     @property
-    def family(self) -> AbstractFamily:
+    def family(self) -> Family:
         """The law's family."""
         return self.problem.residuals.family
 
@@ -82,7 +85,7 @@ class FittedLaw:
 
 @eqx.filter_jit
 def _prediction(
-    family: AbstractFamily, test: Homogeneous, constants: jax.Array
+    family: Family, test: Homogeneous, constants: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     def stress(c: jax.Array) -> jax.Array:
         return test.predict(family.law(c))

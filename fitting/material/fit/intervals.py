@@ -13,7 +13,7 @@ from jaxtyping import Array
 
 from fitting.material.fit.fitted_law import FittedLaw
 from fitting.material.fit.problem import MaterialProblem
-from fitting.material.laws.parameters import AbstractFamily
+from fitting.material.laws.parameters import Family
 from fitting.statistics.profile import Linearised, Quantity, profile_end
 from fitting.statistics.residuals import constants_by_theta, sensitivity
 
@@ -185,6 +185,6 @@ def _logarithm(size: float, gradient: np.ndarray, value: float) -> tuple[float, 
 
 
 @eqx.filter_jit
-def modulus_and_slope(family: AbstractFamily, constants: Array) -> tuple[Array, Array]:
+def modulus_and_slope(family: Family, constants: Array) -> tuple[Array, Array]:
     """Small-strain shear modulus of a law [Pa] and its derivatives by the constants [p]."""
     return jax.value_and_grad(lambda c: family.law(c).shear_modulus)(constants)

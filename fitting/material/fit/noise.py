@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from fitting.material.experiments.measurements import Dataset
-from fitting.material.fit.problem import MaterialProblem
+from fitting.material.fit.problem import MaterialProblem, readings
 from fitting.statistics.diagnostics import Misfit, misfit
 from fitting.statistics.noise_model import NoiseModel, estimate_noise
 from fitting.statistics.residuals import sensitivity
@@ -42,9 +42,8 @@ class Noise:
 def noise_of(problem: MaterialProblem, constants: np.ndarray) -> Noise:
     """Estimate the noise of each data set from the residuals of a fit."""
     residuals = problem.residuals
-    r = np.asarray(sensitivity(residuals, jnp.asarray(constants))[0])
-    error = np.asarray(residuals.misfit(jnp.asarray(r)))
-    predicted = np.asarray(residuals.value) + error
+    predicted, r = (np.asarray(x) for x in readings(residuals, jnp.asarray(constants)))
+    error = predicted - np.asarray(residuals.value)
     inverse = np.asarray(residuals.inverse_scale)
     models: list[NoiseModel | None] = []
     ratio = np.ones(len(error))

@@ -15,9 +15,8 @@ from jaxtyping import Array, Float
 from fitting.material.experiments.free_zero import Zero, can_be_freed, free_zeros
 from fitting.material.experiments.measurements import Dataset, Predictor
 from fitting.material.experiments.prediction import AbstractExperiment
-from fitting.material.laws.parameters import AbstractFamily, Scales
+from fitting.material.laws.parameters import Family, Scales
 from fitting.statistics.residuals import AbstractResiduals, sensitivity
-from suas_jax.constitutive import AbstractLaw
 
 KINDS = ("relative", "absolute", "noise", "estimated")
 
@@ -32,7 +31,7 @@ class Residuals(AbstractResiduals):
     # errors that all readings of a test share, such as a model's own, in the form that
     # `shared_error` gives them, shape [k, n]; k is zero where there are none
     shared: Float[Array, "k n"]
-    family: AbstractFamily = eqx.field(static=True)  # the law; part of the compiled program
+    family: Family = eqx.field(static=True)  # the law; part of the compiled program
 
     @property
     def costly(self) -> bool:
@@ -96,21 +95,12 @@ class Residuals(AbstractResiduals):
         used = self.inverse_scale > 0.0
         return jnp.where(used, plain / jnp.where(used, self.inverse_scale, 1.0), 0.0)
 
-    def refined(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
-        """Use what is linear in a start: the shares of an Ogden law's terms."""
-
-        def columns(law: AbstractLaw) -> Array:
-            readings = [test.predict(law) for test in self.experiments]
-            return self.weighed(jnp.concatenate(readings) * self.scales.stress)
-
-        return self.family.refined(theta, columns, self.scales, self.weighed(self.value))
-
 
 class Mapping(eqx.Module):
     """The map of a family from unconstrained parameters to constants."""
 
     scales: Scales  # sizes that make constants dimensionless
-    family: AbstractFamily = eqx.field(static=True)  # the law
+    family: Family = eqx.field(static=True)  # the law
 
     def __call__(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
         """Constants in SI units."""
@@ -172,7 +162,7 @@ class MaterialProblem:
 
 def pose(
     sets: Sequence[Dataset],
-    family: AbstractFamily,
+    family: Family,
     kind: str,
     *,
     estimate: bool = False,
@@ -183,7 +173,7 @@ def pose(
     `kind`: what residuals are relative to: "relative", each reading's own size (or the larger
     stress of the same biaxial state) with a floor; "absolute", the root-mean-square reading;
     "noise", the stated standard deviation. `estimate`: predict bulges by a spherical cap, which
-    is fast, instead of a membrane.
+    is fast, instead of a membrane; relaxing stresses by elastic ones.
     Raises ValueError: the kind is unknown, there is no data, or "noise" is asked for and a file
     states none.
     """

@@ -16,7 +16,8 @@ from fitting.material.fit.fitted_law import STABLE_LIMITS, FittedLaw
 from fitting.material.fit.intervals import Intervals, intervals_of, modulus_and_slope
 from fitting.material.fit.noise import Noise
 from fitting.material.fit.problem import readings
-from fitting.material.laws.blocks import Relaxation, Softening, block_of
+from fitting.material.laws.blocks import Relaxation, Softening
+from fitting.material.laws.parameters import block_of
 from fitting.statistics.diagnostics import Misfit, information_criteria
 from fitting.statistics.least_squares import Minima
 from suas_jax.config.law import CorrelationSpec, LawSpec
@@ -29,34 +30,17 @@ _DISTINCT = 0.02
 
 @dataclasses.dataclass(frozen=True)
 class MaterialFit(FittedLaw):
-    """A fitted law; `law`, `stress`, `misfits` and `stable` are those of `FittedLaw`.
+    """A fitted law; `law`, `stress`, `misfits` and `stable` are those of `FittedLaw`."""
 
-    Attributes:
-        problem: its residuals, with the data that were fitted; a posterior samples
-            `problem.residuals.log_likelihood`.
-        constants: fitted constants in SI units, in the order of `family.names`.
-        minima: what the starts found.
-        uncertainty: covariance and identifiability.
-        misfit: whether what remains is noise.
-        starts: number of starts.
-        remarks: warnings for a person.
-        bounded: constants that stopped at a bound.
-        noise: of the data sets, estimated from the residuals.
-        suspects: artefacts that the data seem to have.
-        bounds: hard bounds by constant, SI units.
-        specimens: factors of several specimens of one mode; None where there is one each.
-        others: fits of other laws to the same data, which `predict` averages with this one.
-        up_to: largest stretch, and inverse of the smallest, that is asked for; None for those
-            of the data.
-    """
-
-    minima: Minima
-    misfit: Misfit
-    starts: int
-    remarks: tuple[str, ...]
-    noise: Noise | None = None
-    suspects: tuple[Suspect, ...] = ()
+    minima: Minima  # what the starts found
+    misfit: Misfit  # whether what remains is noise
+    starts: int  # number of starts
+    remarks: tuple[str, ...]  # warnings for a person
+    noise: Noise | None = None  # of the data sets, estimated from the residuals
+    suspects: tuple[Suspect, ...] = ()  # artefacts that the data seem to have
+    # fits of other laws to the same data, which `predict` averages with this one
     others: tuple["MaterialFit", ...] = ()
+    # largest stretch, and inverse of the smallest, asked for; None for those of the data
     up_to: float | None = None
 
     def material(self) -> LawSpec:
@@ -220,5 +204,5 @@ class MaterialFit(FittedLaw):
     def _fingerprint(self, constants: np.ndarray) -> np.ndarray:
         """Stresses of the three modes at a few stretches of the data's range."""
         h = np.asarray(self.problem.residuals.scales.strain) * np.array([0.1, 0.4, 0.7])
-        parts = [np.stack(mode_factors(path, np.exp(h))) for path in PATHS.values()]
+        parts = [mode_factors(path, np.exp(h)) for path in PATHS.values()]
         return self.stress(np.concatenate(parts, axis=1), constants)[0]

@@ -6,38 +6,31 @@ the factors of their specimens, and the constants are sought again.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 
 from fitting.material.experiments.free_zero import Zero
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.noise import noise_of, with_noise
-from fitting.material.fit.problem import MaterialProblem, Residuals, pose, predicted_readings
+from fitting.material.fit.problem import MaterialProblem, pose, predicted_readings
 from fitting.material.fit.specimens import Specimens, of_typical_specimen, specimens_of
-from fitting.material.laws.blocks import (
-    ExtendedFamily,
-    Relaxation,
-    Softening,
-    TestZeros,
-    block_of,
-)
-from fitting.material.laws.parameters import AbstractFamily
+from fitting.material.laws.blocks import Relaxation, Softening
+from fitting.material.laws.parameters import Family, block_of
 from fitting.statistics.least_squares import (
+    CONVERGED,
     Minima,
+    judged,
     minimise,
     minimise_one_by_one,
     solved_by_scipy,
 )
-from fitting.statistics.residuals import AbstractResiduals, by_theta
+from fitting.statistics.residuals import AbstractResiduals, sensitivity
 from suas_jax.config.quantities import format_quantity
 
-# Of a bulge test's fit: most evaluations of a start by either method, how far like starts are
-# moved apart, and the largest parameter that a minimum may have.
-_BULGE_STEPS, _APART, _FARTHEST = 40, 0.1, 300.0
+_APART = 0.1  # how far like starts of a bulge test's fit are moved apart
 
 # Starts of what is beside the law, and steps of each; the stiffness of a long-term law and of a
 # virgin one over that of the data taken as elastic.
@@ -50,13 +43,15 @@ _LEAST_STIFFNESS = 1e-3
 # Rounds of weighing by the estimated noise, which the fit itself then changes little.
 _NOISE_ROUNDS = 2
 
+_AT_BOUND = 1e-6
+
 
 class NoFit(ArithmeticError):  # noqa: N818
     """No constants can be returned: every start failed, or the law has no stiffness at rest."""
 
 
 def refuse_without_stiffness(
-    sets: Sequence[Dataset], family: AbstractFamily, constants: np.ndarray
+    sets: Sequence[Dataset], family: Family, constants: np.ndarray
 ) -> None:
     """Refuse constants [SI] that follow the data best, of a law without stiffness at rest.
 
@@ -94,7 +89,7 @@ class SearchSettings(NamedTuple):
 
 def search(
     sets: Sequence[Dataset],
-    chosen: AbstractFamily,
+    chosen: Family,
     settings: SearchSettings,
     zeros: Sequence[Zero] = (),  # of tests that are found with the law
 ) -> tuple[MaterialProblem, Minima]:
@@ -102,70 +97,47 @@ def search(
     kind, starts, seed, _ = settings
     points = chosen.random(np.random.default_rng(seed), starts)
     problem = pose(sets, chosen, kind, zeros=zeros)
-    most = most_starts(sets, starts)
-    if any(data.mode == "indentation" for data in sets):
-        return problem, minimise_one_by_one(problem.residuals, points[:most])
-    if any(data.mode == "skin" for data in sets):
-        return problem, minimise(problem.residuals, points[:most], lanes=most)
-    if isinstance(chosen, ExtendedFamily) and block_of(chosen, TestZeros) is None:
+    if chosen.beside and not zeros:
         return problem, _with_effects(sets, chosen, problem, starts, seed)
-    if not any(data.mode == "bulge" for data in sets):
-        return problem, minimise(problem.residuals, points)
-    # Membranes are expensive: explore with spherical caps, which then lead the way.
-    caps = pose(sets, chosen, kind, estimate=True).residuals
-    rough = minimise(caps, points, finish=False).theta
-    # The plain guess may have membranes where the rough minima have none. What may be the same
-    # is moved apart, so that it means something if both agree.
-    some = [rough[0], rough[:2][-1] + _APART, points[0], points[0] + _APART]
-    return problem, _with_membranes(problem.residuals, caps, some)
-
-
-def _with_membranes(
-    membranes: Residuals, caps: Residuals, starts: Sequence[np.ndarray]
-) -> Minima:
-    """Minima from a few starts, one after the other until two agree."""
-    found: list[Minima] = []
-    for start in starts:
-        near = minimise_corrected(membranes, caps, start, _BULGE_STEPS)
-        end = minimise_one_by_one(membranes, near[None], _BULGE_STEPS)
-        # Beyond this, a law's constants are zero or have no number.
-        sound = np.max(np.abs(end.theta)) < _FARTHEST
-        found.append(end if sound else end._replace(cost=np.array([np.inf])))
-        parts = [np.concatenate(part) for part in zip(*found, strict=True)]
-        order = np.argsort(parts[1], kind="stable")
-        minima = Minima(*(part[order] for part in parts))
-        if minima.agreeing > 1:
-            break
-    return minima
+    if any(data.mode == "bulge" for data in sets):
+        # Membranes are expensive: explore with spherical caps, which then lead the way. The
+        # plain guess may have membranes where the rough minima have none. What may be the same
+        # is moved apart, so that it means something if both agree.
+        caps = pose(sets, chosen, kind, estimate=True).residuals
+        rough = minimise(caps, points).theta
+        points = np.stack([rough[0], rough[:2][-1] + _APART, points[0], points[0] + _APART])
+    return problem, minimise(problem.residuals, points[: most_starts(sets, starts)])
 
 
 def _with_effects(
     sets: Sequence[Dataset],
-    chosen: ExtendedFamily,
+    chosen: Family,
     problem: MaterialProblem,
     starts: int,
     seed: int,
 ) -> Minima:
     """Minima of a law that relaxes or softens, from the best law without."""
     rng = np.random.default_rng(seed)
-    elastic = pose(sets, chosen.base, problem.kind, estimate=True).residuals
-    found = minimise(elastic, chosen.base.random(rng, starts))
+    base = dataclasses.replace(chosen, beside=())
+    elastic = pose(sets, base, problem.kind, estimate=True).residuals
+    found = minimise(elastic, base.random(rng, starts))
     if not np.isfinite(found.cost[0]):
         return found
     theta = jnp.asarray(found.theta[0])
     factor = 1.0 if block_of(chosen, Relaxation) is None else _LONG_TERM
     factor *= 1.0 if block_of(chosen, Softening) is None else _VIRGIN
-    constants = chosen.base.constants(theta, elastic.scales)
-    changed = jnp.where(chosen.base.stresses, factor * constants, constants)
-    law = np.asarray(chosen.base.unconstrained(changed, elastic.scales))
-    beside = chosen.beside(rng, min(starts, _BESIDE))
+    constants = base.constants(theta, elastic.scales)
+    changed = jnp.where(base.stresses, factor * constants, constants)
+    law = np.asarray(base.unconstrained(changed, elastic.scales))
+    count = min(starts, _BESIDE)
+    beside = np.concatenate([block.random(rng, count) for block in chosen.beside], axis=1)
     points = np.concatenate([np.tile(law, (len(beside), 1)), beside], axis=1)
     return minimise_one_by_one(problem.residuals, points, _BESIDE_STEPS)
 
 
 def weighed_search(
     sets: Sequence[Dataset],
-    chosen: AbstractFamily,
+    chosen: Family,
     settings: SearchSettings,
     zeros: Sequence[Zero],
 ) -> tuple[MaterialProblem, Minima]:
@@ -190,7 +162,7 @@ def weighed_search(
 
 
 def search_for_typical_specimen(
-    chosen: AbstractFamily, problem: MaterialProblem, minima: Minima, settings: SearchSettings
+    chosen: Family, problem: MaterialProblem, minima: Minima, settings: SearchSettings
 ) -> tuple[Specimens | None, MaterialProblem, Minima]:
     """The search for the typical specimen's constants, if the specimens differ.
 
@@ -198,86 +170,98 @@ def search_for_typical_specimen(
     differ, and its minima.
     """
 
-    def judged(known: np.ndarray | None) -> Specimens | None:
+    def found_with(known: np.ndarray | None) -> Specimens | None:
         theta, scales = jnp.asarray(minima.theta[0]), problem.residuals.scales
         return specimens_of(problem, np.asarray(chosen.constants(theta, scales)), known)
 
-    found = judged(None)
+    found = found_with(None)
     if found is None or not found.differ:
         return found, problem, minima
     typical = of_typical_specimen(problem.sets, found)
     problem, minima = weighed_search(typical, chosen, settings, ())
-    return judged(found.factors) if np.isfinite(minima.cost[0]) else None, problem, minima
+    return found_with(found.factors) if np.isfinite(minima.cost[0]) else None, problem, minima
 
 
-# The radius, largest change of a parameter: first, over that of a step that failed, and by how
-# much it grows or shrinks where the gain is more or less of the predicted one than this.
-_RADIUS, _FAILED = 1.0, 0.3
-_GOOD, _POOR, _FACTOR = 0.75, 0.25, 2.0
-# Predicted gain, relative to the cost, that is not worth an evaluation.
-_ENOUGH = 1e-8
-_EXACT = {"xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-14, "max_nfev": 100}
+def minimise_in_box(
+    residuals: AbstractResiduals,
+    family: Family,  # the law, which may bind the signs of constants
+    constants: np.ndarray,  # the free minimum, SI units; its signs are kept
+    others: np.ndarray,  # further starting points θ, shape [k, p]
+    bounds: Mapping[str, tuple[float, float]],  # lowest and highest value by constant, SI units
+) -> tuple[np.ndarray, Minima, tuple[str, ...]]:
+    """Minimise ½ Σ r² with some constants kept between bounds, by SciPy's trust region.
 
+    Bounds are on the constants themselves (pascals, exponents), where a person puts them,
+    beside sign conditions of the law.
 
-def minimise_corrected(
-    costly: AbstractResiduals,
-    cheap: AbstractResiduals,
-    start: Float[np.ndarray, " p"],  # unconstrained parameters to start from
-    evaluations: int,  # most evaluations of the costly residuals
-) -> Float[np.ndarray, " p"]:
-    """Approach the minimum of ½ Σ r² of costly residuals.
-
-    The cheap residuals get an affine term in θ that gives them the costly ones' values and
-    derivatives at the best point so far; their minimum within a radius is the next point. Where
-    the steps end both models have the same gradient, so that the minimum is the costly model's
-    (first-order model management: Alexandrov and Lewis, Optimization and Engineering 2, 2001).
-    It follows a curved valley in a few evaluations, where steps on costly residuals creep.
-
-    `cheap`: residuals of the same readings by a cheap model with the same parameters.
-    Returns the best parameters found; the start where either model has no numbers there.
+    Returns constants, what the starts in the box found, and which constants are at a bound.
+    Raises ValueError: a bound names no constant of the law, or excludes every allowed value.
     """
-    best, cost = start, np.inf
-    r, J = by_theta(costly, start)
-    theta, predicted, radius = start, 0.0, _RADIUS
-    for _ in range(evaluations):
-        found = _cost(r, J)
-        if found < cost:
-            gain = (cost - found) / max(cost - predicted, 1e-300) if np.isfinite(cost) else 0.5
-            radius *= _FACTOR if gain > _GOOD else 1.0 / _FACTOR if gain < _POOR else 1.0
-            best, cost = theta, found
-            corrected = _corrected(cheap, best, r, J)
-        else:
-            radius = _FAILED * float(np.max(np.abs(theta - best)))
-        if not np.isfinite(cost) or corrected is None:
-            break
-        # The corrected model's minimum within the radius.
-        run = solved_by_scipy(corrected, best, bounds=(best - radius, best + radius), **_EXACT)
-        theta, predicted = run.x, float(run.cost)
-        if not cost - predicted > _ENOUGH * cost:
-            break
-        r, J = by_theta(costly, theta)
-    return best
+    points = [constants] + [
+        family.ordered(np.asarray(residuals.constants(jnp.asarray(theta)))) for theta in others
+    ]
+    found = []
+    for point in points:
+        low, high = _box(family, point, bounds)
+        found.append((*_solve(residuals, point, low, high), low, high))
+    found.sort(key=lambda run: run[1])
+    best, _, _, low, high = found[0]
+    reach = _AT_BOUND * np.maximum(np.abs(best), 1e-12)
+    stuck = (best - low <= reach) | (high - best <= reach)
+    names = tuple(name for name, at in zip(family.names, stuck, strict=True) if at)
+    theta = [np.asarray(residuals.unconstrained(jnp.asarray(run[0]))) for run in found]
+    cost, decrease = (np.array([run[i] for run in found]) for i in (1, 2))
+    return best, Minima(np.stack(theta), cost, decrease <= CONVERGED, decrease), names
 
 
-def _cost(r: np.ndarray, J: np.ndarray) -> float:
-    """½ Σ r², infinite where anything is not a number."""
-    return 0.5 * float(r @ r) if np.all(np.isfinite(r)) and np.all(np.isfinite(J)) else np.inf
+def _box(
+    family: Family, point: np.ndarray, bounds: Mapping[str, tuple[float, float]]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of every constant: the user's, and the signs of the law's conditions."""
+    for name in bounds:
+        if name not in family.names:
+            raise ValueError(
+                f"--bound {name}: {family.title} has no such constant; allowed: "
+                f"{', '.join(family.names)}"
+            )
+    low, high = family.signs(point, bounds)
+    for i, name in enumerate(family.names):
+        if name in bounds:
+            low[i], high[i] = max(low[i], bounds[name][0]), min(high[i], bounds[name][1])
+        if not low[i] < high[i]:
+            raise ValueError(
+                f"--bound {name}={bounds[name][0]:g}:{bounds[name][1]:g}: no value in it is "
+                f"allowed by the law's sign conditions"
+            )
+    return low, high
 
 
-_Model = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+def _solve(
+    residuals: AbstractResiduals, point: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, float, float]:
+    """Constants, cost, and the relative decrease that a step inside the box predicts."""
+    size = np.maximum(np.abs(point), 1e-6 * np.max(np.abs(point)))
+    size = np.where(np.isfinite(high - low), np.maximum(size, 1e-3 * (high - low)), size)
 
+    def scaled(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        r, J = sensitivity(residuals, jnp.asarray(q * size))
+        return np.asarray(r), np.asarray(J) * size
 
-def _corrected(
-    cheap: AbstractResiduals, best: np.ndarray, r: np.ndarray, J: np.ndarray
-) -> _Model | None:
-    """The cheap residuals and derivatives that agree with r and J at the best point."""
-    r_cheap, J_cheap = by_theta(cheap, best)
-    if not np.isfinite(_cost(r_cheap, J_cheap)):
-        return None
-    offset, slope = r - r_cheap, J - J_cheap
-
-    def at(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        value, derivative = by_theta(cheap, theta)
-        return value + offset + slope @ (theta - best), derivative + slope
-
-    return at
+    margin = np.where(np.isfinite(high - low), 1e-3 * (high - low), 1e-3 * size)
+    exact = {"xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14, "max_nfev": 4000}
+    run = solved_by_scipy(
+        scaled,
+        np.clip(point, low + margin, high - margin) / size,
+        bounds=(low / size, high / size),
+        method="trf",
+        **exact,
+    )
+    constants = np.clip(run.x * size, low, high)
+    r, J = scaled(constants / size)
+    # At a bound only a step back into the box counts.
+    slope = J.T @ r
+    reach = _AT_BOUND * np.maximum(np.abs(constants), 1e-12)
+    free = ~((constants - low <= reach) & (slope > 0.0)) & ~(
+        (high - constants <= reach) & (slope < 0.0)
+    )
+    return constants, *judged(r, J[:, free])

@@ -19,8 +19,7 @@ import numpy as np
 from scipy import optimize, stats
 
 from fitting.material.experiments.measurements import Dataset, StressTest
-from fitting.material.fit.problem import MaterialProblem
-from fitting.statistics.residuals import sensitivity
+from fitting.material.fit.problem import MaterialProblem, readings
 
 _LARGEST = 1e3  # of the spread of the estimates
 _MOST_SCATTER = 0.5  # of specimens of one rubber
@@ -162,10 +161,9 @@ def specimens_of(
     `known`: factors that the readings were divided by already, shape [s].
     Returns the factors; None where no mode has two specimens with five readings or more.
     """
-    r, _ = sensitivity(problem.residuals, jnp.asarray(constants))
+    predicted = np.asarray(readings(problem.residuals, jnp.asarray(constants))[0])
     inverse = np.asarray(problem.residuals.inverse_scale)
     measured = np.asarray(problem.residuals.value)
-    predicted = measured + np.asarray(problem.residuals.misfit(r))
     labels, modes, logs, errors = [], [], [], []
     for data, place in problem.tests:
         # Tests of one rubber at several rates are no further specimens.

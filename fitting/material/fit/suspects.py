@@ -17,8 +17,8 @@ from fitting.material.experiments.measurements import PATHS, Dataset, StressTest
 from fitting.material.experiments.prediction import mode_factors
 from fitting.material.fit.noise import Noise, judged_residuals, noise_of, with_noise
 from fitting.material.fit.problem import MaterialProblem, pose, predicted_readings
-from fitting.material.laws.blocks import ExtendedFamily, TestZeros, block_of
-from fitting.material.laws.parameters import AbstractFamily
+from fitting.material.laws.blocks import TestZeros
+from fitting.material.laws.parameters import Family, block_of
 from fitting.statistics.least_squares import minimise, solved_by_scipy
 from fitting.statistics.residuals import by_theta, sensitivity
 
@@ -49,9 +49,7 @@ def zeros_of(sets: Sequence[Dataset], kinds: Sequence[str]) -> tuple[Zero, ...]:
     return tuple(found)
 
 
-def with_zeros(
-    family: AbstractFamily, sets: Sequence[Dataset], zeros: Sequence[Zero]
-) -> ExtendedFamily:
+def with_zeros(family: Family, sets: Sequence[Dataset], zeros: Sequence[Zero]) -> Family:
     """A family with the zeros of tests as further unknowns."""
     labels = []
     for zero in zeros:
@@ -59,8 +57,8 @@ def with_zeros(
         same = [z for z in zeros if z.kind == zero.kind]
         labels.append(name if len(same) == 1 else f"{name}_{same.index(zero) + 1}")
     start = tuple(_start(sets[zero.test], zero) for zero in zeros)
-    kinds = tuple(zero.kind for zero in zeros)
-    return ExtendedFamily(family, (TestZeros(kinds, tuple(labels), start),))
+    zeros_block = TestZeros(tuple(zero.kind for zero in zeros), tuple(labels), start)
+    return dataclasses.replace(family, beside=(*family.beside, zeros_block))
 
 
 def _start(data: Dataset, zero: Zero) -> float:
@@ -219,7 +217,5 @@ def _in_percent(data: StressTest) -> StressTest:
     """The test with its strains a hundred times smaller, or larger where they are stated so."""
     factor = 100.0 if data.origin.unit == "%" else 0.01
     stretch = np.maximum(1.0 + factor * (data.stretch_1 - 1.0), 0.05)
-    factors = np.stack(mode_factors(PATHS[data.mode], stretch))
-    power = {"cauchy": 0, "nominal": 1, "second_pk": 2}[data.measure]
-    factors[2:] /= stretch**power
+    factors = mode_factors(PATHS[data.mode], stretch, data.measure)
     return dataclasses.replace(data, factors=factors, coordinate=stretch)

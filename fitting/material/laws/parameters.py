@@ -1,14 +1,14 @@
 """Bijections between a law's constants and unconstrained, dimensionless parameters.
 
-A least-squares solver moves in ℝⁿ; a law's constants have units, signs and limits. Each family
-maps θ ∈ ℝⁿ to constants that its law accepts, whatever θ: positive ones are exponentials, and
-constants that only a condition on their sum binds become that sum and the rest.
+A least-squares solver moves in ℝⁿ; a law's constants have units, signs and limits. Each block
+maps θ ∈ ℝⁿ to constants that its law accepts, whatever θ: every part has its own parameter, a
+positive one by an exponential; where a condition binds several constants, all parts together
+make them. A family is the product of the block of a law and of those beside it.
 """
 
-import abc
 import dataclasses
-from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -21,7 +21,6 @@ Vector = Float[Array, " p"]
 Bounds = Mapping[str, tuple[float, float]]
 """Lowest and highest value by constant, SI units."""
 Signs = tuple[np.ndarray, np.ndarray]
-Columns = Callable[[AbstractLaw], Array]
 
 
 class Scales(NamedTuple):
@@ -31,120 +30,6 @@ class Scales(NamedTuple):
     i1: ArrayLike  # largest I₁ − 3 in the data
     i2: ArrayLike  # largest I₂ − 3 in the data
     strain: ArrayLike  # largest |log λ| of any direction in the data
-
-
-class AbstractBlock(abc.ABC):
-    """Some constants and the parameters θ that reach them. Instances compare by value.
-
-    `names` are TOML paths inside [material], such as "mu.0"; `units` are SI, "1" for a number.
-    """
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-
-    @property
-    def size(self) -> int:
-        """Number of constants."""
-        return len(self.names)
-
-    @property
-    def stresses(self) -> np.ndarray:
-        """Which constants are stresses, shape [p]."""
-        return np.array([unit == "Pa" for unit in self.units])
-
-    @abc.abstractmethod
-    def constants(self, theta: Vector, scales: Scales) -> Vector:
-        """Constants in SI units from unconstrained parameters."""
-
-    @abc.abstractmethod
-    def unconstrained(self, constants: Vector, scales: Scales) -> Vector:
-        """Parameters from constants, the inverse of `constants`."""
-
-    @abc.abstractmethod
-    def random(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        """Starting points θ, shape [count, p]; the first is a plain guess."""
-
-    @property
-    def prior_deviation(self) -> np.ndarray:
-        """Standard deviations of the normal prior of θ about zero, shape [p].
-
-        Wide: a logarithm within a factor of 400 (95 %), anything else within 20 of its
-        natural sizes.
-        """
-        return np.full(self.size, 10.0)
-
-    @property
-    def theta_names(self) -> tuple[str, ...]:
-        """What each θ is, for people."""
-        return self.names
-
-    def ordered(self, constants: np.ndarray) -> np.ndarray:
-        """Constants in canonical order, where equal laws can be written in several."""
-        return constants
-
-    def signs(self, constants: np.ndarray, bounds: Bounds) -> Signs:
-        """Lowest and highest constants that the law's own conditions allow, each [p].
-
-        `constants`: a point that meets them, where a condition leaves a choice. `bounds`: what
-        else is asked of the constants; it may make that choice.
-        """
-        return np.full(self.size, -np.inf), np.full(self.size, np.inf)
-
-
-class AbstractFamily(AbstractBlock):
-    """A law whose constants are to be found.
-
-    `terms` is the number of terms of a law whose constants come as lists, one entry a term.
-    """
-
-    law_name: str
-    terms: int | None = None
-
-    @property
-    def law_size(self) -> int:
-        """Number of the law's own constants, which come first; the rest is beside the law."""
-        return self.size
-
-    @property
-    def title(self) -> str:
-        """Name for people, with the number of terms."""
-        return self.law_name
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """Keys of [material] beside the law and its constants."""
-        return {}
-
-    @abc.abstractmethod
-    def law(self, constants: Vector) -> AbstractLaw:
-        """The law with these constants."""
-
-    def effects(self, constants: np.ndarray) -> dict[str, Any]:
-        """What [material] says beside the law's constants; by default nothing."""
-        return {}
-
-    def zeros(self, constants: Vector) -> Float[Array, " k"]:
-        """Unknowns of the tests among the constants; by default there are none."""
-        return constants[self.size :]
-
-    def refined(self, theta: Vector, columns: Columns, scales: Scales, target: Array) -> Vector:
-        """Improve a start by what is linear in it; by default it stays.
-
-        `columns`: weighed readings of a law with unit modulus. `scales`: sizes that make
-        constants dimensionless. `target`: weighed measurements.
-        """
-        return theta
-
-    def tree(self, values: Any) -> dict[str, Any]:
-        """Per-constant values by the keys of [material]."""
-        tree: dict[str, Any] = {}
-        for name, value in zip(self.names, values, strict=True):
-            key, _, index = name.partition(".")
-            if index:
-                tree.setdefault(key, []).append(value)
-            else:
-                tree[key] = value
-        return tree
 
 
 @dataclasses.dataclass(frozen=True)
@@ -160,6 +45,8 @@ class Constant:
     # (i, j) of the invariants it multiplies, which sets its size
     degree: tuple[int, int] = (0, 0)
     start: tuple[float, float] = (-1.0, 1.0)  # range of θ to start from
+    prior: float | None = None  # deviation of θ; None for 10 of a free one, 3 of a logarithm
+    shown: str = ""  # what the parameter is of, where that is not the constant
 
     def size(self, scales: Scales) -> ArrayLike:
         """Typical size of the constant."""
@@ -187,58 +74,126 @@ class Constant:
         return jnp.log(value / (1.0 if self.kind == "above one" else scales.i1) - 1.0)
 
 
-class IndependentConstants(AbstractBlock):
-    """Constants of which each has its own parameter: `parts`, in the order of their names."""
+class AbstractBlock:
+    """Some constants and the parameters θ that reach them. Instances compare by value."""
 
-    parts: tuple[Constant, ...]
+    parts: tuple[Constant, ...]  # one a constant; names are TOML paths inside [material]
+    title: str = ""  # what it adds to a law's title
+    settings: ClassVar[Mapping[str, str]] = {}  # what [material] says beside the constants
+    of_tests: ClassVar[bool] = False  # whether the constants are unknowns of the tests
 
-    @property
-    def names(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Keys in [material]."""
-        return tuple(part.name for part in self.parts)
+    def mixed(self, values: Vector) -> Vector:
+        """Constants from the values of the parts; by default they are these."""
+        return values
 
-    @property
-    def units(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Unit of each constant."""
-        return tuple(part.unit for part in self.parts)
+    def unmixed(self, constants: Vector) -> Vector:
+        """Values of the parts from constants, the inverse of `mixed`."""
+        return constants
 
-    @property
-    def prior_deviation(self) -> np.ndarray:
-        """Logarithms 3, the rest 10."""
-        return np.array([10.0 if part.kind == "free" else 3.0 for part in self.parts])
+    def around(self, law: AbstractLaw, values: Vector) -> AbstractLaw:
+        """The law with what the block adds to it; by default nothing."""
+        return law
 
-    @property
-    def theta_names(self) -> tuple[str, ...]:
-        """Names of the parameters: log(name) where a parameter is a logarithm."""
-        forms = {"free": "{}", "above one": "log({} - 1)"}
-        return tuple(forms.get(part.kind, "log({})").format(part.name) for part in self.parts)
+    def effects(self, values: np.ndarray) -> dict[str, Any]:
+        """What [material] says beside the law's constants; by default nothing."""
+        return {}
 
-    def constants(self, theta: Vector, scales: Scales) -> Vector:
-        """Constants in SI units."""
-        pairs = zip(self.parts, theta, strict=True)
-        return jnp.stack([jnp.asarray(part.value(t, scales)) for part, t in pairs])
-
-    def unconstrained(self, constants: Vector, scales: Scales) -> Vector:
-        """Parameters from constants."""
-        pairs = zip(self.parts, constants, strict=True)
-        return jnp.stack([jnp.asarray(part.theta(c, scales)) for part, c in pairs])
+    def ordered(self, constants: np.ndarray) -> np.ndarray:
+        """Constants in canonical order, where equal laws can be written in several."""
+        return constants
 
     def signs(self, constants: np.ndarray, bounds: Bounds) -> Signs:
-        """Zero and up for positive constants."""
+        """Lowest and highest constants that the law's own conditions allow, each [p].
+
+        `constants`: a point that meets them, where a condition leaves a choice. `bounds`: what
+        else is asked of the constants; it may make that choice.
+        """
         low = np.where([part.kind == "free" for part in self.parts], -np.inf, 0.0)
         return low, np.full(self.size, np.inf)
 
     def random(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        """Uniform in each constant's range of starts; the first from its middle."""
+        """Starting points θ, shape [count, p]; the first is a plain guess."""
         low, high = np.array([part.start for part in self.parts]).T
         starts = rng.uniform(low, high, (count, self.size))
         starts[0] = 0.5 * (low + high)
         return starts
 
+    @property
+    def size(self) -> int:
+        """Number of constants."""
+        return len(self.parts)
+
+    @property
+    def prior_deviation(self) -> np.ndarray:
+        """Standard deviations of the normal prior of θ about zero, shape [p].
+
+        Wide: a logarithm within a factor of 400 (95 %), anything else within 20 of its
+        natural sizes.
+        """
+        usual = {"free": 10.0}
+        return np.array([part.prior or usual.get(part.kind, 3.0) for part in self.parts])
+
+    @property
+    def theta_names(self) -> tuple[str, ...]:
+        """What each θ is, for people: log(name) where it is a logarithm."""
+        forms = {"free": "{}", "above one": "log({} - 1)"}
+        pairs = ((forms.get(part.kind, "log({})"), part) for part in self.parts)
+        return tuple(form.format(part.shown or part.name) for form, part in pairs)
+
+    def constants(self, theta: Vector, scales: Scales) -> Vector:
+        """Constants in SI units from unconstrained parameters."""
+        pairs = zip(self.parts, theta, strict=True)
+        return self.mixed(jnp.stack([jnp.asarray(part.value(t, scales)) for part, t in pairs]))
+
+    def unconstrained(self, constants: Vector, scales: Scales) -> Vector:
+        """Parameters from constants, the inverse of `constants`."""
+        pairs = zip(self.parts, self.unmixed(jnp.asarray(constants)), strict=True)
+        return jnp.stack([jnp.asarray(part.theta(value, scales)) for part, value in pairs])
+
 
 @dataclasses.dataclass(frozen=True)
-class Family(IndependentConstants, AbstractFamily):
-    """A law whose constants are independent of each other.
+class LawBlock(AbstractBlock):
+    """A law's own constants, independent of each other."""
+
+    parts: tuple[Constant, ...]
+
+
+class SumBlock(LawBlock):
+    """Constants of which the first two are bound by C₁ + C₂ > 0: the first parameter's sum."""
+
+    def mixed(self, values: Vector) -> Vector:
+        """C₁ from the sum."""
+        return values.at[0].add(-values[1])
+
+    def unmixed(self, constants: Vector) -> Vector:
+        """The sum from C₁."""
+        return constants.at[0].add(constants[1])
+
+    @property
+    def theta_names(self) -> tuple[str, ...]:
+        """The sum's logarithm, then as they are."""
+        first, second, *_ = (part.name for part in self.parts)
+        return (f"log({first} + {second})", *super().theta_names[1:])
+
+    def signs(self, constants: np.ndarray, bounds: Bounds) -> Signs:
+        """Zero and up for positive constants that stand alone."""
+        low, high = super().signs(constants, bounds)
+        low[0] = -np.inf
+        return low, high
+
+
+def _joined(name: str) -> Any:
+    """An array that a family has from all its blocks."""
+
+    def joined(self: "Family") -> np.ndarray:
+        return np.concatenate([getattr(block, name) for block in self.blocks])
+
+    return property(joined, doc="Of all blocks.")
+
+
+@dataclasses.dataclass(frozen=True)
+class Family:
+    """A law whose constants are to be found, with further blocks of constants beside its own.
 
     A law of one's own takes part in everything:
     `Family("mine", (Constant("mu"), Constant("k", "free", "1")), MyLaw)`.
@@ -247,41 +202,125 @@ class Family(IndependentConstants, AbstractFamily):
     law_name: str  # value of `law` in [material]
     parts: tuple[Constant, ...]  # its constants, in the order of the law's arguments
     build: Callable[..., AbstractLaw]  # the law's class
-    # the first two constants are bound by C₁ + C₂ > 0; the first parameter is then the
-    # logarithm of that sum
-    modulus_is_sum: bool = False
+    law_block: type[LawBlock] = LawBlock  # how the law's constants hang together
     shown: str = ""  # name for people, where it is not the law's
+    terms: int | None = None  # number of terms of a law whose constants come as lists
+    beside: tuple[AbstractBlock, ...] = ()  # what stands beside the law
 
     @property
-    def title(self) -> str:
-        """Name for people."""
-        return self.shown or self.law_name
+    def blocks(self) -> tuple[AbstractBlock, ...]:
+        """The law's own block, then the others."""
+        return (self.law_block(self.parts), *self.beside)
 
-    def constants(self, theta: Vector, scales: Scales) -> Vector:
-        """Constants in SI units."""
-        found = super().constants(theta, scales)
-        return found.at[0].add(-found[1]) if self.modulus_is_sum else found
+    @property
+    def names(self) -> tuple[str, ...]:
+        """TOML paths inside [material], such as "mu.0"."""
+        return tuple(part.name for block in self.blocks for part in block.parts)
 
-    def unconstrained(self, constants: Vector, scales: Scales) -> Vector:
-        """Parameters from constants."""
-        if self.modulus_is_sum:
-            constants = jnp.asarray(constants).at[0].add(constants[1])
-        return super().unconstrained(constants, scales)
-
-    def law(self, constants: Vector) -> AbstractLaw:
-        """The law with these constants."""
-        return self.build(*constants)
+    @property
+    def units(self) -> tuple[str, ...]:
+        """SI units of the constants, "1" for a number."""
+        return tuple(part.unit for block in self.blocks for part in block.parts)
 
     @property
     def theta_names(self) -> tuple[str, ...]:
-        """Names of the parameters: log(name) where a parameter is a logarithm."""
-        names = super().theta_names
-        first, second, *_ = (*self.names, "")
-        return (f"log({first} + {second})", *names[1:]) if self.modulus_is_sum else names
+        """What each θ is, for people."""
+        return tuple(name for block in self.blocks for name in block.theta_names)
+
+    @property
+    def title(self) -> str:
+        """Name for people, with the number of terms and what is beside the law."""
+        return (self.shown or self.law_name) + "".join(block.title for block in self.beside)
+
+    @property
+    def settings(self) -> Mapping[str, str]:
+        """Keys of [material] beside the law and its constants."""
+        return self.law_block.settings
+
+    @property
+    def law_size(self) -> int:
+        """Number of the law's own constants, which come first; the rest is beside the law."""
+        return len(self.parts)
+
+    @property
+    def size(self) -> int:
+        """Number of constants."""
+        return sum(block.size for block in self.blocks)
+
+    @property
+    def stresses(self) -> np.ndarray:
+        """Which constants are stresses, shape [p]."""
+        return np.array([unit == "Pa" for unit in self.units])
+
+    prior_deviation = _joined("prior_deviation")
+
+    def split(self, values: Any) -> Iterator[tuple[AbstractBlock, Any]]:
+        """Each block with its own of the values."""
+        at = 0
+        for block in self.blocks:
+            yield block, values[at : at + block.size]
+            at += block.size
+
+    def constants(self, theta: Vector, scales: Scales) -> Vector:
+        """Constants in SI units from unconstrained parameters."""
+        return jnp.concatenate([b.constants(own, scales) for b, own in self.split(theta)])
+
+    def unconstrained(self, constants: Vector, scales: Scales) -> Vector:
+        """Parameters from constants, the inverse of `constants`."""
+        parts = self.split(jnp.asarray(constants))
+        return jnp.concatenate([block.unconstrained(own, scales) for block, own in parts])
+
+    def law(self, constants: Vector) -> AbstractLaw:
+        """The law with these constants, and with what each block adds to it."""
+        law = self.build(*constants[: self.law_size])
+        for block, values in self.split(constants):
+            law = block.around(law, values)
+        return law
+
+    def zeros(self, constants: Vector) -> Float[Array, " k"]:
+        """Unknowns of the tests among the constants."""
+        found = [own for block, own in self.split(constants) if block.of_tests]
+        return jnp.concatenate([constants[:0], *found])
+
+    def effects(self, constants: np.ndarray) -> dict[str, Any]:
+        """What [material] says beside the law's constants."""
+        parts = self.split(np.asarray(constants))
+        return {k: v for block, own in parts for k, v in block.effects(own).items()}
+
+    def random(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        """Starting points θ, shape [count, p]; the first is a plain guess."""
+        return np.concatenate([block.random(rng, count) for block in self.blocks], axis=1)
+
+    def ordered(self, constants: np.ndarray) -> np.ndarray:
+        """Constants in canonical order."""
+        return np.concatenate([block.ordered(own) for block, own in self.split(constants)])
 
     def signs(self, constants: np.ndarray, bounds: Bounds) -> Signs:
-        """Zero and up for positive constants that stand alone."""
-        low, high = super().signs(constants, bounds)
-        if self.modulus_is_sum:
-            low[0] = -np.inf
+        """Lowest and highest constants that the law's own conditions allow, each [p]."""
+        pairs = (block.signs(own, bounds) for block, own in self.split(constants))
+        low, high = (np.concatenate(side) for side in zip(*pairs, strict=True))
         return low, high
+
+    def tree(self, values: Any) -> dict[str, Any]:
+        """Per-constant values of the law by the keys of [material]."""
+        tree: dict[str, Any] = {}
+        for part, value in zip(self.parts, values, strict=False):
+            key, _, index = part.name.partition(".")
+            if index:
+                tree.setdefault(key, []).append(value)
+            else:
+                tree[key] = value
+        return tree
+
+
+Kind = TypeVar("Kind", bound=AbstractBlock)
+
+
+def block_of(family: Family, kind: type[Kind]) -> tuple[Kind, slice] | None:
+    """A family's block of a kind and the place of its constants; None where there is none."""
+    at = 0
+    for block in family.blocks:
+        if isinstance(block, kind):
+            return block, slice(at, at + block.size)
+        at += block.size
+    return None

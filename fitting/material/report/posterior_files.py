@@ -16,13 +16,10 @@ import numpy as np
 from jaxtyping import Array, Float
 from matplotlib.figure import Figure
 
-from fitting.material.experiments.measurements import PATHS, Channel, Dataset
-from fitting.material.experiments.prediction import Homogeneous, padded
-from fitting.material.fit.band import nominal_factors
+from fitting.material.experiments.measurements import Channel, Dataset
 from fitting.material.fit.material_posterior import MaterialPosterior, sample_material
 from fitting.material.fit.problem import Residuals
 from fitting.material.fit.result import MaterialFit
-from fitting.material.laws.parameters import AbstractFamily
 from fitting.statistics.posterior import PosteriorError, Settings
 from suas_jax.figures.style import styled
 from suas_jax.figures.style import written as figure_written
@@ -33,7 +30,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _DRAWS, _REPEATS = 64, 32
-_GRID = 60
 _ENDS = (2.5, 97.5)
 
 
@@ -89,10 +85,11 @@ def plot_corner(found: MaterialPosterior, file: Path) -> None:
 
 @styled
 def plot_predictive(found: MaterialPosterior, file: Path | None = None) -> Figure:
-    """Draw the posterior's predictions over the data, and of modes that were not measured.
+    """Draw the posterior's predictions over the data.
 
     Returns one panel a test (two for a skin: displacement and oil pressure), with the 95 % band
-    of the law (dark) and of single readings (light).
+    of the law (dark) and of single readings (light). Modes that were not measured have one band
+    only, that of `plots.plot_material`.
     """
     theta = found.posterior.draws(_DRAWS)
     constants = jnp.asarray(found.constants(theta))
@@ -104,18 +101,11 @@ def plot_predictive(found: MaterialPosterior, file: Path | None = None) -> Figur
         for data, place in found.fit.problem.tests
         for channel in data.channels()
     ]
-    measured = {data.mode for data, _, _ in panels}
-    # A skin stretches by percents: other modes at those stretches are a straight line.
-    skins = measured <= {"skin", "indentation"}
-    others = [] if skins else [m for m in PATHS if m not in measured]
-    columns = len(panels) + len(others)
-    figure = Figure(figsize=(3.8 * columns, 3.6), layout="constrained")
-    axes = figure.subplots(1, columns, squeeze=False)[0]
-    for ax, (data, place, channel) in zip(axes, panels, strict=False):
+    figure = Figure(figsize=(3.8 * len(panels), 3.6), layout="constrained")
+    axes = figure.subplots(1, len(panels), squeeze=False)[0]
+    for ax, (data, place, channel) in zip(axes, panels, strict=True):
         rows = place[channel.rows]
         _draw_test(ax, data, channel, law[:, rows], readings[:, rows])
-    for ax, mode in zip(axes[len(panels) :], others, strict=True):
-        _draw_mode(ax, residuals, mode, constants)
     noise = "known" if found.noise_known else "inferred"
     figure.suptitle(f"{found.fit.family.title}: 95 % posterior predictive, noise {noise}")
     return figure_written(figure, file)
@@ -124,13 +114,6 @@ def plot_predictive(found: MaterialPosterior, file: Path | None = None) -> Figur
 @eqx.filter_jit
 def _readings(residuals: Residuals, constants: Float[Array, "draw p"]) -> Array:
     return jax.vmap(residuals.predict)(constants)
-
-
-@eqx.filter_jit
-def _stresses(
-    family: AbstractFamily, test: Homogeneous, constants: Float[Array, "draw p"]
-) -> Array:
-    return jax.vmap(lambda c: test.predict(family.law(c)))(constants)
 
 
 def _noise(found: MaterialPosterior, theta: np.ndarray) -> np.ndarray:
@@ -158,23 +141,6 @@ def _draw_test(
     ax.plot(x, data.value[channel.rows] / unit, "o", ms=3.5, mfc="none", label="data")
     ax.set(title=data.mode.replace("_", " "), xlabel=data.abscissa_label, ylabel=channel.label)
     ax.legend(frameon=False, fontsize="small")
-
-
-def _draw_mode(
-    ax: "Axes", residuals: Residuals, mode: str, constants: Float[Array, "draw p"]
-) -> None:
-    strain = float(np.asarray(residuals.scales.strain))
-    end = np.exp(0.5 * strain if mode == "equibiaxial" else strain)
-    stretch = np.linspace(1.0, end, _GRID)
-    test = Homogeneous(*map(padded, nominal_factors(mode, stretch)))
-    stress = np.asarray(COMPILED.run(_stresses, residuals.family, test, constants, once=True))
-    low, middle, high = np.percentile(stress[:, :_GRID], [2.5, 50.0, 97.5], axis=0) / 1e6
-    ax.fill_between(stretch, low, high, color="0.55", label="law")
-    # A mode that the data leave open fills the panel instead of flattening the rest.
-    top = 2.0 * float(np.max(np.abs(middle)))
-    ax.set_ylim(max(float(low.min()), -top), min(float(high.max()), top) or 1.0)
-    ax.set(title=f"{mode.replace('_', ' ')} (not measured)", xlabel="stretch")
-    ax.set_ylabel("nominal stress [MPa]")
 
 
 def sample_and_write(

@@ -11,7 +11,8 @@ from fitting.material.fit.band import asked_stretches
 from fitting.material.fit.preparation import window_of
 from fitting.material.fit.result import MaterialFit
 from fitting.material.fit.suspects import zero_in_units, zeros_of
-from fitting.material.laws.blocks import Relaxation, Softening, TestZeros, block_of
+from fitting.material.laws.blocks import Relaxation, Softening, TestZeros
+from fitting.material.laws.parameters import block_of
 from fitting.material.report.skin_inputs import inputs_report
 
 _UNKNOWN = 0.3
@@ -76,7 +77,7 @@ def material_report(fit: MaterialFit) -> dict[str, Any]:
     report |= effects_report(fit)
     if fit.specimens is not None:
         report["specimens"] = fit.specimens.report(fit.shear_modulus()[0])
-    report |= family.settings
+    report |= dict(family.settings)
     if inputs := inputs_report(fit):
         report["skin_inputs"] = inputs
     if family.terms is not None:
@@ -97,7 +98,7 @@ def zeros_report(fit: MaterialFit) -> list[dict[str, Any]]:
     values, errors = fit.constants[place], fit.uncertainty.standard_errors[place]
     # In the order of `zeros_of`.
     order = zeros_of(tests, tuple(dict.fromkeys(zeros.kinds)))
-    for zero, name, value, error in zip(order, zeros.names, values, errors, strict=True):
+    for zero, name, value, error in zip(order, zeros.labels, values, errors, strict=True):
         data = tests[zero.test]
         amount, accuracy, unit = zero_in_units(zero.kind, float(value), float(error), data)
         named = {"name": name, "kind": zero.kind, "file": data.file}

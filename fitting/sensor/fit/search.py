@@ -7,9 +7,9 @@ import numpy as np
 
 from fitting.sensor.fit.residuals import SensorProblem
 from fitting.sensor.logs.data import NoCalibration
-from fitting.statistics.least_squares import Minima, minimise, minimise_one_by_one
+from fitting.statistics.least_squares import Minima, minimise_one_by_one
 
-_LANES = 2
+_STARTS = 2
 _SPREAD = 0.05
 # Shapes are linear in what moves the membrane: a step is no longer than this in theta.
 _LARGEST_MOVE = 0.3
@@ -47,7 +47,7 @@ def search(
     held: tuple[int, ...] = ()
     start = np.maximum(start, family.floors)
     random = np.random.default_rng(0)
-    spread = _SPREAD * random.standard_normal((_LANES, family.size))
+    spread = _SPREAD * random.standard_normal((_STARTS, family.size))
     spread[0] = 0.0
     while True:
         centre = np.asarray(family.unconstrained(jnp.asarray(start)))
@@ -56,7 +56,7 @@ def search(
         if problem.correlation is not None:  # all have priors: one minimum, of many constants
             minima = minimise_one_by_one(residuals, centre[None])
         else:
-            minima = minimise(residuals, centre + spread, lanes=_LANES)
+            minima = minimise_one_by_one(residuals, centre + spread)
         if not np.isfinite(minima.cost[0]):
             raise NoCalibration(
                 "no constants give finite counts: check the skin file, the units of the known "
