@@ -7,7 +7,7 @@ import numpy as np
 
 from suas_jax.config import SceneSpec, with_solve
 from suas_jax.equilibrium.balance import State
-from suas_jax.equilibrium.outcomes import index_of
+from suas_jax.equilibrium.outcomes import NAMES, PATH_ENDS, index_of
 from suas_jax.mechanics.model import AbstractModel, AbstractPlan, Counts
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.mesh.section import measures
@@ -110,14 +110,16 @@ def choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
     """Solve with the model that the scene asks for, and say why it is that one.
 
     Where the symmetric equilibrium is unstable, the one to which the skin sways is returned if
-    there is one, on the whole mesh.
+    there is one, on the whole mesh. Of a path that ends, too, it is said where stability does.
     """
     found, reason = _choose(scene, once=once)
-    if found.stable or not found.converged or scene.solve.oil_pressure is not None:
+    judged = found.converged or NAMES[int(number(found.outcome["result"]))] in PATH_ENDS
+    if found.stable or not judged or scene.solve.oil_pressure is not None:
         return found, reason
     name, counts = found.plan.model, found.plan.counts
-    factor = stable_factor(scene, name, counts, wall=found.wall, once=once)
-    if can_sway(scene, found.plan.meshes()):
+    reached = number(found.outcome["level"])
+    factor = stable_factor(scene, name, counts, reached, wall=found.wall, once=once)
+    if found.converged and can_sway(scene, found.plan.meshes()):
         aside = with_solve(scene, symmetry=False, model=name)
         given = MODELS[scene.geometry.dimension][name].given(scene)
         swayed = _attempt(aside, name, given, once=once, aside=True)
