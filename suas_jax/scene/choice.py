@@ -19,8 +19,11 @@ from suas_jax.scene.program import (
     run_program,
     structure_of,
 )
+from suas_jax.scene.stress_last import stressed_last
+from suas_jax.scene.structure import Inputs
 from suas_jax.scene.sway import can_sway, shifted, stable_factor
 from suas_jax.scene.travel import driven_by_force, travels_of
+from suas_jax.skin.prestress import is_prestressed
 
 # Error of the finer of two meshes over their difference, twice what order two leaves.
 _FINER_SHARE = 2 / 3
@@ -210,7 +213,14 @@ def _attempt(
         if aside and start is None:
             moved = shifted(scene, inputs)
             start = run_program(static, meshes, moved, rest, once=once, judged=False)[3]
-        solved = run_program(static, meshes, inputs, start or rest, once=once)
+
+        def run(inputs: Inputs, start: State, known: Any = (static, meshes)) -> Any:
+            return run_program(*known, inputs, start, once=once)
+
+        solved = run(inputs, start or rest)
+        failed = number(solved[-1]["result"]) != 0 and scene.solve.oil_pressure is None
+        if failed and start is None and is_prestressed(scene) and not scene.bodies:
+            solved = stressed_last(scene, inputs, rest, run) or solved
         report, state, shown, part, outcome = solved
         coarsest = coarsest or Tried(plan, part)
         found = Attempt(report, state, shown, outcome, plan, wall, part, coarsest, scene)
