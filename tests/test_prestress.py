@@ -111,7 +111,7 @@ def test_water_that_buckles_a_skin_at_rest_is_the_same_where_loads_hold_it(
     for found in (deep, pressed):
         assert found["status"] == "converged"
         assert found["stable"]
-        assert found["error_estimate"] < 1e-3
+        assert found["error_estimate"] < 2e-3
     assert "Without its loads the skin buckles" in deep["message"]
     for key in ("strain_energy_J", "max_displacement_m", "min_gap_m", "stretch_max"):
         assert deep[key] == pytest.approx(pressed[key], rel=1e-8)
