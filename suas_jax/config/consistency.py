@@ -326,6 +326,9 @@ def _off_the_wall(geometry: GeometrySpec, electrodes: ElectrodesSpec) -> Contrad
             angle = None if circle is None else angle_on(circle, place)
             wrong = list(_without_angle(key, geometry, place))
             wrong += _place(key, geometry, angle, place.axial, place.told_by)
+            if place.diameter > geometry.width:
+                width = format_quantity(geometry.width, "length")
+                wrong.append((f"{key}.diameter", f"is larger than the skin, {width} wide"))
             if not wrong and circle is not None and isinstance(place, ModuleSpec):
                 wrong += _corners(key, circle, place)
             yield from wrong
