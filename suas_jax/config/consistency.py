@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from suas_jax.config.fields import PlacedSpec
     from suas_jax.config.geometry import GeometrySpec
     from suas_jax.config.schema_load import BodyLoadSpec, LineLoadSpec, LoadSpec, PatchLoadSpec
-    from suas_jax.config.schema_skin import ElectrodesSpec, WallSpec
+    from suas_jax.config.schema_skin import ElectrodesSpec, TaxelSpec, WallSpec
     from suas_jax.config.schema_solve import SolveSpec
     from suas_jax.config.sections.circle import CircleSpec
 
@@ -320,6 +320,7 @@ def _off_the_skin(
 
 def _off_the_wall(geometry: GeometrySpec, electrodes: ElectrodesSpec) -> Contradictions:
     circle = _circle(geometry)
+    places: Sequence[TaxelSpec | ModuleSpec]
     for kind, places in (("taxels", electrodes.taxels), ("modules", electrodes.modules)):
         for index, place in enumerate(places):
             key = f"electrodes.{kind}.{index}"

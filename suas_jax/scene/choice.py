@@ -1,5 +1,6 @@
 """Which model and mesh a scene is solved with, found by solving it."""
 
+import functools
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -20,7 +21,6 @@ from suas_jax.scene.program import (
     structure_of,
 )
 from suas_jax.scene.stress_last import stressed_last
-from suas_jax.scene.structure import Inputs
 from suas_jax.scene.sway import can_sway, shifted, stable_factor
 from suas_jax.scene.travel import driven_by_force, travels_of
 from suas_jax.skin.prestress import is_prestressed
@@ -213,10 +213,7 @@ def _attempt(
         if aside and start is None:
             moved = shifted(scene, inputs)
             start = run_program(static, meshes, moved, rest, once=once, judged=False)[3]
-
-        def run(inputs: Inputs, start: State, known: Any = (static, meshes)) -> Any:
-            return run_program(*known, inputs, start, once=once)
-
+        run = functools.partial(run_program, static, meshes, once=once)
         solved = run(inputs, start or rest)
         failed = number(solved[-1]["result"]) != 0 and scene.solve.oil_pressure is None
         if failed and start is None and is_prestressed(scene) and not scene.bodies:
