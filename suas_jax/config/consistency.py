@@ -320,8 +320,9 @@ def _off_the_skin(
 
 def _off_the_wall(geometry: GeometrySpec, electrodes: ElectrodesSpec) -> Contradictions:
     circle = _circle(geometry)
-    places: Sequence[TaxelSpec | ModuleSpec]
-    for kind, places in (("taxels", electrodes.taxels), ("modules", electrodes.modules)):
+    placed: dict[str, Sequence[TaxelSpec | ModuleSpec]]
+    placed = {"taxels": electrodes.taxels, "modules": electrodes.modules}
+    for kind, places in placed.items():
         for index, place in enumerate(places):
             key = f"electrodes.{kind}.{index}"
             angle = None if circle is None else angle_on(circle, place)
