@@ -276,6 +276,11 @@ TABLES = [
         "a corner taxel, at 95.6|off the skin",
     ),
     (
+        {"electrodes.taxels": '[{ angle = "0 deg", diameter = "400 mm" }]'},
+        "electrodes.taxels.0.diameter",
+        "is larger than the skin, 123 mm wide",
+    ),
+    (
         {"electrodes": {**ROBOSKIN, "modules": '[{ angle = "0 deg", numbering = [1, 1] }]'}},
         "electrodes.modules.0.numbering = [1, 1]",
         '"paper"|1 to 10',

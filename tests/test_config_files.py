@@ -5,6 +5,7 @@ import codecs
 import pytest
 from test_config_errors import OGDEN, SCENE, edited, message_of, says, write
 
+from fitting.cli import contract
 from fitting.cli.options import material_note
 from suas_jax.config import (
     ConfigError,
@@ -17,6 +18,7 @@ from suas_jax.config import (
     scene_from_dict,
     structure,
 )
+from suas_jax.config.errors import Mistake
 
 SKIN = {name: SCENE[name] for name in ("geometry", "material", "oil", "electrodes")}
 
@@ -151,6 +153,20 @@ def test_a_message_names_the_file_that_holds_the_mistake(tmp_path):
     (tmp_path / "skins" / "skin.toml").write_text("[geometry\n")
     with pytest.raises(ConfigError, match=r"skin\.toml: line 1"):
         load_scene(scene)
+
+
+def test_what_numbers_show_after_loading_is_told_of_the_file_that_was_given(
+    tmp_path, monkeypatch
+):
+    skin, scene = write(tmp_path / "skin.toml", SKIN), tmp_path / "scene.toml"
+    scene.write_text('skin = "skin.toml"\n[geometry]\nthickness = "2 mm"\n')
+    keys = ("geometry.oil_gap", "geometry.thickness")
+    for given, files in ((scene, [skin, scene]), (skin, [skin, skin])):
+        monkeypatch.setattr("sys.argv", ["suas", "solve", str(given), "--json"])
+        error = ConfigError(Mistake("skin", key, "is wrong") for key in keys)
+        told = contract._in_words(error)[1]
+        pairs = zip(files, keys, strict=True)
+        assert told == "\n".join(f"{file}: {key}: is wrong" for file, key in pairs)
 
 
 @pytest.mark.parametrize("mark", [b"", codecs.BOM_UTF8])

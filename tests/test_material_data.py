@@ -36,6 +36,11 @@ def rows(*columns: np.ndarray, between: str = ",", decimal: str = ".") -> str:
     [
         "stretch_1,nominal_stress_MPa\n" + rows(STRETCH, NOMINAL / 1e6),
         "# a comment\n\nstrain,engineering stress [kPa]\n" + rows(STRETCH - 1, NOMINAL / 1e3),
+        "strain,sigma_eng [kPa],sigma_kPa\n"
+        + rows(STRETCH - 1, NOMINAL / 1e3, 0 * NOMINAL + 1),
+        "strain,sigma_nominal_MPa\n" + rows(STRETCH - 1, NOMINAL / 1e6),
+        "Epsilon_eng,Sigma_True (MPa)\n" + rows(STRETCH - 1, NOMINAL * STRETCH / 1e6),
+        "epsilon_true,stress_true_MPa\n" + rows(np.log(STRETCH), NOMINAL * STRETCH / 1e6),
         "Strain (%)\tNominal Stress (psi)\n"
         + rows(100 * (STRETCH - 1), NOMINAL / 6894.757293168361, between="\t"),
         "log_strain;true_stress_kgf/cm2\n"

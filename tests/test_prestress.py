@@ -100,6 +100,23 @@ def test_water_is_the_same_by_its_depth_and_by_its_pressure() -> None:
         assert deep[key] == pytest.approx(pressed[key], rel=1e-9)
 
 
+@pytest.mark.parametrize(("depth", "force"), [(1000.0, 4.0), (2000.0, -10.0)])
+def test_water_that_buckles_a_skin_at_rest_is_the_same_where_loads_hold_it(
+    depth: float, force: float
+) -> None:
+    """1000 m squeeze the oil by 1 %, from whose rest no path leads to the second force."""
+    deep = report(depth=depth, force=force)
+    pressed = report(pressure=10.051e3 * depth, force=force)
+    assert not deep["rest"]["stable"]
+    for found in (deep, pressed):
+        assert found["status"] == "converged"
+        assert found["stable"]
+        assert found["error_estimate"] < 2e-3
+    assert "Without its loads the skin buckles" in deep["message"]
+    for key in ("strain_energy_J", "max_displacement_m", "min_gap_m", "stretch_max"):
+        assert deep[key] == pytest.approx(pressed[key], rel=1e-8)
+
+
 def test_less_oil_softens_and_more_stiffens() -> None:
     """Three thousandths of the film: 11 % of the displacement, by an independent solve."""
     moved = [report(fill=x)["loads"][0]["displacement_m"] for x in (0.997, 1.0, 1.003)]

@@ -94,6 +94,18 @@ def test_half_of_a_symmetric_scene_is_solved() -> None:
     assert half["unknowns"] == 7 * 4 + 1 + 2 + 1  # the crown keeps y and the stretch
 
 
+@pytest.mark.long  # vented oil under a pressure is a program of its own
+def test_a_path_that_ends_shows_its_last_state_and_where_stability_ended() -> None:
+    """Where a path ends the effect of shear has no bound. The arch buckles at 8 D / R^3."""
+    pressed = scene({"kind": "pressure", "pressure": "1 MPa"}, oil={"model": "vented"})
+    found = solve(with_solve(pressed, model="shell", elements=16)).report
+    assert found["status"] in ("limit_point", "no_convergence")
+    assert found["max_displacement_m"] < 0.006  # the film's thickness
+    stiffness, radius = 4 * 32.6e6 * 0.0015**3 / 12, 0.05825
+    assert 1e6 * found["stable_factor"] == pytest.approx(8 * stiffness / radius**3, rel=0.05)
+    assert "The equilibrium is unstable from 0.1" in found["message"]
+
+
 @pytest.mark.long  # vented oil is a program of its own
 def test_a_vented_scene_has_no_pressure_to_find() -> None:
     vented = scene(line(45, 2), oil={"model": "vented"})

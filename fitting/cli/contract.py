@@ -143,10 +143,20 @@ def _in_words(error: BaseException) -> tuple[str, str]:
     if isinstance(error, OSError) and error.strerror:
         return "bad_input", f"standard output or a file: {error.strerror}"
     if isinstance(error, ValueError | OSError):
-        mistakes = getattr(error, "mistakes", (error,))  # of a configuration: a line for each
+        mistakes = map(_located, getattr(error, "mistakes", (error,)))  # a line for each
         return "bad_input", "\n".join(printable(str(mistake)) for mistake in mistakes)
     message = " ".join(f"{type(error).__name__}: {error}".split())[:300]
     return "internal_error", f"internal error: {message}; SUAS_TRACEBACK=1 shows where"
+
+
+def _located(mistake: Any) -> Any:
+    """A configuration's mistake with the file that the user gave, not "skin" or "scene"."""
+    files = [x for x in sys.argv[1:] if x.endswith(".toml") and os.path.isfile(x)]
+    if getattr(mistake, "file", "") not in ("skin", "scene") or not files:
+        return mistake
+    from suas_jax.config.load import located
+
+    return located(mistake, files[0])
 
 
 def _is_out_of_memory(error: BaseException) -> bool:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from suas_jax.config.fields import PlacedSpec
     from suas_jax.config.geometry import GeometrySpec
     from suas_jax.config.schema_load import BodyLoadSpec, LineLoadSpec, LoadSpec, PatchLoadSpec
-    from suas_jax.config.schema_skin import ElectrodesSpec, WallSpec
+    from suas_jax.config.schema_skin import ElectrodesSpec, TaxelSpec, WallSpec
     from suas_jax.config.schema_solve import SolveSpec
     from suas_jax.config.sections.circle import CircleSpec
 
@@ -320,12 +320,17 @@ def _off_the_skin(
 
 def _off_the_wall(geometry: GeometrySpec, electrodes: ElectrodesSpec) -> Contradictions:
     circle = _circle(geometry)
-    for kind, places in (("taxels", electrodes.taxels), ("modules", electrodes.modules)):
+    placed: dict[str, Sequence[TaxelSpec | ModuleSpec]]
+    placed = {"taxels": electrodes.taxels, "modules": electrodes.modules}
+    for kind, places in placed.items():
         for index, place in enumerate(places):
             key = f"electrodes.{kind}.{index}"
             angle = None if circle is None else angle_on(circle, place)
             wrong = list(_without_angle(key, geometry, place))
             wrong += _place(key, geometry, angle, place.axial, place.told_by)
+            if place.diameter > geometry.width:
+                width = format_quantity(geometry.width, "length")
+                wrong.append((f"{key}.diameter", f"is larger than the skin, {width} wide"))
             if not wrong and circle is not None and isinstance(place, ModuleSpec):
                 wrong += _corners(key, circle, place)
             yield from wrong

@@ -79,6 +79,20 @@ def scene_from_dict(
     return SceneSpec(**draft.specifications())
 
 
+def located(mistake: Mistake, path: str | os.PathLike[str]) -> Mistake:
+    """A mistake that a skin's or a scene's numbers show, with the file that has the key.
+
+    Args:
+        mistake: found after loading, when no specification knows its file.
+        path: the skin or scene that was loaded.
+    """
+    draft, own = _Draft(os.fspath(path)), read_toml(path)
+    if "skin" in own:
+        draft.adopt_skin(own.pop("skin"), Path(path).parent)
+    draft.adopt(own, os.fspath(path), SCENE_TABLES)
+    return mistake._replace(file=draft.file_of(mistake.key))
+
+
 class _Draft:
     """Tables on their way to specifications, with the file that each key came from."""
 
@@ -182,7 +196,7 @@ class _Draft:
         points = table.get("points")
         if not isinstance(points, str):
             return table, []
-        folder = Path(self._file_of("geometry.points")).parent
+        folder = Path(self.file_of("geometry.points")).parent
         try:
             return {**table, "points": read_points(folder / points)}, []
         except (OSError, ValueError) as error:
@@ -214,9 +228,9 @@ class _Draft:
 
     def _note(self, *findings: Finding) -> None:
         for key, advice, value in findings:
-            self.mistakes.append(Mistake(self._file_of(key), key, advice, value))
+            self.mistakes.append(Mistake(self.file_of(key), key, advice, value))
 
-    def _file_of(self, key: str) -> str:
+    def file_of(self, key: str) -> str:
         """Find the file that the longest known part of a key came from."""
         parts = key.split(".")
         for length in range(len(parts), 0, -1):

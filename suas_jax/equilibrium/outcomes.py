@@ -90,6 +90,9 @@ NAMES: tuple[str, ...] = (
     "beyond_model",
 )
 
+# Of a path that does not go on, which may have lost its stability long before.
+PATH_ENDS = ("limit_point", "no_convergence")
+
 
 def index_of(name: str) -> int:
     """Position of a result's name, as stored per lane."""

@@ -42,6 +42,7 @@ def assess(
     # whether the error by the mesh is wanted, NaN otherwise: on a pad it takes longer than the
     # solve
     judged: Bool[Array, ""] | bool,
+    lost: Bool[Array, " lane"],  # whether it is the last state before a failure
     *,
     wall: bool,  # whether the wall is there
 ) -> tuple[dict[str, Any], State, State]:
@@ -70,6 +71,8 @@ def assess(
         if problem.mechanics.corrected:
             change = jax.tree.map(lambda a, b: a - b, shown, state)
         forces = force_balance(solved, found)
+    # At a limit point, where paths end, the first-order effect is without bound.
+    shown = jax.tree.map(lambda a, b: jnp.where(lost, a, b), state, shown)
     report = observe(parts, problem, shown, state)
     report["volume_residual"] = volume_residual(problem, state)  # of the equilibrium
     values = key_quantities(problem.mechanics, state, parts.forces)

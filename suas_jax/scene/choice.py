@@ -1,5 +1,6 @@
 """Which model and mesh a scene is solved with, found by solving it."""
 
+import functools
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -7,7 +8,7 @@ import numpy as np
 
 from suas_jax.config import SceneSpec, with_solve
 from suas_jax.equilibrium.balance import State
-from suas_jax.equilibrium.outcomes import index_of
+from suas_jax.equilibrium.outcomes import NAMES, PATH_ENDS, index_of
 from suas_jax.mechanics.model import AbstractModel, AbstractPlan, Counts
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.mesh.section import measures
@@ -19,8 +20,10 @@ from suas_jax.scene.program import (
     run_program,
     structure_of,
 )
+from suas_jax.scene.stress_last import stressed_last
 from suas_jax.scene.sway import can_sway, shifted, stable_factor
 from suas_jax.scene.travel import driven_by_force, travels_of
+from suas_jax.skin.prestress import is_prestressed
 
 # Error of the finer of two meshes over their difference, twice what order two leaves.
 _FINER_SHARE = 2 / 3
@@ -110,14 +113,16 @@ def choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
     """Solve with the model that the scene asks for, and say why it is that one.
 
     Where the symmetric equilibrium is unstable, the one to which the skin sways is returned if
-    there is one, on the whole mesh.
+    there is one, on the whole mesh. Of a path that ends, too, it is said where stability does.
     """
     found, reason = _choose(scene, once=once)
-    if found.stable or not found.converged or scene.solve.oil_pressure is not None:
+    judged = found.converged or NAMES[int(number(found.outcome["result"]))] in PATH_ENDS
+    if found.stable or not judged or scene.solve.oil_pressure is not None:
         return found, reason
     name, counts = found.plan.model, found.plan.counts
-    factor = stable_factor(scene, name, counts, wall=found.wall, once=once)
-    if can_sway(scene, found.plan.meshes()):
+    reached = number(found.outcome["level"])
+    factor = stable_factor(scene, name, counts, reached, wall=found.wall, once=once)
+    if found.converged and can_sway(scene, found.plan.meshes()):
         aside = with_solve(scene, symmetry=False, model=name)
         given = MODELS[scene.geometry.dimension][name].given(scene)
         swayed = _attempt(aside, name, given, once=once, aside=True)
@@ -208,7 +213,11 @@ def _attempt(
         if aside and start is None:
             moved = shifted(scene, inputs)
             start = run_program(static, meshes, moved, rest, once=once, judged=False)[3]
-        solved = run_program(static, meshes, inputs, start or rest, once=once)
+        run = functools.partial(run_program, static, meshes, once=once)
+        solved = run(inputs, start or rest)
+        failed = number(solved[-1]["result"]) != 0 and scene.solve.oil_pressure is None
+        if failed and start is None and is_prestressed(scene) and not scene.bodies:
+            solved = stressed_last(scene, inputs, rest, run) or solved
         report, state, shown, part, outcome = solved
         coarsest = coarsest or Tried(plan, part)
         found = Attempt(report, state, shown, outcome, plan, wall, part, coarsest, scene)

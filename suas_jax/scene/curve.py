@@ -52,10 +52,10 @@ def _program(
     end = None if scene.wall else parts.skin.wall
     found = path(problem, levels, start, end)
 
-    def one(state: State) -> dict[str, Any]:
-        return assess(parts, meshes, problem, state, True, wall=scene.wall)[0]
+    def one(at: tuple[State, Bool[Array, " lane"]]) -> dict[str, Any]:
+        return assess(parts, meshes, problem, at[0], True, at[1], wall=scene.wall)[0]
 
-    reports = jax.lax.map(one, found.state)
+    reports = jax.lax.map(one, (found.state, found.result != 0))
     result = jnp.where(found.result == 0, reports.pop("validity"), found.result)
     outcome = {"result": result, "level": found.level, "iterations": found.iterations}
     unknowns = problem.mechanics.unknowns() + int(problem.oil.trapped)

@@ -43,7 +43,9 @@ def _program(
     found = (
         equilibrium(problem, near) if near is None else equilibrium_with_friction(problem, near)
     )
-    report, state, shown = assess(parts, meshes, problem, found.state, judged, wall=scene.wall)
+    lost = found.result != 0
+    assessed = assess(parts, meshes, problem, found.state, judged, lost, wall=scene.wall)
+    report, state, shown = assessed
     outcome = {
         "result": jnp.where(found.result == 0, report.pop("validity"), found.result),
         "level": found.level,

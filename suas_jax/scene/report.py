@@ -7,7 +7,7 @@ import jax
 import numpy as np
 
 from suas_jax.config import SceneSpec
-from suas_jax.equilibrium.outcomes import NAMES, advice
+from suas_jax.equilibrium.outcomes import NAMES, PATH_ENDS, advice
 from suas_jax.scene.observables import taxel_rows
 from suas_jax.scene.report_keys import REPORT_KEYS
 from suas_jax.sensing.converter import Converter
@@ -83,7 +83,9 @@ def _header(
     if status == "converged":
         message.append(outcome["reason"])
         message += _remarks(scene, report, error if known else None)
+    if status == "converged" or status in PATH_ENDS:
         message += _sway(report["stable"], outcome.get("stable_factor"))
+    if status == "converged":
         message += _blind(taxels)
     return {
         "model": outcome["model"],

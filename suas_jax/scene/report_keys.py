@@ -59,7 +59,8 @@ REPORT_KEYS = {
 """Keys of `suas solve --json`."""
 
 REST_KEYS = {
-    "stable": "whether the state at rest is; the whole solve has the status `unstable` if not",
+    "stable": "whether the state at rest is; the whole solve has the status `unstable` if "
+    "neither that nor the state under the loads is",
     "oil_pressure_Pa": "pressure of the oil above ambient",
     "hoop_force_N_per_m": "as above",
     "buckling_share": "of what buckles the skin, to first order: 1 where it does, negative "

@@ -176,7 +176,10 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
     outcome = plain(found.outcome) | {"model": found.plan.model, "reason": reason}
     rest = rest_of(scene, found, once=once) if is_prestressed(scene) else None
     if rest is not None and not rest["stable"]:
-        outcome["result"] = index_of("unstable")
+        if found.converged and found.stable:
+            outcome["reason"] += " Without its loads the skin buckles by what it carries."
+        else:
+            outcome["result"] = index_of("unstable")
     report = report_of(scene, plain(found.report), outcome, rest)
     report["timings_s"] = {
         "compile": COMPILED.seconds - compiled_before,

@@ -17,7 +17,8 @@ from suas_jax.scene.program import prepared, run_program, structure_of
 # By which loads are moved along the arc, as a share of half of it: the branch that is found
 # does not depend on it, from 0.1 to 3 %.
 _SHIFT = 0.01
-_STEPS = 7  # bisections of the load at which stability ends: to a per cent
+_STEPS = 10  # bisections at most of the load at which stability ends
+_NARROW = 0.01  # of that load: how well it is known then
 
 Inputs = Mapping[str, np.ndarray]
 
@@ -42,15 +43,20 @@ def shifted(scene: SceneSpec, inputs: Inputs) -> dict[str, np.ndarray]:
 
 
 def stable_factor(
-    scene: SceneSpec, model: str, counts: Counts, *, wall: bool, once: bool
+    scene: SceneSpec, model: str, counts: Counts, high: float, *, wall: bool, once: bool
 ) -> float:
-    """The factor on all loads at which the equilibrium stops being stable, to a per cent."""
+    """The factor on all loads at which the equilibrium stops being stable.
+
+    To a per cent of it, or a thousandth of `high`, a factor at which it no longer is.
+    """
     _, meshes, inputs, rest = prepared(scene, model, counts)
     static, known = structure_of(scene, wall=wall), continuous_inputs(scene)
     ends = (".force", ".pressure", ".depth")
     sizes = [k for k in known if k.startswith("load.") and k.endswith(ends)]
-    low, high = 0.0, 1.0
+    low = 0.0
     for _ in range(_STEPS):
+        if high - low < _NARROW * high:
+            break
         middle = (low + high) / 2
         scaled = {**inputs, **{key: middle * inputs[key] for key in sizes}}
         report, *_, outcome = run_program(static, meshes, scaled, rest, once=once)

@@ -130,13 +130,16 @@ cauchy_difference_reversed stress (?:cauchy|true)_stress_difference_(?:11_minus_
 sigma_displacement length (?:sigma|noise|uncertainty|std)_displacement
 sigma_force force (?:sigma|noise|uncertainty|std)_force
 depth length (?:loads_0_)?(?:indentation_)?depth|indentation
-sigma stress (?:sigma|noise|uncertainty|std|stdev|standard_deviation|error)
+sigma stress (?!sigma_(?:eng|nom|true|cauchy)[a-z]*(?!_stress|[a-z]))
+    (?:sigma|noise|uncertainty|std|stdev|standard_deviation|error)
     (?:_(?:nominal|cauchy|engineering|true))?(?:_stress)?(?:_(?:oil_)?pressure)?
 nominal_shear stress (?:nominal_|engineering_|cauchy_)?shear_stress
 cauchy stress (?:cauchy|true|kirchhoff)_?stress
+    |(?:stress|sigma|σ)_(?:cauchy|true)
 second_pk stress (?:second_piola_kirchhoff|pk2|2nd_pk|second_pk)(?:_stress)?
 nominal stress (?:nominal|engineering|eng|first_piola_kirchhoff|pk1|1st_pk|first_pk|tensile
     |compressive|compression|standard)_?stress|pk1|first_piola_kirchhoff
+    |(?:stress|sigma|σ)_(?:eng|engineering|nom|nominal)
 stress stress (?:axial_)?stress
 pressure pressure (?:inflation_|gauge_|differential_|oil_|hydrostatic_|confining_|chamber_)?
     pressure|p
@@ -152,10 +155,12 @@ volumetric_strain number (?:volumetric|volume|bulk)_strain|(?:relative_)?volume_
 shear_angle angle shear_angle
 shear number shear_strain|amount_of_shear|shear|gamma|γ
 log_strain number (?:log|true|hencky|logarithmic|natural|ln)_?strain
+    |(?:strain|eps|epsilon|ε)_(?:log|true|hencky|logarithmic)
     |e(?:xx|yy|[12])_\[1\]_hencky
 green_strain number green(?:_lagrange)?_?strain|e(?:xx|yy|[12])_\[1\]_lagrange
 strain number (?:nominal_|engineering_|eng_|tensile_|compressive_|compression_|axial_|standard_
     |corrected_|extensometer_|technical_)*strain|elongation_percent
+    |(?:strain|eps|epsilon|ε)_(?:eng|engineering|nom|nominal)
     |(?:section_\d+_|point_\d+_|mean_)?epsilon|e(?:xx|yy|[12])_\[1\]_(?:biot|engineering)
 stretch number (?:hoop_)?stretch(?:_ratio)?|extension_ratio|lambda|λ|lam
 displacement length (?:crosshead_|cross_head_|loads_0_|axial_|standard_|tensile_|compressive_
