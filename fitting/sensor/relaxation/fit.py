@@ -1,0 +1,275 @@
+"""Relaxation times and shares from the course of a skin's readings under held presses.
+
+The readings of a taxel k follow the viscoelastic model m_k(t) of `suas sweep --history` up to
+what has nothing to do with the rubber, each taxel's offset, steady drift and gain::
+
+    y_k(t) = a_k + b_k t + c_k m_k(t; gamma, tau, s)
+
+with gamma_i = g_i / (1 - sum g), the relaxation times tau_i and a factor s on the long-term
+constants. a, b and c are linear and taken out of each taxel by a projection (Golub and Pereyra
+1973, variable projection), so the covariance of what is left counts them as unknown. The model
+is run anew for every trial; its derivatives are differences of it.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from fitting.arrays import Floats
+from fitting.sensor.logs.data import NoCalibration, SensorData
+from fitting.sensor.relaxation.held_press import HeldPress, held_presses
+from fitting.statistics.least_squares import solved_by_scipy
+from suas_jax.config.inelastic import RelaxationSpec
+from suas_jax.config.input_errors import DEFAULTS, STIFFNESS
+from suas_jax.runtime.precision import require_float64
+
+_MOST_TERMS = 2
+_SHARE = 0.15  # that relaxes, to start from
+_STEP = 0.02  # of a parameter, for differences
+_MOVES = 5.0  # change of a taxel's mean, over its noise, that makes it tell something
+_UNKNOWN = 0.5  # relative deviation of a share or a time from which it is not known
+_HIDDEN = 2.0  # by how much the drift may widen a deviation without being named
+_BEYOND, _APART = 10.0, 2.0  # of the times measured; of two times
+_LIMITS = (1e-4, 4.0)  # of gamma
+
+
+class Trial(NamedTuple):
+    """The model near some parameters."""
+
+    theta: Floats  # log gamma, log tau, log of the factor on the long-term constants [p]
+    readings: tuple[Floats, ...]  # of each press, there and a step along each [1 + p, taxel, mean]
+
+
+@dataclasses.dataclass(frozen=True)
+class RelaxationFit:
+    """Prony terms with what is known of them."""
+
+    data: SensorData
+    presses: tuple[HeldPress, ...]
+    trial: Trial  # at the minimum
+    chi2: float  # sum of the squared residuals over the noise
+    readings: int  # how many means they are of
+    free: int  # degrees of freedom
+    root: Floats  # R with R R^T the covariance of theta, misfit included [p, p]
+    steady: Floats  # deviations of theta if no taxel drifted [p]
+
+    @property
+    def terms(self) -> int:
+        """How many."""
+        return len(self.trial.theta) // 2
+
+    @property
+    def inflation(self) -> float:
+        """Factor on the deviations for a misfit that is no noise."""
+        return float(np.sqrt(max(1.0, self.chi2 / self.free)))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the constants."""
+        own = (f"material.relaxation.{k}.{i}" for k in ("g", "tau") for i in range(self.terms))
+        return (*own, "stiffness")
+
+    @property
+    def constants(self) -> Floats:
+        """Shares g, times tau [s], and the factor on the long-term constants [p]."""
+        own = np.exp(self.trial.theta)
+        own[: self.terms] /= 1 + own[: self.terms].sum()
+        return own
+
+    @property
+    def covariance(self) -> Floats:
+        """Of the constants [p, p]."""
+        n, own = self.terms, self.constants
+        slope = np.diag(own)  # d constants / d theta
+        slope[:n, :n] -= np.outer(own[:n], own[:n])
+        moved = slope @ self.root
+        return np.asarray(moved @ moved.T)
+
+    @property
+    def series(self) -> RelaxationSpec:
+        """The terms."""
+        return _series(self.trial.theta)
+
+    def relaxed(self, time: float, since: float) -> tuple[float, float]:
+        """Share of the stress at one time that is gone at another, and its deviation."""
+        steps = 1e-4 * np.eye(len(self.trial.theta))
+        at = [relaxed(_series(self.trial.theta + h), time, since) for h in (0 * steps[0], *steps)]
+        slope = (np.array(at[1:]) - at[0]) / 1e-4
+        return at[0], float(np.linalg.norm(slope @ self.root))
+
+    @property
+    def window(self) -> tuple[float, float]:
+        """Times that the presses tell of [s]."""
+        return min(p.first for p in self.presses), max(p.hold for p in self.presses)
+
+    @property
+    def unknown(self) -> str:
+        """Which term is not known, and why; empty if all are."""
+        (shortest, longest), n = self.window, self.terms
+        deviation = np.linalg.norm(self.root, axis=1)
+        own = self.constants
+        for i in range(n):
+            g, tau = own[i], own[n + i]
+            if tau * np.exp(2 * deviation[n + i]) > _BEYOND * longest:
+                return (
+                    f"a hold of {longest:.3g} s can't tell a time of {tau:.3g} s (its deviation "
+                    f"is {100 * deviation[n + i]:.0f} %); hold the press for longer"
+                )
+            if not max(deviation[i], deviation[n + i]) < _UNKNOWN:
+                size = np.sqrt(self.covariance[i, i])
+                return f"the share {g:.2g} +- {size:.2g} at {tau:.3g} s is not determined"
+            if tau < shortest:
+                return f"{tau:.3g} s is shorter than {shortest:.3g} s between two frames"
+        if n > 1 and np.min(np.diff(np.sort(self.trial.theta[n : 2 * n]))) < np.log(_APART):
+            return "two of the times are one"
+        return ""
+
+    @property
+    def findings(self) -> list[str]:
+        """What the presses leave open, in words."""
+        shortest, longest = self.window
+        found = [
+            f"what relaxes within {shortest:.3g} s of a change counts as elastic, what takes much "
+            f"longer than the hold of {longest:.3g} s as long-term"
+        ]
+        wider = np.linalg.norm(self.root, axis=1) / np.maximum(self.steady, 1e-300)
+        found += [
+            f"{name}: slow creep and a drift of the baseline are alike; the drift widens its "
+            f"deviation {by:.2g} times: record rest before and after for as long as the hold"
+            for name, by in zip(self.names, wider, strict=True)
+            if by > _HIDDEN
+        ]
+        return found
+
+
+def relaxed(series: RelaxationSpec, time: float, since: float) -> float:
+    """Share of a held stress at one time that is gone at another [s], 1 - G(time)/G(since)."""
+    g, tau = np.array(series.g), np.array(series.tau)
+    late, early = (1 + g @ np.expm1(-t / tau) for t in (time, since))
+    return float(1 - late / early)
+
+
+def fit_relaxation(
+    data: SensorData, progress: Callable[[str], None] = lambda text: None
+) -> tuple[RelaxationFit, list[RelaxationFit]]:
+    """Find the Prony terms of a skin's rubber.
+
+    `data` are logs of held presses; `progress` is called with what is being done.
+    Returns the fit with as many terms as bring something, and those of all numbers tried.
+    Raises ValueError: a log has no held press; NoCalibration: no term can be known.
+    """
+    require_float64()
+    presses = held_presses(data)
+    fits: list[RelaxationFit] = []
+    for count in range(1, _MOST_TERMS + 1):
+        progress(f"{count} Prony term{'s' if count > 1 else ''}")
+        fits.append(_fitted(data, presses, count))
+        if fits[-1].unknown or (count > 1 and gain(fits[-2], fits[-1]) <= 0):
+            break
+    known = [fit for fit in fits if not fit.unknown]
+    if not known:
+        raise NoCalibration(f"{data.paths}: no relaxation is told: {fits[0].unknown}")
+    best = known[0]
+    for fit in known[1:]:
+        best = fit if gain(best, fit) > 0 else best
+    return best, fits
+
+
+def gain(few: RelaxationFit, many: RelaxationFit) -> float:
+    """By how much more terms lower Schwarz's criterion, BIC."""
+    more = len(many.trial.theta) - len(few.trial.theta)
+    return (few.chi2 - many.chi2) / many.inflation**2 - more * float(np.log(many.readings))
+
+
+def _series(theta: Floats) -> RelaxationSpec:
+    n = len(theta) // 2
+    gamma, tau = np.exp(theta[:n]), np.exp(theta[n : 2 * n])
+    return RelaxationSpec(g=tuple(map(float, gamma / (1 + gamma.sum()))), tau=tuple(map(float, tau)))
+
+
+def _fitted(data: SensorData, presses: tuple[HeldPress, ...], count: int) -> RelaxationFit:
+    """The terms, as many as asked for, that follow the presses best."""
+    first, longest = min(p.first for p in presses), max(p.hold for p in presses)
+    tau = np.geomspace(first, longest, count + 2)[1:-1]
+    gamma = np.full(count, _SHARE / (1 - _SHARE) / count)
+    start = np.log([*gamma, *tau, 1.0])
+    room = np.log([_LIMITS] * count + [(first / 3, _BEYOND * longest)] * count + [(0.5, 2.0)])
+    told = [_telling(p, p.readings(_series(start), 1.0)) for p in presses]
+    trials: list[Trial] = []
+
+    def at(theta: Floats) -> tuple[Floats, Floats]:
+        trials.append(_trial(presses, theta))
+        r, J, _ = _residuals(presses, told, trials[-1])
+        return r, J
+
+    found = solved_by_scipy(at, start, bounds=room.T, xtol=1e-6, ftol=1e-8)
+    end = next(t for t in reversed(trials) if np.array_equal(t.theta, found.x))
+    _, J, count_of = _residuals(presses, told, end)
+    _, steady, _ = _residuals(presses, told, end, drifts=False)
+    chi2 = float(2 * found.cost)
+    free = max(count_of - 3 * sum(map(np.sum, told)) - len(start) + 1, 1)
+    inflation = np.sqrt(max(1.0, chi2 / free))
+    root, alone = (inflation * np.linalg.pinv(x, rcond=1e-9) for x in (J, steady))
+    if not np.all(np.isfinite(found.fun)) or not np.isfinite(chi2):
+        raise NoCalibration(f"{data.paths}: the model has no state for some of the loads")
+    return RelaxationFit(
+        data,
+        presses,
+        end,
+        chi2,
+        count_of,
+        free,
+        root,
+        np.linalg.norm(alone, axis=1),
+    )
+
+
+def _trial(presses: tuple[HeldPress, ...], theta: Floats) -> Trial:
+    points = [theta, *(theta + _STEP * np.eye(len(theta)))]
+    rows = (
+        np.stack([p.readings(_series(x), float(np.exp(x[-1]))) for x in points])
+        for p in presses
+    )
+    return Trial(theta, tuple(rows))
+
+
+def _telling(press: HeldPress, readings: Floats) -> np.ndarray:
+    """Which taxels move by more than their noise [taxel]."""
+    change = np.ptp(np.nan_to_num(readings, nan=np.nanmedian(readings)), axis=1)
+    return np.asarray(change > _MOVES * np.median(press.deviation, axis=1))
+
+
+def _residuals(
+    presses: tuple[HeldPress, ...],
+    told: list[np.ndarray],  # which taxels of each press
+    trial: Trial,
+    *,
+    drifts: bool = True,
+) -> tuple[Floats, Floats, int]:
+    """Residuals over the noise [n], their derivatives [n, p], and of how many readings.
+
+    The last is that of the factor on the constants, which the skin file states.
+    """
+    rows, count = [], 0
+    for press, own, readings in zip(presses, told, trial.readings, strict=True):
+        so, deviation = press.so[own], press.deviation[own]
+        used = np.isfinite(so) & np.isfinite(readings[:, own]).all(0)
+        weight = np.where(used, 1 / deviation, 0.0)
+        since = press.time / press.time[-1]
+        # [1 + p, taxel, mean, column]
+        model = np.nan_to_num(readings[:, own] - readings[:, own, :1])
+        fixed = [np.ones_like(model), np.broadcast_to(since, model.shape)]
+        stack = np.stack([*fixed[: 1 + drifts], model], -1) * weight[..., None]
+        basis = np.linalg.qr(stack)[0]
+        y = np.where(used, so - np.nanmean(so, 1, keepdims=True), 0.0) * weight
+        left = y - np.einsum("ptmc,ptnc,tn->ptm", basis, basis, y, optimize=True)
+        rows.append(left.reshape(len(left), -1))
+        count += int(used.sum())
+    at = np.concatenate(rows, 1)
+    last = trial.theta[-1] / DEFAULTS[STIFFNESS]
+    r = np.append(at[0], last)
+    J = np.concatenate([((at[1:] - at[0]) / _STEP).T, np.zeros((1, len(trial.theta)))])
+    J[-1, -1] = 1 / DEFAULTS[STIFFNESS]
+    return r, J, count
