@@ -27,12 +27,13 @@ from suas_jax.runtime.precision import require_float64
 
 _MOST_TERMS = 2
 _SHARE = 0.15  # that relaxes, to start from
-_STEP = 0.02  # of a parameter, for differences
+_STEP = 5e-3  # of a parameter, for differences
 _MOVES = 5.0  # change of a taxel's mean, over its noise, that makes it tell something
 _UNKNOWN = 0.5  # relative deviation of a share or a time from which it is not known
 _HIDDEN = 2.0  # by how much the drift may widen a deviation without being named
 _BEYOND, _APART = 10.0, 2.0  # of the times measured; of two times
 _LIMITS = (1e-4, 4.0)  # of gamma
+_TRIALS = 40
 
 
 class Trial(NamedTuple):
@@ -110,20 +111,16 @@ class RelaxationFit:
         (shortest, longest), n = self.window, self.terms
         deviation = np.linalg.norm(self.root, axis=1)
         own = self.constants
-        for i in range(n):
-            g, tau = own[i], own[n + i]
-            if tau * np.exp(2 * deviation[n + i]) > _BEYOND * longest:
-                return (
-                    f"a hold of {longest:.3g} s can't tell a time of {tau:.3g} s (its deviation "
-                    f"is {100 * deviation[n + i]:.0f} %); hold the press for longer"
-                )
-            if not max(deviation[i], deviation[n + i]) < _UNKNOWN:
-                size = np.sqrt(self.covariance[i, i])
-                return f"the share {g:.2g} +- {size:.2g} at {tau:.3g} s is not determined"
-            if tau < shortest:
-                return f"{tau:.3g} s is shorter than {shortest:.3g} s between two frames"
-        if n > 1 and np.min(np.diff(np.sort(self.trial.theta[n : 2 * n]))) < np.log(_APART):
+        if n > 1 and np.min(np.diff(np.sort(np.log(own[n : 2 * n])))) < np.log(_APART):
             return "two of the times are one"
+        for g, tau, *off in zip(own[:n], own[n:], deviation[:n], deviation[n:], strict=False):
+            if max(off) < _UNKNOWN and tau > shortest:
+                continue
+            a, b = (f"(+- {100 * min(x, 10.0):.0f} %)" for x in off)
+            told = f"g = {g:.2g} {a}, tau = {tau:.3g} s {b}"
+            if tau > longest / _APART:
+                return f"a hold of {longest:.3g} s can't tell {told}; hold the press for longer"
+            return f"{told}: no more than noise and drift may be"
         return ""
 
     @property
@@ -170,7 +167,8 @@ def fit_relaxation(
             break
     known = [fit for fit in fits if not fit.unknown]
     if not known:
-        raise NoCalibration(f"{data.paths}: no relaxation is told: {fits[0].unknown}")
+        said = "; ".join([fits[0].unknown, *fits[0].findings[1:]])
+        raise NoCalibration(f"{data.paths}: no relaxation is told: {said}")
     best = known[0]
     for fit in known[1:]:
         best = fit if gain(best, fit) > 0 else best
@@ -204,7 +202,7 @@ def _fitted(data: SensorData, presses: tuple[HeldPress, ...], count: int) -> Rel
         r, J, _ = _residuals(presses, told, trials[-1])
         return r, J
 
-    found = solved_by_scipy(at, start, bounds=room.T, xtol=1e-6, ftol=1e-8)
+    found = solved_by_scipy(at, start, bounds=room.T, xtol=1e-6, ftol=1e-8, max_nfev=_TRIALS)
     end = next(t for t in reversed(trials) if np.array_equal(t.theta, found.x))
     _, J, count_of = _residuals(presses, told, end)
     _, steady, _ = _residuals(presses, told, end, drifts=False)
@@ -254,22 +252,30 @@ def _residuals(
     """
     rows, count = [], 0
     for press, own, readings in zip(presses, told, trial.readings, strict=True):
-        so, deviation = press.so[own], press.deviation[own]
-        used = np.isfinite(so) & np.isfinite(readings[:, own]).all(0)
-        weight = np.where(used, 1 / deviation, 0.0)
-        since = press.time / press.time[-1]
-        # [1 + p, taxel, mean, column]
-        model = np.nan_to_num(readings[:, own] - readings[:, own, :1])
-        fixed = [np.ones_like(model), np.broadcast_to(since, model.shape)]
-        stack = np.stack([*fixed[: 1 + drifts], model], -1) * weight[..., None]
-        basis = np.linalg.qr(stack)[0]
-        y = np.where(used, so - np.nanmean(so, 1, keepdims=True), 0.0) * weight
-        left = y - np.einsum("ptmc,ptnc,tn->ptm", basis, basis, y, optimize=True)
-        rows.append(left.reshape(len(left), -1))
-        count += int(used.sum())
+        left, used = unexplained(press, readings, drifts=drifts)
+        rows.append(left[:, own].reshape(len(left), -1))
+        count += int(used[own].sum())
     at = np.concatenate(rows, 1)
-    last = trial.theta[-1] / DEFAULTS[STIFFNESS]
-    r = np.append(at[0], last)
-    J = np.concatenate([((at[1:] - at[0]) / _STEP).T, np.zeros((1, len(trial.theta)))])
+    J = np.zeros((at.shape[1] + 1, len(at) - 1))
+    J[:-1] = (at[1:] - at[0]).T / _STEP
     J[-1, -1] = 1 / DEFAULTS[STIFFNESS]
-    return r, J, count
+    return np.append(at[0], trial.theta[-1] / DEFAULTS[STIFFNESS]), J, count
+
+
+def unexplained(
+    press: HeldPress, readings: Floats, *, drifts: bool = True
+) -> tuple[Floats, np.ndarray]:
+    """What offset, drift and gain of each taxel leave of its counts, over their noise.
+
+    `readings` are the model's of some trials [trial, taxel, mean].
+    Returns what is left, and which counts are used [taxel, mean].
+    """
+    used = np.isfinite(press.so) & np.isfinite(readings).all(0)
+    weight = np.where(used, 1 / press.deviation, 0.0)
+    model = np.nan_to_num(readings - readings[..., :1])
+    fixed = [np.ones_like(model), np.broadcast_to(press.time / press.time[-1], model.shape)]
+    stack = np.stack([*fixed[: 1 + drifts], model], -1) * weight[..., None]
+    basis = np.linalg.qr(stack)[0]
+    y = np.where(used, press.so, 0.0) * weight
+    found = y - np.einsum("ktmc,ktnc,tn->ktm", basis, basis, y, optimize=True)
+    return found, used
