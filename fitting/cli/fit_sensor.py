@@ -41,8 +41,8 @@ def sensor(
         str,
         option(
             "Constants to find: permittivity, gap, scale, stray, layers, material.C1, "
-            "..., separated by commas; as-built: all that a unit has of its own; or relaxation: "
-            "shares and times of the rubber, from held presses."
+            "..., separated by commas; as-built: all that a unit has of its own; or "
+            "relaxation: shares and times of the rubber, from held presses."
         ),
     ] = "permittivity,gap",
     gap: Annotated[

@@ -13,7 +13,7 @@ is run anew for every trial; its derivatives are differences of it.
 
 import dataclasses
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,6 +32,7 @@ _MOVES = 5.0  # change of a taxel's mean, over its noise, that makes it tell som
 _UNKNOWN = 0.5  # relative deviation of a share or a time from which it is not known
 _HIDDEN = 2.0  # by how much the drift may widen a deviation without being named
 _BEYOND, _APART = 10.0, 2.0  # of the times measured; of two times
+_SMALL, _AWAY = 0.01, 5.0  # a further term to try: gamma, and how far its time is
 _LIMITS = (1e-4, 4.0)  # of gamma
 _TRIALS = 40
 
@@ -40,7 +41,9 @@ class Trial(NamedTuple):
     """The model near some parameters."""
 
     theta: Floats  # log gamma, log tau, log of the factor on the long-term constants [p]
-    readings: tuple[Floats, ...]  # of each press, there and a step along each [1 + p, taxel, mean]
+    readings: tuple[
+        Floats, ...
+    ]  # of each press, there and a step along each [1 + p, taxel, mean]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,6 +52,7 @@ class RelaxationFit:
 
     data: SensorData
     presses: tuple[HeldPress, ...]
+    told: tuple[np.ndarray, ...]  # which taxels of each move [taxel]
     trial: Trial  # at the minimum
     chi2: float  # sum of the squared residuals over the noise
     readings: int  # how many means they are of
@@ -96,7 +100,9 @@ class RelaxationFit:
     def relaxed(self, time: float, since: float) -> tuple[float, float]:
         """Share of the stress at one time that is gone at another, and its deviation."""
         steps = 1e-4 * np.eye(len(self.trial.theta))
-        at = [relaxed(_series(self.trial.theta + h), time, since) for h in (0 * steps[0], *steps)]
+        at = [
+            relaxed(_series(self.trial.theta + h), time, since) for h in (0 * steps[0], *steps)
+        ]
         slope = (np.array(at[1:]) - at[0]) / 1e-4
         return at[0], float(np.linalg.norm(slope @ self.root))
 
@@ -124,21 +130,27 @@ class RelaxationFit:
         return ""
 
     @property
+    def hidden(self) -> list[str]:
+        """What a drift of the baseline could be as well, in words."""
+        wider = np.linalg.norm(self.root, axis=1) / np.maximum(self.steady, 1e-300)
+        names = [name for name, by in zip(self.names, wider, strict=True) if by > _HIDDEN]
+        if not names:
+            return []
+        return [
+            f"slow creep and drift of the baseline are alike: the drift widens the errors of "
+            f"{', '.join(names)} {wider.max():.2g} times; record rest before and after for as "
+            "long as the hold"
+        ]
+
+    @property
     def findings(self) -> list[str]:
         """What the presses leave open, in words."""
         shortest, longest = self.window
-        found = [
-            f"what relaxes within {shortest:.3g} s of a change counts as elastic, what takes much "
-            f"longer than the hold of {longest:.3g} s as long-term"
-        ]
-        wider = np.linalg.norm(self.root, axis=1) / np.maximum(self.steady, 1e-300)
-        found += [
-            f"{name}: slow creep and a drift of the baseline are alike; the drift widens its "
-            f"deviation {by:.2g} times: record rest before and after for as long as the hold"
-            for name, by in zip(self.names, wider, strict=True)
-            if by > _HIDDEN
-        ]
-        return found
+        window = (
+            f"what relaxes within {shortest:.3g} s of a change counts as elastic, what takes "
+            f"much longer than the hold of {longest:.3g} s as long-term"
+        )
+        return [window, *self.hidden]
 
 
 def relaxed(series: RelaxationSpec, time: float, since: float) -> float:
@@ -150,51 +162,82 @@ def relaxed(series: RelaxationSpec, time: float, since: float) -> float:
 
 def fit_relaxation(
     data: SensorData, progress: Callable[[str], None] = lambda text: None
-) -> tuple[RelaxationFit, list[RelaxationFit]]:
+) -> tuple[RelaxationFit, list[dict[str, Any]]]:
     """Find the Prony terms of a skin's rubber.
 
     `data` are logs of held presses; `progress` is called with what is being done.
-    Returns the fit with as many terms as bring something, and those of all numbers tried.
+    Returns the fit with as many terms as bring something, and what is known of one more.
     Raises ValueError: a log has no held press; NoCalibration: no term can be known.
     """
     require_float64()
     presses = held_presses(data)
-    fits: list[RelaxationFit] = []
-    for count in range(1, _MOST_TERMS + 1):
-        progress(f"{count} Prony term{'s' if count > 1 else ''}")
-        fits.append(_fitted(data, presses, count))
-        if fits[-1].unknown or (count > 1 and gain(fits[-2], fits[-1]) <= 0):
+    first, longest = min(p.first for p in presses), max(p.hold for p in presses)
+    start = np.log([_SHARE / (1 - _SHARE), np.sqrt(first * longest), 1.0])
+    progress("one Prony term")
+    best = _fitted(data, presses, start)
+    if best.unknown:
+        raise NoCalibration(
+            f"{data.paths}: no relaxation is told: {'; '.join([best.unknown, *best.hidden])}"
+        )
+    tried: list[dict[str, Any]] = []
+    while best.terms < _MOST_TERMS:
+        progress(f"{best.terms + 1} Prony terms")
+        hoped, start = _further(best)
+        row = {"terms": best.terms + 1, "gain_of_bic": hoped, "unknown": ""}
+        tried.append(row)
+        if hoped <= 0:
             break
-    known = [fit for fit in fits if not fit.unknown]
-    if not known:
-        said = "; ".join([fits[0].unknown, *fits[0].findings[1:]])
-        raise NoCalibration(f"{data.paths}: no relaxation is told: {said}")
-    best = known[0]
-    for fit in known[1:]:
-        best = fit if gain(best, fit) > 0 else best
-    return best, fits
+        more = _fitted(data, presses, start)
+        lower = (best.chi2 - more.chi2) / more.inflation**2 - _price(best)
+        row |= {"gain_of_bic": lower, "unknown": more.unknown}
+        if lower <= 0 or more.unknown:
+            break
+        best = more
+    return best, tried
 
 
-def gain(few: RelaxationFit, many: RelaxationFit) -> float:
-    """By how much more terms lower Schwarz's criterion, BIC."""
-    more = len(many.trial.theta) - len(few.trial.theta)
-    return (few.chi2 - many.chi2) / many.inflation**2 - more * float(np.log(many.readings))
+def _price(fit: RelaxationFit) -> float:
+    """What Schwarz's criterion, BIC, asks of a further term: a share and a time."""
+    return 2 * float(np.log(fit.readings))
+
+
+def _further(fit: RelaxationFit) -> tuple[float, Floats]:
+    """By how much a small further term promises to lower BIC, and where to begin with it."""
+    n, theta, told = fit.terms, fit.trial.theta, fit.told
+    r, J, _ = _residuals(fit.presses, told, fit.trial)
+    best = (-np.inf, theta)
+    for i, tau in ((0, theta[n] - np.log(_AWAY)), (n, theta[2 * n - 1] + np.log(_AWAY))):
+        start = np.insert(theta, [i, n + i], [np.log(_SMALL), tau])
+        pairs = [
+            np.stack([own[0], p.readings(_series(start), float(np.exp(theta[-1])))])
+            for p, own in zip(fit.presses, fit.trial.readings, strict=True)
+        ]
+        left = [
+            unexplained(p, x)[0][:, k] for p, x, k in zip(fit.presses, pairs, told, strict=True)
+        ]
+        change = np.append(np.concatenate([np.ravel(x[1] - x[0]) for x in left]), 0.0)
+        change -= J @ np.linalg.lstsq(J, change, rcond=None)[0]
+        size = float(change @ change)
+        along = -float(change @ r)  # a share below zero is none
+        lower = max(along, 0.0) ** 2 / max(size, 1e-300) / fit.inflation**2
+        best = max(best, (lower - _price(fit), start), key=lambda pair: pair[0])
+    return best
 
 
 def _series(theta: Floats) -> RelaxationSpec:
     n = len(theta) // 2
     gamma, tau = np.exp(theta[:n]), np.exp(theta[n : 2 * n])
-    return RelaxationSpec(g=tuple(map(float, gamma / (1 + gamma.sum()))), tau=tuple(map(float, tau)))
+    return RelaxationSpec(
+        g=tuple(map(float, gamma / (1 + gamma.sum()))), tau=tuple(map(float, tau))
+    )
 
 
-def _fitted(data: SensorData, presses: tuple[HeldPress, ...], count: int) -> RelaxationFit:
-    """The terms, as many as asked for, that follow the presses best."""
+def _fitted(data: SensorData, presses: tuple[HeldPress, ...], start: Floats) -> RelaxationFit:
+    """The terms, as many as to start from, that follow the presses best."""
     first, longest = min(p.first for p in presses), max(p.hold for p in presses)
-    tau = np.geomspace(first, longest, count + 2)[1:-1]
-    gamma = np.full(count, _SHARE / (1 - _SHARE) / count)
-    start = np.log([*gamma, *tau, 1.0])
+    count = len(start) // 2
     room = np.log([_LIMITS] * count + [(first / 3, _BEYOND * longest)] * count + [(0.5, 2.0)])
-    told = [_telling(p, p.readings(_series(start), 1.0)) for p in presses]
+    told = tuple(_telling(p, p.readings(_series(start), 1.0)) for p in presses)
     trials: list[Trial] = []
 
     def at(theta: Floats) -> tuple[Floats, Floats]:
@@ -215,6 +258,7 @@ def _fitted(data: SensorData, presses: tuple[HeldPress, ...], count: int) -> Rel
     return RelaxationFit(
         data,
         presses,
+        told,
         end,
         chi2,
         count_of,
@@ -241,21 +285,19 @@ def _telling(press: HeldPress, readings: Floats) -> np.ndarray:
 
 def _residuals(
     presses: tuple[HeldPress, ...],
-    told: list[np.ndarray],  # which taxels of each press
+    told: tuple[np.ndarray, ...],  # which taxels of each press
     trial: Trial,
     *,
     drifts: bool = True,
 ) -> tuple[Floats, Floats, int]:
-    """Residuals over the noise [n], their derivatives [n, p], and of how many readings.
-
-    The last is that of the factor on the constants, which the skin file states.
-    """
+    """Residuals over the noise [n], their derivatives [n, p], and of how many readings."""
     rows, count = [], 0
     for press, own, readings in zip(presses, told, trial.readings, strict=True):
         left, used = unexplained(press, readings, drifts=drifts)
         rows.append(left[:, own].reshape(len(left), -1))
         count += int(used[own].sum())
     at = np.concatenate(rows, 1)
+    # The last residual is that of the factor on the constants, which the skin file states.
     J = np.zeros((at.shape[1] + 1, len(at) - 1))
     J[:-1] = (at[1:] - at[0]).T / _STEP
     J[-1, -1] = 1 / DEFAULTS[STIFFNESS]

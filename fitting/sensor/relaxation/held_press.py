@@ -1,4 +1,4 @@
-"""Held presses of logs: how the load went, and means of the readings, a few a decade of time."""
+"""Held presses of logs: the course of the load, and means of the readings, some a decade."""
 
 from typing import Any, NamedTuple
 
@@ -85,22 +85,23 @@ def _held(data: SensorData, k: int) -> HeldPress:
         raise ValueError(
             f"{path}: --fit relaxation takes one load at one place a log; write a log for each"
         )
-    time = data.time[own]
-    starts, since = _means(time, load)
-    spec: Any = {name: getattr(data.spec, name) for name in data.spec.model_fields_set}
-    held = HeldPress(
-        SceneSpec(
-            **spec,
-            load=(scene_load(data.spec, loads, 0, int(pressed[0]) if len(pressed) else 0),),
-            solve=SolveSpec(model="shell"),
-        ),
-        "depth_m" if loads.bodies else "force_N",
-        *(np.add.reduceat(x, starts) / np.diff([*starts, len(x)]) for x in (time, load)),
-        *_averaged(data.so[:, own], starts),
-        since,
-    )
     if abs(load[0]) > _STEADY * np.abs(load).max():
         raise ValueError(f"{path}: the log begins under load; begin it at rest")
+    time = data.time[own]
+    starts, began = _means(time, load)
+    spec: Any = {name: getattr(data.spec, name) for name in data.spec.model_fields_set}
+    at = scene_load(data.spec, loads, 0, int(pressed[0]) if len(pressed) else 0)
+    count = np.diff([*starts, len(time)])
+    so, deviation = _averaged(data.so[:, own], starts)
+    held = HeldPress(
+        SceneSpec(**spec, load=(at,), solve=SolveSpec(model="shell")),
+        "depth_m" if loads.bodies else "force_N",
+        np.add.reduceat(time, starts) / count,
+        np.add.reduceat(load, starts) / count,
+        so,
+        deviation,
+        began,
+    )
     steady = np.sum((held.load > 0) & (held.time > held.began))
     if steady < _FEWEST or held.hold < _FEWEST * held.first:
         raise ValueError(

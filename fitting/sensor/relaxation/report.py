@@ -10,7 +10,7 @@ import tomlkit
 from matplotlib.figure import Figure
 
 from fitting.report.description import Headline, Part, Remark, ReportTable, print_parts
-from fitting.sensor.relaxation.fit import RelaxationFit, gain, relaxed, unexplained
+from fitting.sensor.relaxation.fit import RelaxationFit, relaxed, unexplained
 from suas_jax.acquisition.terminal import new_console
 from suas_jax.config import UncertainQuantity
 from suas_jax.config.inelastic import RelaxationSpec
@@ -22,11 +22,8 @@ from suas_jax.sensing.taxels import taxel_names
 _SHOWN = 4  # taxels of a figure
 
 
-def relaxation_report(fit: RelaxationFit, tried: list[RelaxationFit]) -> dict[str, Any]:
-    """Everything that is known of the terms, SI units.
-
-    `tried` are the fits of all numbers of terms.
-    """
+def relaxation_report(fit: RelaxationFit, tried: list[dict[str, Any]]) -> dict[str, Any]:
+    """Everything that is known of the terms and of one more (`tried`), SI units."""
     covariance, own = fit.covariance, fit.constants
     deviation = np.sqrt(np.diagonal(covariance))
 
@@ -39,8 +36,14 @@ def relaxation_report(fit: RelaxationFit, tried: list[RelaxationFit]) -> dict[st
     return {
         "parameters": by_name(own),
         "standard_errors": by_name(deviation),
-        "intervals": {"95": {k: [x - 1.96 * e, x + 1.96 * e] for k, x, e in zip(
-            fit.names, map(float, own), map(float, deviation), strict=True)}},
+        "intervals": {
+            "95": {
+                k: [x - 1.96 * e, x + 1.96 * e]
+                for k, x, e in zip(
+                    fit.names, map(float, own), map(float, deviation), strict=True
+                )
+            }
+        },
         "covariance_order": list(fit.names),
         "covariance": covariance.tolist(),
         "correlation": (covariance / np.outer(deviation, deviation)).tolist(),
@@ -55,10 +58,7 @@ def relaxation_report(fit: RelaxationFit, tried: list[RelaxationFit]) -> dict[st
             for t in times
             for share, error in [fit.relaxed(t, first)]
         ],
-        "terms_tried": [
-            {"terms": x.terms, "gain_of_bic": gain(tried[0], x), "unknown": x.unknown}
-            for x in tried
-        ],
+        "terms_tried": tried,
         "hold_s": longest,
         "unidentifiable": fit.findings,
         "residual": {"n": fit.readings, "chi2": fit.chi2, "inflation": fit.inflation},
@@ -99,8 +99,8 @@ def _described(report: dict[str, Any]) -> Iterator[Part]:
             for row in report["relaxed"]
         ],
     )
-    for row in report["terms_tried"][1:]:
-        why = row["unknown"] or f"Schwarz's criterion gains {row['gain_of_bic']:.3g}"
+    for row in report["terms_tried"]:
+        why = row["unknown"] or f"gain of {row['gain_of_bic']:.3g} by Schwarz's criterion"
         yield Remark(f"{row['terms']} terms: {why}")
     for text in report["unidentifiable"]:
         yield Remark(text, "not determined")
@@ -133,7 +133,7 @@ def plot_relaxation(fit: RelaxationFit, file: Path | None = None) -> Figure:
         model = press.so - press.deviation * unexplained(press, readings[:1])[0][0]
         most = np.argsort(-np.ptp(np.nan_to_num(readings[0]), axis=1))[:_SHOWN]
         for i in most:
-            rest = np.nanmean(press.so[i, press.load == 0])
+            rest = np.nanmean(press.so[i, : np.argmax(press.load > 0)])
             name = f"{modules[i]}.{numbers[i]}"
             axes.plot(press.time, press.so[i] - rest, ".", ms=4, label=f"taxel {name}")
             axes.plot(press.time, model[i] - rest, "k-", lw=0.8)

@@ -24,7 +24,14 @@ from fitting.sensor.shapes.state_programs import (
     solve_state,
     state_slopes,
 )
-from suas_jax.config import BodyLoadSpec, LineLoadSpec, PatchLoadSpec, SceneSpec, SkinSpec, SolveSpec
+from suas_jax.config import (
+    BodyLoadSpec,
+    LineLoadSpec,
+    PatchLoadSpec,
+    SceneSpec,
+    SkinSpec,
+    SolveSpec,
+)
 from suas_jax.config.input_errors import stresses_of
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.outcomes import NAMES, advice
@@ -254,18 +261,14 @@ class SceneStates:
         )
 
 
-def scene_load(
-    spec: SkinSpec, loads: KnownLoads, i: int, k: int
-) -> KnownLoad:
+def scene_load(spec: SkinSpec, loads: KnownLoads, i: int, k: int) -> KnownLoad:
     """Load i of state k as a scene has it."""
     flat = spec.geometry.dimension == 2
     section = plain_geometry(spec.geometry).section
     own: Any = {"arc": float(section.arc(loads.angle[i, k])[0]), "axial": loads.axial[i, k]}
     if loads.bodies:
-        shape = "cylinder" if flat else "sphere"
-        return BodyLoadSpec(
-            **own, shape=shape, radius=loads.radius[i, k], depth=loads.depth[i, k]
-        )
+        own |= {"radius": loads.radius[i, k], "depth": loads.depth[i, k]}
+        return BodyLoadSpec(shape="cylinder" if flat else "sphere", **own)
     own["force"] = np.nan_to_num(loads.force[i, k])
     if flat:
         own.pop("axial")
