@@ -107,10 +107,9 @@ def test_offset_drift_and_gain_of_a_taxel_leave_nothing(tmp_path: Path) -> None:
     (press,) = held_presses(held(tmp_path / "log.csv"))
     model = creeping(press.time, press.load, ONE)
     so = 30 - 0.02 * press.time + 1.3 * model
-    left, used = unexplained(press._replace(so=so), model[None])
-    assert used.all()
-    assert np.abs(left).max() < 1e-9
-    assert np.abs(unexplained(press._replace(so=so), model[None], drifts=False)[0]).max() > 0.1
+    drifting = press._replace(so=so)
+    assert np.abs(unexplained(drifting, model[None])).max() < 1e-9
+    assert np.abs(unexplained(drifting, model[None], drifts=False)).max() > 0.1
 
 
 def test_two_terms_are_found_where_there_are_two(quick: None, tmp_path: Path) -> None:
@@ -148,7 +147,7 @@ def test_what_a_hold_can_t_tell_is_refused_in_words(quick: None, tmp_path: Path)
 def test_slow_creep_names_the_drift_that_hides_it(quick: None, tmp_path: Path) -> None:
     slow = RelaxationSpec(g=(0.2,), tau=(90.0,))
     best, _ = fit_relaxation(held(tmp_path / "log.csv", slow, rest=10.0))
-    assert any("drift of the baseline" in text for text in best.findings)
+    assert any("drift of the baseline" in text for text in best.hidden)
 
 
 def test_logs_without_one_held_press_are_refused(tmp_path: Path) -> None:

@@ -204,8 +204,8 @@ def _relaxation(
         configure()
         from fitting.sensor.relaxation.fit import fit_relaxation
         from fitting.sensor.relaxation.report import (
+            described,
             plot_relaxation,
-            print_relaxation,
             relaxation_report,
             relaxing_skin,
         )
@@ -215,7 +215,12 @@ def _relaxation(
             plot_relaxation(found, plot)
         write_text(target, relaxing_skin(skin, found))
         report = relaxation_report(found, tried) | {"skin_file": str(target)}
-    answer(as_json, report, lambda: print_relaxation(report))
+    from fitting.report.description import print_parts
+    from suas_jax.acquisition.terminal import new_console
+
+    answer(
+        as_json, report, lambda: print_parts(new_console(highlight=False), [*described(report)])
+    )
     if not as_json:
         say(f"written: {target}", err=True)
 

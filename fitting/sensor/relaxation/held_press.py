@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.sensor.logs.data import SensorData
+from fitting.sensor.logs.data import NoCalibration, SensorData
 from fitting.sensor.logs.readings import ROUNDING
 from fitting.sensor.shapes.scene_states import scene_load
 from suas_jax.config import SceneSpec, SolveSpec, continuous_inputs, with_inputs
@@ -18,6 +18,7 @@ _STEADY = 0.02
 # Frames that one mean is of span this share of the time since the load last changed.
 _SPAN = 0.12
 _FEWEST = 10  # means of a hold that tell a course
+_MOVES = 10.0  # range of a taxel's means, over their noise, that makes it tell something
 
 
 class HeldPress(NamedTuple):
@@ -27,26 +28,29 @@ class HeldPress(NamedTuple):
     column: str  # of a history that drives the load
     time: Floats  # of the means [mean] [s]
     load: Floats  # force or travel [mean] [N or m]
-    so: Floats  # counts [taxel, mean]; NaN where all are missing
+    # counts [taxel, mean]; NaN where all are missing, and of taxels that the load hardly moves
+    so: Floats
     deviation: Floats  # standard deviation of their noise [taxel, mean]
     began: Floats  # when the load last changed before each mean [mean] [s]
 
     def readings(self, series: RelaxationSpec, stiffness: float) -> Floats:
-        """Counts as the skin's model has them [taxel, mean]; NaN where it finds no state.
+        """Counts as the skin's model has them [taxel, mean].
 
         `stiffness` multiplies the long-term constants of the skin file.
+        Raises NoCalibration: the loads have no equilibrium.
         """
         material = self.scene.material.model_copy(update={"relaxation": series})
         scene = self.scene.model_copy(update={"material": material})
         known = continuous_inputs(scene)
         scene = with_inputs(scene, {key: stiffness * known[key] for key in stresses_of(scene)})
         found = history_sweep(scene, History(self.time, {self.column: self.load}))
-        none = [np.nan] * len(self.so)
-        rows = [
-            [taxel["so"] for taxel in p["taxels"]] if p["status"] == "converged" else none
-            for p in found.points
-        ]
-        return np.array(rows, float).T
+        for point in found.points:
+            if point["status"] != "converged":
+                raise NoCalibration(
+                    f"the model has no state {point['t_s']:.4g} s into the log "
+                    f"({point['status']}): check the load's unit, and the skin file"
+                )
+        return np.array([[taxel["so"] for taxel in p["taxels"]] for p in found.points], float).T
 
     @property
     def hold(self) -> float:
@@ -93,6 +97,7 @@ def _held(data: SensorData, k: int) -> HeldPress:
     at = scene_load(data.spec, loads, 0, int(pressed[0]) if len(pressed) else 0)
     count = np.diff([*starts, len(time)])
     so, deviation = _averaged(data.so[:, own], starts)
+    so[~(np.nanmax(so, 1) - np.nanmin(so, 1) > _MOVES * np.median(deviation, 1))] = np.nan
     held = HeldPress(
         SceneSpec(**spec, load=(at,), solve=SolveSpec(model="shell")),
         "depth_m" if loads.bodies else "force_N",
