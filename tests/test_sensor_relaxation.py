@@ -187,10 +187,10 @@ def test_a_held_press_on_the_skin_tells_its_relaxation(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, command)
     assert result.exit_code == 0, result.output
     report = json.loads(result.stdout)
-    for name, truth in (("g.0", 0.15), ("tau.0", 20.0)):
+    for name, truth, most in (("g.0", 0.15, 0.02), ("tau.0", 20.0, 0.05)):
         error = report["standard_errors"][f"material.relaxation.{name}"]
         assert abs(report["parameters"][f"material.relaxation.{name}"] - truth) < 2.5 * error
-        assert error < 0.06 * truth
+        assert error < most * truth
     own = load_skin(target).material.relaxation
     assert own is not None
     assert own.g[0] == pytest.approx(report["parameters"]["material.relaxation.g.0"])
