@@ -160,6 +160,10 @@ def test_logs_without_one_held_press_are_refused(tmp_path: Path) -> None:
             held_presses(held(file, **options))  # type: ignore[arg-type]
     held(file)
     lines = file.read_text().splitlines()
+    idle = [line.replace(",20.0,0", ",0.0,0") for line in lines]
+    file.write_text("\n".join(idle) + "\n")
+    with pytest.raises(ValueError, match="stays within 2 % for 0 s"):
+        held_presses(load_sensor_data(load_skin(SKIN), [file], joint=True))
     later = [line.removesuffix("0") + "10" if i > 400 else line for i, line in enumerate(lines)]
     file.write_text("\n".join(later) + "\n")
     with pytest.raises(ValueError, match="one load at one place"):

@@ -62,7 +62,7 @@ class HeldPress(NamedTuple):
     def first(self) -> float:
         """The shortest time after a change of the load that readings are of [s]."""
         since = self.time - self.began
-        return float(np.min(since[since > 0]))
+        return float(np.min(since[since > 0], initial=np.inf))
 
 
 def held_presses(data: SensorData) -> tuple[HeldPress, ...]:
@@ -85,7 +85,7 @@ def _held(data: SensorData, k: int) -> HeldPress:
     load, pressed = sizes[0, state], np.unique(state[sizes[0, state] > 0])
     names = ("angle", "turn", "axial", "diameter")
     places = np.stack([getattr(loads, name)[0, pressed] for name in names])
-    if sizes[1:, state].any() or not (np.ptp(places, axis=1) <= 1e-9).all():
+    if sizes[1:, state].any() or np.any(np.abs(places - places[:, :1]) > 1e-9):
         raise ValueError(
             f"{path}: --fit relaxation takes one load at one place a log; write a log for each"
         )
@@ -97,7 +97,8 @@ def _held(data: SensorData, k: int) -> HeldPress:
     at = scene_load(data.spec, loads, 0, int(pressed[0]) if len(pressed) else 0)
     count = np.diff([*starts, len(time)])
     so, deviation = _averaged(data.so[:, own], starts)
-    so[~(np.nanmax(so, 1) - np.nanmin(so, 1) > _MOVES * np.median(deviation, 1))] = np.nan
+    low, high = (np.where(np.isfinite(so), so, x) for x in (np.inf, -np.inf))
+    so[~(high.max(1) - low.min(1) > _MOVES * np.median(deviation, 1))] = np.nan
     held = HeldPress(
         SceneSpec(**spec, load=(at,), solve=SolveSpec(model="shell")),
         "depth_m" if loads.bodies else "force_N",
@@ -110,7 +111,7 @@ def _held(data: SensorData, k: int) -> HeldPress:
     steady = np.sum((held.load > 0) & (held.time > held.began))
     if steady < _FEWEST or held.hold < _FEWEST * held.first:
         raise ValueError(
-            f"{path}: nothing is held: the load stays for {held.hold:.3g} "
+            f"{path}: nothing is held: the load stays within 2 % for {held.hold:.3g} "
             "s at most; press one place for a minute or more, and release it"
         )
     return held
