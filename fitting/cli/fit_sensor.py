@@ -1,7 +1,10 @@
 """`suas fit sensor`. JAX is imported inside the command."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
+
+import typer
 
 from fitting.cli.contract import Overwrite, answer, bad_input
 from fitting.cli.options import (
@@ -23,6 +26,7 @@ from suas_jax.files.writing import check_output, write_text
 
 
 def sensor(
+    context: typer.Context,
     skin: SkinFile,
     logs: Annotated[
         list[Path],
@@ -37,7 +41,8 @@ def sensor(
         str,
         option(
             "Constants to find: permittivity, gap, scale, stray, layers, material.C1, "
-            "..., separated by commas; or as-built: all that a unit has of its own."
+            "..., separated by commas; as-built: all that a unit has of its own; or "
+            "relaxation: shares and times of the rubber, from held presses."
         ),
     ] = "permittivity,gap",
     gap: Annotated[
@@ -101,12 +106,10 @@ def sensor(
     with bad_input():
         if chain and not sample:
             raise ValueError("--chain needs --sample")
-        target = output or Path(f"{skin.stem.removesuffix('.calibrated')}.calibrated.toml")
-        if target.exists() and target.samefile(skin):
-            raise ValueError(f"{target}: is the skin file itself; choose another name with -o")
-        own = output is None and was_written_by("written by suas fit sensor", target)
-        check_output(target, overwrite=overwrite or own)
-        check_files(plot, overwrite=overwrite or own)
+        target = _target(skin, output, plot, overwrite=overwrite)
+        if fit.strip() == "relaxation":
+            _relaxation(context, logs, inputs or (), target)
+            return
         own_output(chain)  # not only when the fit has ended
         from fitting.sensor.logs.data import load_sensor_data
         from suas_jax.config import continuous_inputs, load_skin
@@ -163,6 +166,61 @@ def sensor(
     from fitting.sensor.report.summary import print_report
 
     answer(as_json, report, lambda: print_report(report, found))
+    if not as_json:
+        say(f"written: {target}", err=True)
+
+
+def _target(skin: Path, output: Path | None, plot: Path | None, *, overwrite: bool) -> Path:
+    """The skin file to write, after a check that it and the figure may be written."""
+    target = output or Path(f"{skin.stem.removesuffix('.calibrated')}.calibrated.toml")
+    if target.exists() and target.samefile(skin):
+        raise ValueError(f"{target}: is the skin file itself; choose another name with -o")
+    overwrite |= output is None and was_written_by("written by suas fit sensor", target)
+    check_output(target, overwrite=overwrite)
+    check_files(plot, overwrite=overwrite)
+    return target
+
+
+_OF_RELAXATION = {"skin", "logs", "output", "fit", "inputs", "plot", "overwrite", "as_json"}
+
+
+def _relaxation(
+    context: typer.Context, logs: Sequence[Path], inputs: Sequence[Path], target: Path
+) -> None:
+    """Find shares and times of the rubber's relaxation, and write them."""
+    given = context.params
+    for name in sorted(given.keys() - _OF_RELAXATION):
+        source = context.get_parameter_source(name)
+        if source is not None and source.name == "COMMANDLINE":
+            raise ValueError(f"--{name.replace('_', '-')}: not with --fit relaxation")
+    skin, plot, as_json = given["skin"], given["plot"], given["as_json"]
+    from fitting.sensor.logs.data import load_sensor_data
+    from suas_jax.config import load_skin
+
+    with fitting_spinner() as show:
+        data = load_sensor_data(load_skin(skin), logs, inputs, joint=True)
+        from suas_jax.runtime.settings import configure
+
+        configure()
+        from fitting.sensor.relaxation.fit import fit_relaxation
+        from fitting.sensor.relaxation.report import (
+            described,
+            plot_relaxation,
+            relaxation_report,
+            relaxing_skin,
+        )
+
+        found, tried = fit_relaxation(data, show)
+        if plot is not None:
+            plot_relaxation(found, plot)
+        write_text(target, relaxing_skin(skin, found))
+        report = relaxation_report(found, tried) | {"skin_file": str(target)}
+    from fitting.report.description import print_parts
+    from suas_jax.acquisition.terminal import new_console
+
+    answer(
+        as_json, report, lambda: print_parts(new_console(highlight=False), [*described(report)])
+    )
     if not as_json:
         say(f"written: {target}", err=True)
 

@@ -22,12 +22,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from suas_jax.constitutive.relaxation import Response
-from suas_jax.dynamics.driven import (
-    DrivenSkin,
-    Values,
-    answering,
-    membrane_of,
-)
+from suas_jax.dynamics.driven import DrivenSkin, Values, answering, membrane_of
 from suas_jax.dynamics.inertia import (
     THINNEST_FILM,
     Densities,

@@ -11,13 +11,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from suas_jax.dynamics.driven import (
-    DrivenSkin,
-    Values,
-)
-from suas_jax.dynamics.inertia import (
-    flow_of,
-)
+from suas_jax.dynamics.driven import DrivenSkin, Values
+from suas_jax.dynamics.inertia import flow_of
 from suas_jax.dynamics.motion import free_unknowns
 from suas_jax.dynamics.moving_skin import Inverse, MovingSkin
 from suas_jax.dynamics.steps import MOST_STEPS, Rows, begun, bend_weight, observed_at

@@ -24,7 +24,14 @@ from fitting.sensor.shapes.state_programs import (
     solve_state,
     state_slopes,
 )
-from suas_jax.config import BodyLoadSpec, PatchLoadSpec, SceneSpec, SkinSpec, SolveSpec
+from suas_jax.config import (
+    BodyLoadSpec,
+    LineLoadSpec,
+    PatchLoadSpec,
+    SceneSpec,
+    SkinSpec,
+    SolveSpec,
+)
 from suas_jax.config.consistency import contradictions
 from suas_jax.config.input_errors import stresses_of
 from suas_jax.equilibrium.balance import State
@@ -44,6 +51,7 @@ from suas_jax.skin.plain import plain_geometry
 
 DIAMETER = 6e-3
 """Of contacts whose diameter no column gives [m]."""
+KnownLoad = BodyLoadSpec | LineLoadSpec | PatchLoadSpec
 _ACCURACY = 1e-7  # of a displacement that is met [m]
 _SECANTS = 12
 _FIRST = 1e-4  # first force of a secant, in terms of the largest stress and the thickness
@@ -86,7 +94,6 @@ class SceneStates:
         electrodes = spec.electrodes.with_equal_channels()
         spec = spec.model_copy(update={"electrodes": electrodes})
         self._spec, self._told, self._progress = spec, told, progress
-        self._section = plain_geometry(spec.geometry).section
         given = {name: getattr(spec, name) for name in spec.model_fields_set}
         first = self._loads(told, 0)
         whole = SceneSpec(**given, load=first, solve=SolveSpec(symmetry=False))
@@ -96,30 +103,9 @@ class SceneStates:
         self._slopes: dict[int, list[AbstractFace]] = {}
         self._nearby: dict[bytes, State] = {}  # by the mesh, of states not solved before
 
-    def _loads(self, loads: KnownLoads, k: int) -> tuple[BodyLoadSpec | PatchLoadSpec, ...]:
+    def _loads(self, loads: KnownLoads, k: int) -> tuple[KnownLoad, ...]:
         """The loads of a state as a scene has them."""
-        found: list[BodyLoadSpec | PatchLoadSpec] = []
-        for i in range(len(loads.angle)):
-            arc = float(self._section.arc(loads.angle[i, k])[0])
-            axial = float(loads.axial[i, k])
-            if loads.bodies:
-                flat = self._spec.geometry.dimension == 2
-                found.append(
-                    BodyLoadSpec(
-                        shape="cylinder" if flat else "sphere",
-                        arc=arc,
-                        axial=axial,
-                        radius=float(loads.radius[i, k]),
-                        depth=float(loads.depth[i, k]),
-                    )
-                )
-            else:
-                diameter = float(loads.diameter[i, k]) or DIAMETER
-                force = float(np.nan_to_num(loads.force[i, k]))
-                found.append(
-                    PatchLoadSpec(arc=arc, axial=axial, diameter=diameter, force=force)
-                )
-        return tuple(found)
+        return tuple(scene_load(self._spec, loads, i, k) for i in range(len(loads.angle)))
 
     def _planned(self, scene: SceneSpec) -> list[AbstractPlan]:
         """Meshes of all states with as many elements and load points each."""
@@ -276,6 +262,21 @@ class SceneStates:
             f"load {i}: no force moves the pad by {1e3 * wanted:.4g} mm; check the column's "
             "unit and sign"
         )
+
+
+def scene_load(spec: SkinSpec, loads: KnownLoads, i: int, k: int) -> KnownLoad:
+    """Load i of state k as a scene has it."""
+    flat = spec.geometry.dimension == 2
+    section = plain_geometry(spec.geometry).section
+    own: Any = {"arc": float(section.arc(loads.angle[i, k])[0]), "axial": loads.axial[i, k]}
+    if loads.bodies:
+        own |= {"radius": loads.radius[i, k], "depth": loads.depth[i, k]}
+        return BodyLoadSpec(shape="cylinder" if flat else "sphere", **own)
+    own["force"] = np.nan_to_num(loads.force[i, k])
+    if flat:
+        own.pop("axial")
+        return LineLoadSpec(**own, direction=loads.turn[i, k])
+    return PatchLoadSpec(**own, diameter=loads.diameter[i, k] or DIAMETER)
 
 
 def _mesh(plan: AbstractPlan) -> bytes:

@@ -1,0 +1,1 @@
+"""Relaxation of a skin's rubber from presses that are held on the skin itself."""
