@@ -15,13 +15,26 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jaxtyping import Array
-from skins import EPDM, WIDTH, built, find, line, problem_of, quick, scene, shaped
+from skins import (
+    EPDM,
+    GEOMETRY,
+    LAWS,
+    WIDTH,
+    built,
+    find,
+    line,
+    problem_of,
+    quick,
+    scene,
+    shaped,
+)
 
 from suas_jax.config import (
     BodyLoadSpec,
     ConfigError,
     SceneSpec,
     continuous_inputs,
+    scene_from_dict,
     with_inputs,
     with_solve,
 )
@@ -32,11 +45,14 @@ from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.equilibrium.validity import room_for_bodies
 from suas_jax.mechanics.contact.state import BodyContact
 from suas_jax.mesh.section import measures
+from suas_jax.numerics.lanes import number
+from suas_jax.scene import build
 from suas_jax.scene.assessment import error_by_squeezing
 from suas_jax.scene.build import plan_for
 from suas_jax.scene.contact_zone import body_observables
 from suas_jax.scene.loads import loads_of
 from suas_jax.scene.parts import scene_parts, skin_parts
+from suas_jax.scene.program import prepared, run_program, structure_of
 from suas_jax.scene.solve import Solution, solve
 from suas_jax.scene.sweep import SweepError, sweep
 from suas_jax.scene.travel import under_forces
@@ -52,6 +68,14 @@ def body(angle: float, depth: float, **shape: Any) -> dict[str, Any]:
     """A body; angle in degrees, depth in millimetres."""
     place = {"angle": f"{angle} deg", "depth": f"{depth!r} mm"}
     return {"kind": "body", **place, **(shape or CYLINDER)}
+
+
+def pad_scene(load: dict[str, Any]) -> SceneSpec:
+    """The paper's skin with clamped ends under one load."""
+    geometry = {**GEOMETRY, "ends": "clamped"}
+    oil = {"model": "incompressible"}
+    tables = {"geometry": geometry, "material": LAWS["neo-hookean"], "oil": oil}
+    return scene_from_dict({**tables, "load": [load]})
 
 
 def references(angle: float) -> list[dict[str, float]]:
@@ -263,6 +287,41 @@ def test_a_plate_opens_from_a_point_to_one_patch() -> None:
     assert small["zones"] == large["zones"] == 1
     assert abs(large["force_N"] / references(0)[-1]["force_radial_N"] - 1.1) < 0.01
     assert pressure > 17e3
+
+
+def solved_on_pad(load: dict[str, Any]) -> tuple[float, float, float]:
+    """Force [N], oil pressure [Pa] and displacement under one load in a pad's middle [m]."""
+    spec = pad_scene(load)
+    _, meshes, inputs, rest = prepared(spec, "shell", (16, 12))
+    static = structure_of(spec, wall=False)
+    *_, state, outcome = run_program(static, meshes, inputs, rest, once=True, judged=False)
+    assert number(outcome["result"]) == 0
+    own = scene_parts(spec, inputs)
+    pad = build.problem_of(own, meshes.solved).mechanics
+    acting = (own.bodies or own.forces)[0]
+    under = number(jnp.abs(pad.under(state.q, acting).mid_displacement[1]))
+    force = float(load.get("force", "0 N").split()[0])
+    if pad.bodies:
+        contact = pad.touched(state.q, pad.bodies[0].placed(state.factor))
+        force = pad.parts * number(jnp.sum(contact.force[1], (0, 1)))
+    return abs(force), number(state.pressure), under
+
+
+@pytest.mark.long  # two programs of pads
+def test_a_ball_without_size_is_a_point_load() -> None:
+    """A patch of 0.2 mm with the ball's force: same oil pressure, same travel."""
+    apart = []
+    for radius in (4.0, 1.0, 0.25):
+        ball = {"shape": "sphere", "radius": f"{radius} mm"}
+        force, pressure, _ = solved_on_pad(body(0, 1.0, **ball))
+        patch = {"kind": "patch", "angle": "0 deg", "diameter": "0.2 mm"}
+        _, under_patch, moved = solved_on_pad({**patch, "force": f"{force!r} N"})
+        apart.append((abs(pressure / under_patch - 1), abs(moved / 1e-3 - 1)))
+    by_pressure, by_travel = np.array(apart).T
+    assert (np.diff(by_pressure) < 0).all()
+    assert (np.diff(by_travel) < 0).all()
+    assert by_pressure[-1] < 1e-3
+    assert by_travel[-1] < 5e-3
 
 
 held = quick(equilibrium_with_friction)
