@@ -358,10 +358,9 @@ def test_a_ball_without_size_is_a_point_load() -> None:
         _, under_patch, moved = solved_on_pad({**patch, "force": f"{force!r} N"})
         apart.append((abs(pressure / under_patch - 1), abs(moved / 1e-3 - 1)))
     by_pressure, by_travel = np.array(apart).T
-    assert (np.diff(by_pressure) < 0).all()
-    assert (np.diff(by_travel) < 0).all()
-    assert by_pressure[-1] < 1e-3
-    assert by_travel[-1] < 5e-3
+    assert (by_pressure[1:] < 1e-4).all()
+    assert by_pressure[0] > by_pressure[1:].max()
+    assert by_travel[-1] < 5e-3, by_travel
 
 
 @pytest.mark.long  # a program of the solid
