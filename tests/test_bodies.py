@@ -6,6 +6,7 @@ tests/data/indenter2d.csv: finite elements under a rigid cylinder; its header sa
 import csv
 import dataclasses
 import functools
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +16,26 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jaxtyping import Array
-from skins import EPDM, WIDTH, built, find, line, problem_of, quick, scene, shaped
+from skins import (
+    EPDM,
+    GEOMETRY,
+    LAWS,
+    WIDTH,
+    built,
+    find,
+    line,
+    problem_of,
+    quick,
+    scene,
+    shaped,
+)
 
 from suas_jax.config import (
     BodyLoadSpec,
     ConfigError,
     SceneSpec,
     continuous_inputs,
+    scene_from_dict,
     with_inputs,
     with_solve,
 )
@@ -31,12 +45,17 @@ from suas_jax.equilibrium.friction import equilibrium_with_friction
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.equilibrium.validity import room_for_bodies
 from suas_jax.mechanics.contact.state import BodyContact
+from suas_jax.mechanics.registry import MODELS
 from suas_jax.mesh.section import measures
+from suas_jax.numerics.lanes import number
+from suas_jax.scene import build
 from suas_jax.scene.assessment import error_by_squeezing
 from suas_jax.scene.build import plan_for
 from suas_jax.scene.contact_zone import body_observables
+from suas_jax.scene.indentation import IndentationCurve, Point
 from suas_jax.scene.loads import loads_of
 from suas_jax.scene.parts import scene_parts, skin_parts
+from suas_jax.scene.program import prepared, run_program, structure_of
 from suas_jax.scene.solve import Solution, solve
 from suas_jax.scene.sweep import SweepError, sweep
 from suas_jax.scene.travel import under_forces
@@ -52,6 +71,14 @@ def body(angle: float, depth: float, **shape: Any) -> dict[str, Any]:
     """A body; angle in degrees, depth in millimetres."""
     place = {"angle": f"{angle} deg", "depth": f"{depth!r} mm"}
     return {"kind": "body", **place, **(shape or CYLINDER)}
+
+
+def pad_scene(load: dict[str, Any]) -> SceneSpec:
+    """The paper's skin with clamped ends under one load."""
+    geometry = {**GEOMETRY, "ends": "clamped"}
+    oil = {"model": "incompressible"}
+    tables = {"geometry": geometry, "material": LAWS["neo-hookean"], "oil": oil}
+    return scene_from_dict({**tables, "load": [load]})
 
 
 def references(angle: float) -> list[dict[str, float]]:
@@ -268,6 +295,43 @@ def test_indentation_curves_go_there_and_back() -> None:
         sweep(scene(line(0, 1.0)), depths=depths)
 
 
+class _Known(IndentationCurve):
+    """A curve whose forces are known: on the coarser mesh too large by their travel [mm]."""
+
+    def follow(
+        self, depths: Sequence[float], counts: tuple[int, ...], starts: Any = None
+    ) -> list[Point]:
+        del starts
+        if counts != self.plan.counts:
+            COARSE.extend(depths)
+        more = 0.0 if counts == self.plan.counts else 1.5
+        shown = [
+            {
+                "loads": [{"force_N": 1 + more * 1e3 * depth}],
+                "oil_pressure_Pa": 0.0,
+                "max_displacement_m": 1.0,
+            }
+            for depth in depths
+        ]
+        lost = [int(round(1e3 * depth) == 9 and more > 0) for depth in depths]
+        return [Point(x, {"result": k}, None) for x, k in zip(shown, lost, strict=True)]
+
+
+COARSE: list[float] = []
+
+
+def test_a_curves_mesh_error_is_told_at_nine_travels() -> None:
+    """Between them the larger one counts; one that the coarser mesh loses is no witness."""
+    spec = scene(body(0, 4.0))
+    plan = plan_for(spec, "shell", (32,))
+    known = _Known(spec, {}, MODELS[2]["shell"], plan, wall=False)
+    depths = 1e-3 * np.array([*range(18), 5.0, -1.0])
+    errors = known._mesh_errors(depths, known.follow(depths, plan.counts))
+    np.testing.assert_allclose(1e3 * np.array(COARSE), range(1, 18, 2))
+    wanted = np.array([1, 1, 3, 3, 5, 5, 7, 7, *[11] * 4, 13, 13, 15, 15, 17, 17, 5, 1])
+    np.testing.assert_allclose(errors, wanted, rtol=1e-12)
+
+
 def test_a_plate_opens_from_a_point_to_one_patch() -> None:
     """Of 0.4 mm at 2 mm, of 6 mm at 4 mm: then a tenth stiffer than a cylinder."""
     small, _, _ = pressed(scene(body(0, 2.0, **PLATE)), 64)
@@ -277,6 +341,76 @@ def test_a_plate_opens_from_a_point_to_one_patch() -> None:
     assert small["zones"] == large["zones"] == 1
     assert abs(large["force_N"] / references(0)[-1]["force_radial_N"] - 1.1) < 0.01
     assert pressure > 17e3
+
+
+def solved_on_pad(load: dict[str, Any]) -> tuple[float, float, float]:
+    """Force [N], oil pressure [Pa] and displacement under one load in a pad's middle [m]."""
+    spec = pad_scene(load)
+    _, meshes, inputs, rest = prepared(spec, "shell", (16, 12))
+    static = structure_of(spec, wall=False)
+    *_, state, outcome = run_program(static, meshes, inputs, rest, once=True, judged=False)
+    assert number(outcome["result"]) == 0
+    own = scene_parts(spec, inputs)
+    pad = build.problem_of(own, meshes.solved).mechanics
+    acting = (own.bodies or own.forces)[0]
+    under = number(jnp.abs(pad.under(state.q, acting).mid_displacement[1]))
+    force = float(load.get("force", "0 N").split()[0])
+    if pad.bodies:
+        contact = pad.touched(state.q, pad.bodies[0].placed(state.factor))
+        force = pad.parts * number(jnp.sum(contact.force[1], (0, 1)))
+    return abs(force), number(state.pressure), under
+
+
+@pytest.mark.long  # two programs of pads
+def test_a_ball_without_size_is_a_point_load() -> None:
+    """A patch of 0.2 mm with the ball's force: same oil pressure, same travel."""
+    apart = []
+    for radius in (4.0, 1.0, 0.25):
+        ball = {"shape": "sphere", "radius": f"{radius} mm"}
+        force, pressure, _ = solved_on_pad(body(0, 1.0, **ball))
+        patch = {"kind": "patch", "angle": "0 deg", "diameter": "0.2 mm"}
+        _, under_patch, moved = solved_on_pad({**patch, "force": f"{force!r} N"})
+        apart.append((abs(pressure / under_patch - 1), abs(moved / 1e-3 - 1)))
+    by_pressure, by_travel = np.array(apart).T
+    assert (by_pressure[1:] < 1e-4).all()
+    assert by_pressure[0] > by_pressure[1:].max()
+    assert by_travel[-1] < 5e-3, by_travel
+
+
+@pytest.mark.long  # a program of the solid
+def test_a_thick_soft_skin_on_its_wall_answers_a_ball_as_hertz_says() -> None:
+    """With the factor of a layer: Dimitriadis et al., Biophys. J. 82 (2002) 2798.
+
+    It is incompressible and lies on its base without sticking to it. The ball first takes the
+    film away. No shell will do: its normals keep their length.
+    """
+    radius, thickness, modulus, film, travel = 20e-3, 10e-3, 0.1e6, 0.02e-3, 0.4e-3
+    spec = scene_from_dict(
+        {
+            "geometry": {
+                "inner_radius": "200 mm",
+                "thickness": "10 mm",
+                "half_angle": "20 deg",
+                "width": "140 mm",
+                "oil_gap": "0.02 mm",
+                "ends": "clamped",
+            },
+            "material": {"law": "neo-hookean", "mu": "0.1 MPa"},
+            "oil": {"model": "vented"},
+            "load": [body(0, 0.4, shape="sphere", radius="20 mm")],
+        }
+    )
+    _, meshes, inputs, rest = prepared(spec, "solid", (32, 32, 3))
+    static = structure_of(spec, wall=True)
+    report, *_, outcome = run_program(static, meshes, inputs, rest, once=True, judged=False)
+    assert number(outcome["result"]) == 0
+    curvatures = 1 / radius + 1 / (200e-3 + thickness), 1 / radius
+    effective, depth = 1 / np.sqrt(np.prod(curvatures)), travel - film
+    share = np.sqrt(effective * depth) / thickness
+    hertz = 16 / 3 * modulus * np.sqrt(effective) * depth**1.5
+    factor = np.polyval([0.0048, 0.386, 0.781, 0.884, 1.0], share)
+    assert factor > 1.25
+    assert abs(number(report["loads"][0]["force_N"]) / (hertz * factor) - 1) < 0.03
 
 
 held = quick(equilibrium_with_friction)

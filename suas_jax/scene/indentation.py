@@ -18,6 +18,7 @@ from suas_jax.scene.travel import on_the_way
 
 _CONTACT_TOLERANCE = 1e-7  # of the travel at first contact with the wall
 _MOST_HALVINGS = 40
+_COMPARED = 9  # travels at which a coarser mesh tells the error
 
 
 class Point(NamedTuple):
@@ -26,6 +27,11 @@ class Point(NamedTuple):
     report: dict[str, Any]
     outcome: dict[str, Any]
     part: State
+
+    @property
+    def converged(self) -> bool:
+        """Whether the equilibrium was found."""
+        return number(self.outcome["result"]) == 0
 
 
 class IndentationCurve(NamedTuple):
@@ -47,15 +53,35 @@ class IndentationCurve(NamedTuple):
     def points(self, depths: np.ndarray) -> list[dict[str, Any]]:
         """Reports at given travels [m]."""
         fine = self.follow(depths, self.plan.counts)
-        coarse = self.follow(depths, self.model.coarser(self.plan.counts))
+        errors = self._mesh_errors(depths, fine)
         rows = []
-        for point, other in zip(fine, coarse, strict=True):
-            point.report["discretisation_error"] = difference(
-                self.scene, other.report, point.report
-            )
+        for point, error in zip(fine, errors, strict=True):
+            point.report["discretisation_error"] = float(error)
             outcome = plain(point.outcome) | {"model": self.plan.model, "reason": ""}
             rows.append(report_of(self.scene, plain(point.report), outcome))
         return rows
+
+    def _mesh_errors(self, depths: np.ndarray, fine: list[Point]) -> np.ndarray:
+        """Errors by the mesh at travels [m]: a coarser one tells them at a few.
+
+        Elsewhere the larger of the neighbours' counts.
+        """
+        known = {depth: x.report for depth, x in zip(depths, fine, strict=True) if x.converged}
+        levels = sorted(depth for depth in known if depth > 0) or sorted(known)
+        few = np.linspace(0, len(levels) - 1, min(len(levels), _COMPARED))
+        chosen = np.array(levels)[few.round().astype(int)]
+        coarse = self.follow(chosen, self.model.coarser(self.plan.counts))
+        found = {
+            depth: difference(self.scene, x.report, known[depth])
+            for depth, x in zip(chosen, coarse, strict=True)
+            if x.converged
+        }
+        if not found:
+            return np.full(len(depths), np.nan)
+        levels, errors = list(found), np.array(list(found.values()))
+        before = np.maximum(np.searchsorted(levels, depths, "right") - 1, 0)
+        after = np.minimum(np.searchsorted(levels, depths), len(levels) - 1)
+        return np.maximum(errors[before], errors[after])
 
     def follow(
         self,
@@ -78,8 +104,7 @@ class IndentationCurve(NamedTuple):
             elif start is not None:
                 start = self._near(start, depths[k - 1], depth)
             points.append(self._solved(depth, counts, start, wall=self.wall))
-            found = number(points[-1].outcome["result"]) == 0
-            start = points[-1].part if found else None
+            start = points[-1].part if points[-1].converged else None
         return points
 
     def _near(self, state: State, before: float, depth: float) -> State:
@@ -115,7 +140,7 @@ class IndentationCurve(NamedTuple):
             middle = (low + high) / 2
             near = None if start is None else self._near(start, low, middle)
             point = self._solved(middle, self.plan.counts, near, wall=False)
-            if number(point.outcome["result"]) != 0:
+            if not point.converged:
                 break
             found = plain(point.report)
             if found["min_gap_m"] <= 0:

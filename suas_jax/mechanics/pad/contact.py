@@ -28,7 +28,15 @@ from suas_jax.mechanics.contact.term import (
     held_terms,
 )
 from suas_jax.mechanics.pad.faces import face_displacement
-from suas_jax.mechanics.pad.mid_surface import KINDS, Rest, cross, dot, surface, vectors
+from suas_jax.mechanics.pad.mid_surface import (
+    KINDS,
+    Rest,
+    components,
+    cross,
+    dot,
+    surface,
+    vectors,
+)
 from suas_jax.mechanics.pad.net import ElementVector, Net
 from suas_jax.mechanics.pad.stiffness import (
     COLUMNS,
@@ -40,6 +48,7 @@ from suas_jax.mechanics.pad.stiffness import (
     upper_of,
 )
 from suas_jax.numerics.bspline import bernstein
+from suas_jax.numerics.staging import staged
 from suas_jax.skin.body import Body, Grip, PlacedBody
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
@@ -143,8 +152,8 @@ class ContactFace:
     def _on_rigid_normal(self, z: Array, angle: Array, axial: Array) -> Array:
         rest, (u, us, uz) = Rest.of(self.section, angle), vectors(z)
         sine, cosine = rest.normal
-        m = cross((us[0] + cosine, us[1] - sine, us[2]), (uz[0], uz[1], uz[2] + 1))
-        outward = self.side * rest.above / jnp.sqrt(dot(m, m))
+        m = staged(cross((us[0] + cosine, us[1] - sine, us[2]), (uz[0], uz[1], uz[2] + 1)))
+        outward = self.side * rest.above / jnp.sqrt(dot(components(m), components(m)))
         middle = (rest.place[0] + u[0], rest.place[1] + u[1], axial + u[2])
         return jnp.stack([x - outward * n for x, n in zip(middle, m, strict=True)])
 
@@ -153,7 +162,7 @@ class ContactFace:
         return self.obstacle.gap(self._place(), self.angle)
 
     def _place(self) -> Array:
-        return self.position(self.inputs, self.angle, self.axial)
+        return jnp.stack(staged([*self.position(self.inputs, self.angle, self.axial)]))
 
     def _place_at_rest(self) -> Array:
         return self.position(0 * self.inputs, self.angle, self.axial)
