@@ -153,7 +153,7 @@ def test_logs_that_continue_each_other_in_a_circle(tmp_path: Path) -> None:
         file = written_log(tmp_path / f"{name}.csv", ["0,0,1,0,5"])
         file.write_text(file.read_text() + f"# continued_in: {successor}.csv\n")
     for name in ("a", "own"):
-        with pytest.raises(ValueError, match="no earlier part"):
+        with pytest.raises(ValueError, match="not an earlier part"):
             read_log(tmp_path / f"{name}.csv")
 
 

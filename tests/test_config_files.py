@@ -125,8 +125,8 @@ def test_a_right_load_is_checked_beside_a_wrong_one(tmp_path):
 
 def test_a_scene_is_no_skin_file(tmp_path):
     message = message_of(write(tmp_path / "scene.toml", SCENE), load_skin)
-    says(message, "load = ", "no part of a skin file")
-    says(message, "solve = ", "no part of a skin file")
+    says(message, "load = ", "not a part of a skin file")
+    says(message, "solve = ", "not a part of a skin file")
     (tmp_path / "named.toml").write_text('skin = "suas.toml"\n[oil]\nmodel = 1')
     message = message_of(tmp_path / "named.toml", load_skin)
     says(message, 'skin = "suas.toml"', "is a scene; give the skin file that it names")

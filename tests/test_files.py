@@ -103,7 +103,7 @@ def test_two_outputs_are_two_files(tmp_path: Path) -> None:
     [
         ("missing/a.csv", "there is no folder"),
         (".", "is a directory"),
-        ("a\0b", "no name of a file"),
+        ("a\0b", "not the name of a file"),
         ("", "is a directory"),
         ("loop", "symbolic links"),
         ("a" * 300, "too long"),

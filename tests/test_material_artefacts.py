@@ -123,7 +123,7 @@ def test_command_line_names_the_artefact_and_takes_the_option(tmp_path: pathlib.
         (["--cycle", "9"], "has 1 loadings"),
         (["--machine-stiffness", "2 kN"], "force over a length"),
         (["--columns", "force=9"], "has no such column"),
-        (["--columns", "colour=1 N"], "no known quantity"),
+        (["--columns", "colour=1 N"], "not a known quantity"),
     ]:
         result = run.invoke(app, [*base[:-1], *bad])
         assert result.exit_code == 2, bad

@@ -138,10 +138,10 @@ def test_missing_values_are_counted(tmp_path: pathlib.Path) -> None:
         ("1.1,0.2\n1.2,0.3\n", "line 1: numbers without a line of column names"),
         ("stretch,nominal_stress\n1.1,0.2\n", 'column "nominal_stress" states no unit'),
         ("stretch,nominal_stress_foo\n1.1,0.2\n", 'unknown unit "foo"; allowed: Pa, kPa'),
-        ("stretch,nominal_stress_mm\n1.1,0.2\n", "no unit of stress"),
+        ("stretch,nominal_stress_mm\n1.1,0.2\n", "not a unit of stress"),
         ("stretch,nominal_stress_MPa\n1.1,0.2\n-0.5,0.3\n", 'line 3, column "stretch": -0.5'),
         ("strain_%,nominal_stress_MPa\n5,0.2\n-120,0.3\n", 'line 3, column "strain_%": -120'),
-        ("stretch,nominal_stress_MPa\n1.1,0.2\n1.2,abc\n", '"abc" is no number'),
+        ("stretch,nominal_stress_MPa\n1.1,0.2\n1.2,abc\n", '"abc" is not a number'),
         ("stretch,nominal_stress_MPa\n1.1,0.2,7\n", "line 2: 3 fields, but 2 columns"),
         ("stretch,nominal_stress_MPa\n1,1,0,2\n1,2,0,3\n", "decimal commas look like"),
         ("stretch,stretch,nominal_stress_MPa\n1.1,1.1,0.2\n", '"stretch" stands twice'),
@@ -150,7 +150,7 @@ def test_missing_values_are_counted(tmp_path: pathlib.Path) -> None:
         ("displacement_mm,force_N\n1,2\n", "needs the specimen's"),
         ("stretch,nominal_stress_MPa,sigma_MPa\n1.1,0.2,0\n", "must be greater than zero"),
         ("stretch,nominal_stress_MPa,weight\n1.1,0.2,-1\n", "must not be negative"),
-        (b"PK\x03\x04\x00\x00", "is no text; export the sheet as CSV"),
+        (b"PK\x03\x04\x00\x00", "is not text; export the sheet as CSV"),
     ],
 )
 def test_what_is_wrong_is_named(tmp_path: pathlib.Path, text: str, message: str) -> None:

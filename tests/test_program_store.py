@@ -180,7 +180,7 @@ def test_frames_are_data() -> None:
         foreign = ("os:system", "subprocess:Popen", "builtins:dict", "suas_jaxx:Pair")
         ours = ("suas_jax.runtime.frame:importlib", "suas_jax.config.load:Path")
         for name in foreign + ours:
-            with pytest.raises(ValueError, match="no class of this project"):
+            with pytest.raises(ValueError, match="not a class of this project"):
                 frame_from_json({kind: name, "fields": []})
 
 

@@ -179,7 +179,7 @@ def _decoded(file: str, raw: bytes) -> tuple[str, str]:
         return raw.decode(order, errors="replace"), "UTF-16"
     raw = raw.rstrip(b"\x00")  # a logger's file that was made large in advance
     if b"\x00" in raw:
-        raise DataError(f"{file}: is no text; export the sheet as CSV")
+        raise DataError(f"{file}: is not text; export the sheet as CSV")
     try:
         return raw.decode("utf-8-sig"), "UTF-8"
     except UnicodeDecodeError:
@@ -280,7 +280,7 @@ def _workbook(file: str, raw: bytes) -> list[Cells]:
     except Exception as error:  # whatever a broken archive makes the library raise
         suffix = Path(file).suffix
         if suffix.casefold() not in (".xlsx", ".xlsm"):
-            raise DataError(f"{file}: is no text; export the sheet as CSV") from None
+            raise DataError(f"{file}: is not text; export the sheet as CSV") from None
         raise DataError(
             f"{file}: the workbook can't be read ({type(error).__name__}); save it again as "
             f".xlsx or as CSV"

@@ -7,7 +7,7 @@ from fitting.column_units import UNITS, unit_size
 from fitting.material.data.column_names import QUANTITIES, Quantity, plain_words
 
 SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0, "hr": 3600.0}
-# Units of quantities that are no concern of a material's law.
+# Units of quantities that do not concern a material's law.
 _OTHER_UNITS = frozenset(
     (
         *SECONDS,
@@ -184,6 +184,7 @@ def _with_unit(
         factor = unit_size(known, dimension)
     except ValueError:
         raise ValueError(
-            f'{where}: column "{name}": "{unit}" is no unit of {dimension}; allowed: {allowed}'
+            f'{where}: column "{name}": "{unit}" is not a unit of {dimension}; '
+            f"allowed: {allowed}"
         ) from None
     return Column(kind, direction, known, factor)

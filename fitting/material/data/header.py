@@ -68,7 +68,7 @@ class Header:
 
 
 def read_header(cells: Cells, layout: TableLayout | None) -> Header:
-    """Read the rows of a sheet that are no table of readings."""
+    """Read the rows of a sheet that are not part of the table of readings."""
     rows = cells.rows if layout is None else [cells.rows[i] for i in layout.head]
     decimal = decimal_mark(cell for row in cells.rows[:2000] for cell in row)
     metadata: dict[str, str] = {}

@@ -42,7 +42,7 @@ class TableLayout:
     groups: list[str]
     body: list[int]  # positions of the rows of numbers
     skipped: list[int]  # positions of rows among them that hold no numbers
-    head: list[int]  # positions of the rows above the table that are no names or units
+    head: list[int]  # positions of the rows above the table that are not names or units
     line: int  # line number of the row of names, or of the first row of numbers
 
     @property
@@ -151,7 +151,7 @@ def _above(cells: Cells, kinds: list[str], first: int, last: int) -> TableLayout
     units_row = next((i for i in words[:2] if _is_units(rows[i])), None)
     units = rows[units_row] if units_row is not None else []
     candidates = [i for i in words if i != units_row and _are_names(rows[i])]
-    # One name is no table, unless a single column is the whole file.
+    # One name is not a table, unless a single column is the whole file.
     best = max(candidates, key=lambda i: (_known(rows[i], units), i), default=None)
     body = [i for i in range(first, last) if kinds[i] == "n" or i > first]
     shown = [cell.strip(_BRACKETS) for cell in units]

@@ -227,7 +227,7 @@ def renamed(
             raise DataError(str(error)) from None
         if column is None:
             raise DataError(
-                f"--columns {quantity}={text}: {quantity} is no known quantity"
+                f"--columns {quantity}={text}: {quantity} is not a known quantity"
                 f"{f' in {unit}' if unit else ''}; such as force, extension, strain, stretch, "
                 f"stress, pressure, time"
             )

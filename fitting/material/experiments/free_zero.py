@@ -141,7 +141,7 @@ def free_zeros(
 
 
 CERTAIN = 5.0
-"""Standard errors beyond which a pattern of a curve is no scatter."""
+"""Standard errors beyond which a pattern of a curve is not scatter."""
 # A toe begins with a slope that is lower by this share than the steepest.
 _STEEPER = 0.25
 # ... and has ended at this share of the largest stress.

@@ -40,7 +40,7 @@ from suas_jax.scene.solve import Solution, solve
 from suas_jax.scene.structure import Structure
 
 ZERO = "zero of the travel"
-"""Name of what is no input of the scene: where the body first touches."""
+"""Name of what is not an input of the scene: where the body first touches."""
 _NODES = 13  # travels that stand for more of them, and every second for the error
 _SMOOTH = 1e-4  # of the largest reading: largest error by what is between them
 _NEAR = 1.4  # factor of the modulus within which the scene's own states are starts

@@ -114,8 +114,8 @@ class NamedColumns:
             if not is_missing(text):
                 where = self.at(int(row), index)
                 raise DataError(
-                    f'{where}: "{text[:40]}" is no number; leave the cell empty if the value '
-                    f"is missing"
+                    f'{where}: "{text[:40]}" is not a number; leave the cell empty if the '
+                    "value is missing"
                 )
         return values * column.factor
 

@@ -28,7 +28,7 @@ _MEASURES: tuple[tuple[str, Callable[[np.ndarray], np.ndarray], str], ...] = (
         "a Green strain is greater than -1/2",
     ),
 )
-# Columns of the noise, over the readings where it is zero; dimension of what is no stress.
+# Columns of the noise, over the readings where it is zero; dimension of what is not stress.
 _SIGMAS = {"sigma": 1.0, "relative_sigma": 0.0}
 _DIMENSIONS: dict[str, DimensionName] = {"displacement": "length", "force": "force"}
 _PRELOAD = re.compile(r"vorkraft|vorlast|pre_?(?:load|force|tension)|precharge")

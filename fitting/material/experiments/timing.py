@@ -33,7 +33,7 @@ def stated(metadata: Pairs, given: Pairs, key: str) -> str | None:
 def held_stretch(metadata: Pairs, given: Pairs, file: str) -> float | None:
     """The stretch of a relaxation test whose table has no strains; None where none is stated.
 
-    Raises DataError: what is stated is no stretch or strain.
+    Raises DataError: what is stated is not a stretch or strain.
     """
 
     def stretch(text: str, shift: float) -> float:
@@ -52,7 +52,7 @@ def held_stretch(metadata: Pairs, given: Pairs, file: str) -> float | None:
 def ramp_of(metadata: Pairs, given: Pairs, file: str) -> float:
     """Duration of the loading before the first reading [s]; NaN where none is stated.
 
-    Raises DataError: what is stated is no time.
+    Raises DataError: what is stated is not a time.
     """
     text = stated(metadata, given, "ramp")
     if text is None:
@@ -68,7 +68,7 @@ def times_by_rate(metadata: Pairs, given: Pairs, file: str, strain: np.ndarray) 
     """Times of readings at a constant rate of strain [s], shape [n]; NaN where none is stated.
 
     `strain`: nominal strain, or amount of shear, in the order of the test, shape [n].
-    Raises DataError: what is stated is no rate.
+    Raises DataError: what is stated is not a rate.
     """
     text = stated(metadata, given, "strain_rate")
     if text is None:

@@ -119,7 +119,7 @@ class Comparison:
 
     def _faults(self, fit: MaterialFit) -> tuple[bool, bool, float, bool]:
         unstable = bool(fit.instabilities(STABILITY_MARGIN)) or fit.family.title in self.refused
-        # How far a ratio is from one, either way; infinite for what is no stress.
+        # How far a ratio is from one, either way; infinite for what is not stress.
         ratios = self.beyond_band(fit).values()
         off = (abs(float(np.log(x))) if 0.0 < x < np.inf else np.inf for x in ratios)
         spare = fit.uncertainty.spare > 0

@@ -1,8 +1,8 @@
 """Several specimens of one rubber: how much stiffer or softer each is than the typical one.
 
 Every specimen s follows the law times a factor k_s of its own. The law is fitted to readings
-over their factors, so that the difference between specimens is no misfit; the stiffness of the
-typical specimen is as uncertain as τ/√S adds.
+over their factors, so that the difference between specimens is not a misfit; the stiffness
+of the typical specimen is as uncertain as τ/√S adds.
 
 Estimates log k_s of S specimens with standard errors e_s scatter as N(m, τ² + e_s²). τ is the
 moment estimate of Paule and Mandel (1982), its interval the Q-profile of Viechtbauer (2007). A
