@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -12,8 +13,8 @@ from fitting.material.data.errors import DataError
 from fitting.material.experiments.datasets import load_dataset
 from fitting.material.experiments.skin_readings import DISPLACEMENT, PRESSURE, IndentationTest
 from fitting.material.fit.fit import fit_material
-from fitting.material.fit.problem import readings
-from fitting.material.report.skin_inputs import effect_of, inputs_report
+from fitting.material.fit.problem import Residuals, readings, shared_error
+from fitting.material.report.skin_inputs import effect_of, inputs_report, weighed_change
 from fitting.sensor.fit.calibrate import fit_sensor
 from fitting.sensor.logs.data import load_sensor_data
 from suas_jax.config import continuous_inputs, load_scene, load_skin, with_inputs, with_solve
@@ -85,6 +86,29 @@ def test_an_input_that_is_wrong_moves_the_modulus_as_least_squares_says() -> Non
     moved = np.linalg.lstsq(a[:, None], -b, rcond=None)[0]
     np.testing.assert_allclose(found.modulus_change, moved[0], rtol=1e-12)
     assert effect_of(a, 0 * b, 1.0) == (0.0, 0.0, None)
+
+
+def test_errors_that_readings_share_weigh_inputs_and_modulus_alike() -> None:
+    value, noise = np.linspace(0.5, 8.0, 20), 0.01
+    sigma, error = noise * value, 0.04 * value
+    none: Any = None
+    residuals = Residuals(
+        (),
+        jnp.asarray(value),
+        jnp.asarray(1 / sigma),
+        none,
+        jnp.asarray(shared_error(error / sigma))[None],
+        none,
+    )
+    inverse = np.linalg.inv(np.diag(sigma**2) + np.outer(error, error))
+    place, slope = np.arange(20), value**1.5
+    a, b = (weighed_change(residuals, place, x) for x in (value, slope))
+    found = effect_of(a, b, 1.0)
+    expected = -(value @ inverse @ slope) / (value @ inverse @ value)
+    np.testing.assert_allclose(found.modulus_change, expected, rtol=1e-10)
+    # An input that scales all readings is the modulus, whatever they share.
+    alike = effect_of(a, weighed_change(residuals, place, 2.2 * value), 1.0)
+    assert alike.modulus_change == pytest.approx(-2.2, rel=1e-12)
 
 
 def log_of(folder: Path, so: np.ndarray, columns: dict[str, np.ndarray]) -> Path:

@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from fitting.material.experiments.indentation_curve import ZERO
 from fitting.material.experiments.skin_readings import IndentationTest
+from fitting.material.fit.problem import Residuals
 from fitting.material.fit.result import MaterialFit
 from fitting.report.description import Part, Remark, ReportTable
 from fitting.statistics.residuals import sensitivity
@@ -45,6 +46,15 @@ def effect_of(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"], noise: flo
     return Effect(-share, float(a @ b) / (whole * size), noise / apart if apart > 0 else None)
 
 
+def weighed_change(
+    residuals: Residuals, place: np.ndarray, slope: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """Change of the weighed residuals of one test, at `place` among all, by its readings'."""
+    change = np.zeros(len(residuals.value))
+    change[place] = slope
+    return np.asarray(residuals.weighed(jnp.asarray(change)))[place]
+
+
 def inputs_report(fit: MaterialFit) -> list[dict[str, Any]]:
     """For every indentation curve and input: what an error of it does to the modulus.
 
@@ -60,10 +70,10 @@ def inputs_report(fit: MaterialFit) -> list[dict[str, Any]]:
         if not isinstance(data, IndentationTest):
             continue
         a = by_modulus[place]
-        weight = np.asarray(fit.problem.residuals.inverse_scale)[place]
         for name, slope in zip(data.as_specimen.inputs, data.as_specimen.slopes.T, strict=True):
             step = _STEPS.get(name, 1e-2)
-            effect = effect_of(a, step * weight * slope, noise)
+            b = step * weighed_change(fit.problem.residuals, place, slope)
+            effect = effect_of(a, b, noise)
             found.append({"file": data.file, "input": name, "step": step, **effect._asdict()})
     return found
 
