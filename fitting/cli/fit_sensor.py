@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from fitting.cli.contract import Overwrite, answer, bad_input
+from fitting.cli.contract import Overwrite, answer, bad_input, print_report
 from fitting.cli.options import (
     CalibratedSkin,
     Chain,
@@ -163,9 +163,9 @@ def sensor(
                 plot_sensor(found, plot, posterior)
             write_text(target, calibrated_skin(skin, found))
             report["skin_file"] = str(target)
-    from fitting.sensor.report.summary import print_report
+    from fitting.sensor.report import summary
 
-    answer(as_json, report, lambda: print_report(report, found))
+    answer(as_json, report, lambda: summary.print_report(report, found))
     if not as_json:
         say(f"written: {target}", err=True)
 
@@ -215,12 +215,7 @@ def _relaxation(
             plot_relaxation(found, plot)
         write_text(target, relaxing_skin(skin, found))
         report = relaxation_report(found, tried) | {"skin_file": str(target)}
-    from fitting.report.description import print_parts
-    from suas_jax.acquisition.terminal import new_console
-
-    answer(
-        as_json, report, lambda: print_parts(new_console(highlight=False), [*described(report)])
-    )
+    answer(as_json, report, lambda: print_report([*described(report)]))
     if not as_json:
         say(f"written: {target}", err=True)
 

@@ -9,6 +9,7 @@ from fitting.arrays import Floats
 from suas_jax.config import InputErrors, SkinSpec, input_errors
 from suas_jax.config.input_errors import as_assembled, value_of
 from suas_jax.config.schema_load import EnvironmentSpec
+from suas_jax.skin.prestress import unloaded_depth
 
 WARMER, DEEPER = "environment.temperature", "environment.depth"
 STEP = 0.02
@@ -32,8 +33,12 @@ class Variants:
     @staticmethod
     def slopes(values: Floats, axis: int = 0) -> Floats:
         """Derivatives by the changes of what has an axis of skins, from its values."""
-        moved = np.moveaxis(values, axis, 0)[1:]
-        return np.moveaxis((moved[1::2] - moved[::2]) / (2 * STEP), 0, axis)
+        return np.moveaxis(by_changes(np.moveaxis(values, axis, 0)), 0, axis)
+
+
+def by_changes(values: Any) -> Any:
+    """Derivatives by the changes, from values of the skin and its neighbours [skin, ...]."""
+    return (values[2::2] - values[1::2]) / (2 * STEP)
 
 
 def named(spec: SkinSpec) -> SkinSpec:
@@ -44,9 +49,7 @@ def named(spec: SkinSpec) -> SkinSpec:
     if around.temperature is None:
         own["temperature"] = spec.reference.temperature
     if around.depth is None:
-        own["depth"] = (
-            spec.reference.pressure - around.atmospheric_pressure
-        ) / around.specific_weight
+        own["depth"] = unloaded_depth(around, spec.reference)
     tables: dict[str, Any] = {"environment": around.model_copy(update=own)}
     if spec.geometry.mounting is None:
         tables["geometry"] = spec.geometry.model_copy(update={"mounting": 0.0})

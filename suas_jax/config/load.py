@@ -71,12 +71,7 @@ def scene_from_dict(
         base: the folder that the path of the skin is relative to.
         file: what messages call the file.
     """
-    draft = _Draft(file, otherwise=', or name a skin file: skin = "..."')
-    own = dict(data)
-    if "skin" in own:
-        draft.adopt_skin(own.pop("skin"), Path(base))
-    draft.adopt(own, file, SCENE_TABLES)
-    return SceneSpec(**draft.specifications())
+    return SceneSpec(**_scene_draft(data, Path(base), file).specifications())
 
 
 def located(mistake: Mistake, path: str | os.PathLike[str]) -> Mistake:
@@ -86,11 +81,18 @@ def located(mistake: Mistake, path: str | os.PathLike[str]) -> Mistake:
         mistake: found after loading, when no specification knows its file.
         path: the skin or scene that was loaded.
     """
-    draft, own = _Draft(os.fspath(path)), read_toml(path)
-    if "skin" in own:
-        draft.adopt_skin(own.pop("skin"), Path(path).parent)
-    draft.adopt(own, os.fspath(path), SCENE_TABLES)
+    draft = _scene_draft(read_toml(path), Path(path).parent, os.fspath(path))
     return mistake._replace(file=draft.file_of(mistake.key))
+
+
+def _scene_draft(data: Mapping[str, Any], base: Path, file: str) -> _Draft:
+    """Tables of a scene with those of the skin that it names; see `scene_from_dict`."""
+    draft = _Draft(file, otherwise=', or name a skin file: skin = "..."')
+    own = dict(data)
+    if "skin" in own:
+        draft.adopt_skin(own.pop("skin"), base)
+    draft.adopt(own, file, SCENE_TABLES)
+    return draft
 
 
 class _Draft:

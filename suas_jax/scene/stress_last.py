@@ -13,6 +13,7 @@ from suas_jax.config import SceneSpec
 from suas_jax.equilibrium.balance import State
 from suas_jax.numerics.lanes import number
 from suas_jax.scene.structure import Inputs
+from suas_jax.skin.prestress import unloaded_depth
 
 _STEPS = 16
 
@@ -28,11 +29,8 @@ def stressed_last(scene: SceneSpec, inputs: Inputs, rest: State, run: Program) -
     water, start, found = scene.environment, rest, None
     fitting = {"oil.fill": 1.0, "geometry.mounting": 0.0, "geometry.mounting_axial": 0.0}
     if water is not None:
-        surface = (
-            scene.reference.pressure - water.atmospheric_pressure
-        ) / water.specific_weight
-        warmth = scene.reference.temperature
-        fitting |= {"environment.depth": surface, "environment.temperature": warmth}
+        fitting["environment.depth"] = unloaded_depth(water, scene.reference)
+        fitting["environment.temperature"] = scene.reference.temperature
     ends = {key: (np.asarray(x), inputs[key]) for key, x in fitting.items() if key in inputs}
     for share in np.linspace(0.0, 1.0, _STEPS + 1):
         found = run({**inputs, **{k: a + share * (b - a) for k, (a, b) in ends.items()}}, start)

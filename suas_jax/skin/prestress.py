@@ -17,6 +17,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from suas_jax.config import SkinSpec
+from suas_jax.config.schema_load import EnvironmentSpec, ReferenceSpec
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.skin.oil import AbstractOil
 
@@ -166,6 +167,11 @@ def water_rise(spec: SkinSpec) -> float:
         return 0.0
     head = environment.specific_weight * environment.depth
     return head + environment.atmospheric_pressure - spec.reference.pressure
+
+
+def unloaded_depth(environment: EnvironmentSpec, reference: ReferenceSpec) -> float:
+    """Depth at which the water presses as it did when the skin was closed [m]."""
+    return (reference.pressure - environment.atmospheric_pressure) / environment.specific_weight
 
 
 def ambient_pressure(number: Callable[[str], Lanes]) -> Lanes:

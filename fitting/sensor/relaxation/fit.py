@@ -15,6 +15,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
 from fitting.arrays import Floats
@@ -23,6 +24,7 @@ from fitting.sensor.relaxation.held_press import HeldPress, held_presses
 from fitting.statistics.least_squares import solved_by_scipy
 from suas_jax.config.inelastic import RelaxationSpec
 from suas_jax.config.input_errors import DEFAULTS, STIFFNESS
+from suas_jax.constitutive.relaxation import PronySeries
 from suas_jax.runtime.precision import require_float64
 
 _MOST_TERMS = 2
@@ -132,8 +134,9 @@ class RelaxationFit:
 
 def relaxed(series: RelaxationSpec, time: float, since: float) -> float:
     """Share of a held stress at one time that is gone at another [s], 1 - G(time)/G(since)."""
-    g, tau = np.array(series.g), np.array(series.tau)
-    late, early = (1 + g @ np.expm1(-t / tau) for t in (time, since))
+    early, late = PronySeries(jnp.array(series.g), jnp.array(series.tau)).modulus(
+        jnp.array([since, time])
+    )
     return float(1 - late / early)
 
 
