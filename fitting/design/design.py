@@ -172,9 +172,8 @@ def plot_front(design: Design) -> Figure:
     sizes = [word.size for word in words]
     points = np.array([(p.other, p.goal) for p in design.front]) / sizes
     axes.plot(*points.T, "o-", color=FIRST, label="designs")
-    outcome = design.problem(want.start)
-    if outcome.found:
-        values = outcome.values[want.against[0]]
+    if found.start.found:
+        values = found.start.values[want.against[0]]
         start = values.min() if words[0].least else values.max(), found.before
         axes.plot(*(np.array(start) / sizes), "s", color="0.4", label="skin to start from")
     axes.set(

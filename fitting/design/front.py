@@ -16,7 +16,7 @@ import numpy as np
 from fitting.arrays import Floats
 from fitting.datasheet.words import WORDS
 from fitting.design.problem import Problem
-from fitting.design.search import Found, best_first, worst
+from fitting.design.search import Found, Trial, best_first, worst
 from fitting.design.want import Limit, Want
 
 _GIVEN = 1e-3  # share of the second figure's best that the last point gives up
@@ -46,11 +46,10 @@ def front(
     least = WORDS[key].least
     turned = dataclasses.replace(want, goal=key, maximise=least)
 
-    def point(x: Floats) -> FrontPoint:
-        outcome = problem(x)
-        return FrontPoint(x, worst(want, outcome), worst(turned, outcome))
+    def point(end: Trial) -> FrontPoint:
+        return FrontPoint(end.x, worst(want, end.last), worst(turned, end.last))
 
-    known = [point(found.x)]
+    known = [point(found.trials[0])]
     progress(1)
     far = best_first(problem, turned, [found.x, *(t.start for t in found.trials)])[0]
     # Of all designs as good by the second figure, the best by the goal.
@@ -63,7 +62,7 @@ def front(
             best = best_first(problem, limited, [known[-1].x, last])[0]
         except ValueError:
             continue
-        known.append(point(best.x))
+        known.append(point(best))
         progress(len(known))
     return known
 

@@ -21,7 +21,7 @@ from fitting.datasheet.figures import Accuracy, Cases, figures_at, rated_force
 from fitting.datasheet.in_time import buckling_mismatch, motion_figures, scene_of
 from fitting.datasheet.readings import Readings, picked, read, skins_in_lanes
 from fitting.datasheet.section import far_taxels
-from fitting.datasheet.variants import STEP, Variants, named, variants_of
+from fitting.datasheet.variants import Variants, by_changes, named, variants_of
 from fitting.datasheet.words import PLACED
 from fitting.design.want import BY_DIFFERENCES, Variable, Want
 from fitting.force_range.bound import angles_over, first_contacts
@@ -124,7 +124,7 @@ def _skins(asked: Asked, inputs: dict[str, Any], moved: dict[str, Any]) -> tuple
 
 def bound_of_units(key: str, values: Any, margin: Any) -> Any:
     """A figure [skin, place] that a share of units keeps, worse by the margin [place]."""
-    own, slopes = values[0], (values[2::2] - values[1::2]) / (2 * STEP)
+    own, slopes = values[0], by_changes(values)
     deviation = length(slopes) if len(slopes) else 0.0
     return own * jnp.exp((-1 if PLACED[key].least else 1) * margin * deviation / own)
 
@@ -160,7 +160,8 @@ class Problem:
 
     def __post_init__(self) -> None:
         want = self.want
-        spec = want.spec if want.units is None else named(want.spec)
+        variants = None if want.units is None else variants_of(want.spec)
+        spec = want.spec if variants is None else variants.spec
         spec.require_plane_strain("`suas design`")
         skin = skin_of(spec, contact=False, elements=self.elements)
         assert spec.electrodes is not None  # or there would be no skin
@@ -184,7 +185,7 @@ class Problem:
             np.float64(self.rated),
             np.float64(spec.electrodes.noise),
             far_taxels(skin, self.angle),
-            {} if want.units is None else _moved(variants_of(spec)),
+            {} if variants is None else _moved(variants),
             np.float64(norm.ppf(want.units or 0.5)),
         )
 

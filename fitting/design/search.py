@@ -9,7 +9,7 @@ variable t takes its place::
 multipliers say what each limit costs.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from functools import partial
 from typing import NamedTuple
@@ -36,7 +36,8 @@ class Trial(NamedTuple):
     goal: float  # the figure there, the worst over the region; NaN where limits are not kept
     message: str  # how it ended
     multipliers: Floats  # of the goal at every place, then of the limits
-    scale: float  # the goal at the start, which it is divided by
+    first: Outcome  # figures at the start, whose goal is the scale of the search
+    last: Outcome  # figures at the end
     calls: int  # designs evaluated on the way
 
 
@@ -57,7 +58,8 @@ class Found(NamedTuple):
 
     x: Floats  # its variables, between 0 and 1
     goal: float  # the worst over the region there
-    before: float  # the same of the skin to start from, its variables moved into their bounds
+    start: Outcome  # figures of the skin to start from, its variables moved into their bounds
+    before: float  # the goal there
     trials: tuple[Trial, ...]  # all searches, the best first
     prices: tuple[Price, ...]  # what holds it
     agreeing: int  # searches that ended with the same goal
@@ -79,10 +81,11 @@ def search(
     trials = best_first(problem, want, starts, progress, workers)
     best = trials[0]
     agreeing = sum(abs(t.goal / best.goal - 1) < _AGREE for t in trials)
-    before = worst(want, problem(want.start))
+    start = next(t.first for t in trials if np.array_equal(t.start, starts[0]))
     calls = sum(t.calls for t in trials)
-    prices = _Program(problem, want).prices(best)
-    return Found(best.x, best.goal, before, tuple(trials), prices, agreeing, calls)
+    held = tuple(_prices(want, best))
+    before = worst(want, start)
+    return Found(best.x, best.goal, start, before, tuple(trials), held, agreeing, calls)
 
 
 def best_first(
@@ -136,8 +139,8 @@ class _Program:
         first = self._outcome(start)
         if not first.found:
             why, none = "a state was not found at the start", np.zeros(0)
-            return Trial(start, start, float("nan"), why, none, 1.0, self._calls)
-        self._scale = abs(worst(self.want, first)) or 1.0
+            return Trial(start, start, float("nan"), why, none, first, first, self._calls)
+        self._scale = _scale(self.want, first)
         t = worst(self.want, first) / self._scale
         sign = -1.0 if self.want.maximise else 1.0
         gradient = np.append(np.zeros(len(start)), sign)
@@ -156,60 +159,16 @@ class _Program:
         )
         x = np.clip(found.x[:-1], 0.0, 1.0)
         outcome = self._outcome(x)
-        kept = outcome.found and self._rows(outcome, x, 0.0)[0].min(initial=1.0) > -_KEPT
+        kept = outcome.found and _limits(self.want, outcome)[0].min(initial=1.0) > -_KEPT
         goal = worst(self.want, outcome) if kept else float("nan")
-        multipliers = np.asarray(found.multipliers)
-        return Trial(start, x, goal, str(found.message), multipliers, self._scale, self._calls)
-
-    def prices(self, trial: Trial) -> tuple[Price, ...]:
-        """What holds a design that a search found."""
-        x, outcome = trial.x, self._outcome(trial.x)
-        self._scale = trial.scale
-        places = len(self.problem.angle)
-        limits, slopes = self._rows(outcome, x, 0.0)
-        goal = trial.goal / trial.scale
-        found = []
-        own = trial.multipliers[places:]  # the first are those of the goal's places
-        row = 0
-        for limit in self.want.limits:
-            for k in range(len(outcome.values[limit.key])):
-                if limits[row] < _ACTIVE and own[row] > 0:
-                    price = float(own[row] / goal)
-                    found.append(Price(limit.key, limit.least, limit.value, k, price))
-                row += 1
-        # Of the Lagrangian at a bound: what a step across it would gain.
-        rows = np.concatenate([self._goal_rows(outcome)[1], slopes])
-        pull = trial.multipliers @ rows
-        for i, variable in enumerate(self.want.variables):
-            for side, value in ((0.0, variable.low), (1.0, variable.high)):
-                if abs(x[i] - side) < _ACTIVE and pull[i] != 0:
-                    price = float(abs(pull[i]) / goal)
-                    found.append(Price(variable.name, side == 0.0, value, None, price))
-        return tuple(found)
+        why, multipliers = str(found.message), np.asarray(found.multipliers)
+        return Trial(start, x, goal, why, multipliers, first, outcome, self._calls)
 
     def _outcome(self, x: Floats) -> Outcome:
         if self._last is None or not np.array_equal(self._last[0], x):
             self._last = (np.array(x), self.problem(np.clip(x, 0.0, 1.0)))
             self._calls += 1
         return self._last[1]
-
-    def _goal_rows(self, outcome: Outcome) -> tuple[Floats, Floats]:
-        """The goal at every place over its scale, signed so that t is on the other side."""
-        sign = 1.0 if self.want.maximise else -1.0
-        key = self.want.goal
-        return (
-            sign * outcome.values[key] / self._scale,
-            sign * outcome.slopes[key] / self._scale,
-        )
-
-    def _rows(self, outcome: Outcome, x: Floats, excess: float) -> tuple[Floats, Floats]:
-        """Limits, zero or more where they are kept, and their derivatives."""
-        values, slopes = [np.zeros(0)], [np.zeros((0, len(x)))]
-        for limit in self.want.limits:
-            value, slope = _row(limit, outcome)
-            values.append(value - excess)
-            slopes.append(slope)
-        return np.concatenate(values), np.concatenate(slopes)
 
     def _constraints(self, z: Floats) -> tuple[Floats, Floats]:
         """All of them with t; a design without a state looks worse than the last with one."""
@@ -218,13 +177,55 @@ class _Program:
         if outcome.found:
             self._known = outcome
         assert self._known is not None
-        goal, by_goal = self._goal_rows(self._known)
+        goal, by_goal = _goals(self.want, self._known, self._scale)
         sign = -1.0 if self.want.maximise else 1.0
-        limits, by_limits = self._rows(self._known, z[:-1], excess)
-        values = np.concatenate([goal + sign * z[-1] - excess, limits])
+        limits, by_limits = _limits(self.want, self._known)
+        values = np.concatenate([goal + sign * z[-1], limits]) - excess
         rows = np.concatenate([by_goal, by_limits])
         by_t = np.concatenate([np.full(len(goal), sign), np.zeros(len(limits))])
         return values, np.column_stack([rows, by_t])
+
+
+def _scale(want: Want, first: Outcome) -> float:
+    """What a search divides the goal by: its size at the start."""
+    return abs(worst(want, first)) or 1.0
+
+
+def _prices(want: Want, trial: Trial) -> Iterator[Price]:
+    """What holds the design that a search found."""
+    x, outcome, scale = trial.x, trial.last, _scale(want, trial.first)
+    goals, by_goal = _goals(want, outcome, scale)
+    limits, by_limits = _limits(want, outcome)
+    goal = trial.goal / scale
+    own = trial.multipliers[len(goals) :]  # the first are those of the goal's places
+    row = 0
+    for limit in want.limits:
+        for k in range(len(outcome.values[limit.key])):
+            if limits[row] < _ACTIVE and own[row] > 0:
+                yield Price(limit.key, limit.least, limit.value, k, float(own[row] / goal))
+            row += 1
+    # Of the Lagrangian at a bound: what a step across it would gain.
+    pull = trial.multipliers @ np.concatenate([by_goal, by_limits])
+    for i, variable in enumerate(want.variables):
+        for side, value in ((0.0, variable.low), (1.0, variable.high)):
+            if abs(x[i] - side) < _ACTIVE and pull[i] != 0:
+                yield Price(variable.name, side == 0.0, value, None, float(abs(pull[i]) / goal))
+
+
+def _goals(want: Want, outcome: Outcome, scale: float) -> tuple[Floats, Floats]:
+    """The goal at every place over a scale, signed so that t is on the other side."""
+    size = scale if want.maximise else -scale
+    return outcome.values[want.goal] / size, outcome.slopes[want.goal] / size
+
+
+def _limits(want: Want, outcome: Outcome) -> tuple[Floats, Floats]:
+    """Limits, zero or more where they are kept, and their derivatives."""
+    values, slopes = [np.zeros(0)], [np.zeros((0, len(want.variables)))]
+    for limit in want.limits:
+        value, slope = _row(limit, outcome)
+        values.append(value)
+        slopes.append(slope)
+    return np.concatenate(values), np.concatenate(slopes)
 
 
 def _row(limit: Limit, outcome: Outcome) -> tuple[Floats, Floats]:

@@ -201,7 +201,8 @@ def load_want(file: Path) -> Want:
             )
     front = None
     if "front" in table:
-        front = Front(*reader.part(_Front, table["front"], "front").__dict__.values())
+        given = reader.part(_Front, table["front"], "front")
+        front = Front(given.figure, given.points)
         if front.figure in (goal.minimise, goal.maximise):
             reader.refuse("front.figure", front.figure, "is the goal itself; name another one")
         if front.points < 3:
