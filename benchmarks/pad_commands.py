@@ -20,8 +20,10 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.uneven_pad import sheet
+from benchmarks.uneven_pad import errors_told, sheet
 from suas_jax.acquisition.log.log_file import group_frames, read_log
+from suas_jax.config import load_skin
+from suas_jax.skin.plain import plain_geometry
 from tests.test_pad_estimation import SKIN
 
 DRAWING = Path(__file__).parent.parent / "configs/skins/suas-pad.toml"
@@ -111,8 +113,9 @@ def suas(folder: Path, *arguments: str) -> str:
     return run.stdout
 
 
-def score(lines: str, log: Path) -> None:
+def score(lines: str, log: Path, skin: Path) -> None:
     """Print errors of held presses' forces and places, and how many lie in 95 % intervals."""
+    radius = float(plain_geometry(load_skin(skin).geometry).outer_size[0])
     frames = [json.loads(line) for line in lines.splitlines()]
     own = read_log(log)
     first = np.searchsorted(own.seq, group_frames(own).seq)
@@ -126,21 +129,14 @@ def score(lines: str, log: Path) -> None:
             lost += 1
             continue
         force, angle, axial = true[k]
-        found, sd = loads[0], np.sqrt(np.diag(loads[0]["covariance"]))[:3]
+        found, (arc, axis, size) = loads[0], np.sqrt(np.diag(loads[0]["covariance"]))[:3]
         off = (
-            np.deg2rad(found["angle_deg"] - angle),
+            found["force_N"] / force - 1,
+            radius * np.deg2rad(found["angle_deg"] - angle),
             found["axial_m"] - 1e-3 * axial,
-            found["force_N"] - force,
         )
-        rows.append((off[2] / force, 0.06 * off[0], off[1], *(np.abs(off) < 1.96 * sd)))
-    table = np.abs(np.array(rows, float))
-    print(
-        f"{len(rows)} frames, {lost} without one contact: force median "
-        f"{100 * np.median(table[:, 0]):.2f} %, worst {100 * table[:, 0].max():.1f} %; place "
-        f"{1e3 * np.median(np.hypot(table[:, 1], table[:, 2])):.2f} mm; in 95 %: force "
-        f"{100 * table[:, 5].mean():.0f}, arc {100 * table[:, 3].mean():.0f}, axis "
-        f"{100 * table[:, 4].mean():.0f} %"
-    )
+        rows.append((off, (size / force, radius * arc, axis)))
+    print(f"{len(rows)} frames, {lost} without one contact: {errors_told(rows)}")
 
 
 def main() -> None:
@@ -172,7 +168,8 @@ def main() -> None:
         suas(folder, "baseline", "rest.log.csv", "-o", "rest.json")
         for file in ("built.toml", "drawing.toml"):
             log, options_ = "unseen.log.csv", ("--baseline", "rest.json", "--contacts", "1")
-            score(suas(folder, "invert", file, log, *options_, "--json"), folder / log)
+            lines = suas(folder, "invert", file, log, *options_, "--json")
+            score(lines, folder / log, folder / file)
 
 
 if __name__ == "__main__":

@@ -40,6 +40,22 @@ def sheet(mean: float, random: np.random.Generator) -> str:
     return f"{{ arc = {NODES.tolist()}, axial = {NODES.tolist()}, value = [{value}] }}"
 
 
+def errors_told(rows: list[tuple[tuple[float, ...], tuple[float, ...]]]) -> str:
+    """Errors of contacts in words, and how many lie in their 95 % intervals.
+
+    A row has the errors of a contact and their deviations: of the force as a share, of the
+    place along arc and axis [m].
+    """
+    off, sd = np.abs(np.array(rows)).swapaxes(0, 1)
+    away = 1e3 * np.hypot(off[:, 1], off[:, 2])
+    inside = 100 * (off < 1.96 * sd).mean(0)
+    return (
+        f"force {100 * np.median(off[:, 0]):.2f} %, worst {100 * off[:, 0].max():.2f} %; "
+        f"place {np.median(away):.2f} mm; in 95 %: {inside.round(1)}; "
+        f"median deviation of force {100 * np.median(sd[:, 0]):.1f} %"
+    )
+
+
 def report(
     name: str,
     spec: SkinSpec,
@@ -62,14 +78,8 @@ def report(
             own.deviation("axial"),
         )
         rows.append((off, sd))
-    off, sd = np.abs(np.array(rows)).swapaxes(0, 1)
-    away = 1e3 * np.hypot(off[:, 1], off[:, 2])
-    inside = 100 * (off < 1.96 * sd).mean(0)
     print(
-        f"{name}: force {100 * np.median(off[:, 0]):.2f} %, "
-        f"worst {100 * off[:, 0].max():.2f} %; "
-        f"place {np.median(away):.2f} mm; in 95 %: {inside.round(1)}; "
-        f"median deviation of force {100 * np.median(sd[:, 0]):.1f} %\n"
+        f"{name}: {errors_told(rows)}\n"
         f"table's error of force [%], middle to edges: "
         f"{(100 * estimator.table.force_error).round(2).tolist()}, of place [mm]: "
         f"{(1e3 * estimator.table.place_error).round(2).tolist()}, of readings: "
