@@ -288,7 +288,14 @@ def test_errors_of_a_calibration_are_covered_as_stated(
         values=tuple(float(own[path]) for path in paths),
         covariance=tuple(tuple(row) for row in np.diag(np.square(list(sigma.values())))),
     )
-    spec = estimator.spec.model_copy(update={"calibration": record})
+    drawn = estimator.spec  # what its file calls exact would count as exact
+    spec = drawn.model_copy(
+        update={
+            "geometry": drawn.geometry.model_copy(update={"oil_gap": record.values[0]}),
+            "oil": drawn.oil.model_copy(update={"relative_permittivity": record.values[1]}),
+            "calibration": record,
+        }
+    )
     rest = np.asarray(estimator.model_rest)
     calibrated = LoadEstimator(spec, most_contacts=1, rest=rest)
     random, angle, force = np.random.default_rng(7), 0.3, 12.0
