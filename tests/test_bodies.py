@@ -604,12 +604,12 @@ def test_travel_from_force_inverts_force_from_travel() -> None:
 def test_derivatives_of_the_force_are_those_of_differences() -> None:
     from suas_jax.scene.gradient import gradient
 
-    spec = with_solve(scene(body(30, 2.0)), model="shell", elements=32)
+    spec = with_solve(scene(body(30, 2.0)), model="shell", elements=64)
     solution = solve(spec)
     slopes = gradient(solution, "loads.0.force_N")
     inputs = continuous_inputs(spec)
     for path in ("load.0.radius", "load.0.angle", "load.0.depth", "geometry.thickness"):
-        step = 1e-4 * inputs[path]
+        step = 1e-3 * inputs[path]  # the radius hardly matters: less is rounding of the force
         low, high = (
             solve(with_inputs(spec, {path: inputs[path] + s * step})).report["loads"][0]
             for s in (-1, 1)

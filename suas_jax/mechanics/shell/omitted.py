@@ -245,4 +245,4 @@ def indentation(face: ContactFace, touched: Strip, modulus: Lanes) -> Lanes:
     thickness = face.section.mean_thickness
     half = jnp.maximum(touched.half, _NARROWEST * thickness)
     deep = jnp.maximum(2 * jnp.log(thickness / half) - 1, 0.0)
-    return force / (4 * np.pi * modulus) * jax.lax.stop_gradient(deep)
+    return force / (4 * np.pi * modulus) * deep
