@@ -88,11 +88,12 @@ def test_ogden_on_treloar_matches_scipy_and_beats_table_1(
 
 
 @pytest.mark.long  # a program; what is not measured in test_material_formulas
-def test_a_single_mode_leaves_other_modes_unidentified(treloar: list[Dataset]) -> None:
+def test_a_single_mode_leaves_other_modes_to_the_band(treloar: list[Dataset]) -> None:
     report = material_report(fit_material(treloar[:1], "ogden", 3))
-    text = " ".join(report["unidentifiable"])
-    assert "equibiaxial stress: not measured" in text
-    assert any("predicted from uniaxial" in warning for warning in report["warnings"])
+    # The law itself is thousands of times off there; the band over laws holds a third.
+    warnings = " ".join(report["warnings"])
+    assert "not measured, predicted from uniaxial (95 %)" in warnings
+    assert "the law itself leaves the 95 % band" in warnings
 
 
 def test_plane_strain_determines_the_sum_of_c1_and_c2(treloar: list[Dataset]) -> None:
