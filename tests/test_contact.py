@@ -319,12 +319,12 @@ def test_a_taxel_in_contact_keeps_its_series_layers(in_contact: Solution) -> Non
     assert far["so"] < 200
 
 
-@pytest.mark.long  # meshes of both models
-def test_where_no_mesh_of_the_shell_meets_rtol_the_solid_does() -> None:
+@pytest.mark.long  # programs of both models
+def test_where_the_shell_does_not_meet_rtol_at_the_wall_the_solid_does() -> None:
     expected = references()["A 90"]
     spec = with_solve(pressed("A", 90.0), model="auto", rtol=2e-3)
     report = solve(spec).report
-    assert "mesh error of the shell's finest mesh" in report["message"]
+    assert "Solid chosen: the corrected shell's model error" in report["message"]
     assert report["model"] == "solid"
     assert report["rtol_met"]
     pressure, force = report["oil_pressure_Pa"], report["wall"]["force_N"]
