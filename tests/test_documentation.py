@@ -116,6 +116,19 @@ def test_code_of_the_pages_fits_the_column_at_1280_px(page: Path) -> None:
     assert [line for line in lines if len(line) > 96] == []
 
 
+GUIDES = re.findall(r"^(\w+)$", (DOCS / "guides.md").read_text(encoding="utf-8"), re.MULTILINE)
+FORMATS = ("log_format", "firmware_frames")  # what is looked up, not followed
+
+
+@pytest.mark.parametrize("name", [name for name in GUIDES if name not in FORMATS])
+def test_a_guide_is_short_and_begins_with_its_command(name: str) -> None:
+    page = (DOCS / f"{name}.md").read_text(encoding="utf-8")
+    prose = FENCE.sub("", page)
+    assert len(re.findall(r"\S*\w\S*", prose)) <= 600
+    if name not in ("tolerances", "material_files"):
+        assert FENCE.findall(page)[0][0] == "console"
+
+
 def test_the_pages_have_command_lines() -> None:
     assert len([line for page in PAGES for line in command_lines(page)]) > 30
 
