@@ -17,9 +17,7 @@ ROOT = Path(__file__).parents[2]
 PICTURES = {
     "press": ("suas solve configs/scenes/press.toml --plot picture.png",),
     "pad": ("suas solve configs/scenes/pad_fingers.toml --plot picture.png",),
-    "body": ("suas sweep configs/scenes/body.toml --depth 0:4:17 --plot picture.png",),
     "wall": ("suas sweep configs/scenes/case_b.toml --force 0:60:31 --plot picture.png",),
-    "range": ("suas range configs/skins/suas.toml --plot picture.png",),
     "hold": (
         "suas sweep configs/scenes/hold.toml --history configs/scenes/hold.csv "
         "--plot picture.png",
@@ -32,14 +30,6 @@ PICTURES = {
     "health": (
         "suas simulate configs/scenes/press_path.csv -o press.csv",
         "suas health press.csv --skin configs/skins/suas.toml --plot picture.png",
-    ),
-    "calibration": (
-        "suas simulate configs/scenes/press_path.csv -o press.csv",
-        "suas fit sensor configs/skins/suas.toml press.csv --plot picture.png",
-    ),
-    "plan": (
-        "suas calibrate - configs/skins/suas.toml --plan 10 --force '10 N' "
-        "--place-error '0.5 mm' --plot picture.png",
     ),
     "test_file": ("suas data configs/data/treloar1944_uniaxial.csv --plot picture.png",),
     "rubber": (
