@@ -2,7 +2,7 @@
 
     python -m benchmarks.automatic_choice
 
-Writes the table of docs/errors.md. True errors are those of pressure and mid-surface
+Writes the table of docs/errors_method.md. True errors are those of pressure and mid-surface
 displacement against the solid with 1024 x 8 elements.
 """
 
@@ -50,7 +50,7 @@ def main() -> None:
     configure()
     lines = table()
     print("\n".join(lines))
-    write_section("errors.md", "choice", lines)
+    write_section("errors_method.md", "choice", lines)
 
 
 if __name__ == "__main__":

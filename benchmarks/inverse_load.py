@@ -1,4 +1,4 @@
-"""How well loads are estimated from readings of the solid model: docs/load_method.md.
+"""How well loads are estimated from readings of the solid model: docs/load_evidence.md.
 
     python benchmarks/inverse_load.py [--truth FILE] [--frames N] [--write CSV]
 

@@ -1,4 +1,4 @@
-"""How fast loads are estimated: docs/load_method.md.
+"""How fast loads are estimated: docs/load_evidence.md.
 
     python -m benchmarks.inverse_load_speed [--live SECONDS]
 

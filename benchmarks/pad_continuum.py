@@ -210,13 +210,13 @@ def main() -> None:
     if options.table:
         lines = table()
         console.print("\n".join(lines), markup=False)
-        write_section("pad.md", "continuum", lines)
+        write_section("pad_method.md", "continuum", lines)
     if options.contacts:
         if not READINGS.exists():
             write_readings()
         lines = estimated()
         console.print("\n".join(lines), markup=False)
-        write_section("load_method.md", "continuum", lines)
+        write_section("load_evidence.md", "continuum", lines)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""A pad's contacts at 100 Hz: docs/load_method.md.
+"""A pad's contacts at 100 Hz: docs/load_evidence.md.
 
     python -m benchmarks.pad_live [--seconds S]
 

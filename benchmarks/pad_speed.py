@@ -1,6 +1,6 @@
 """What a pad costs: its solver's parts, and the user's own command.
 
-    python -m benchmarks.pad_speed            prints and writes the tables of docs/pad.md
+    python -m benchmarks.pad_speed            prints and writes the tables of docs/pad_method.md
 
 The shipped pad under a patch of 10 N at 30 degrees and -21.5 mm, no symmetry, 24 x 20 elements,
 double precision, compiled beforehand; medians, the rows take turns. Solves and gradient have
@@ -132,7 +132,7 @@ def main() -> None:
     processes = commands()  # first: a process counts the memory of the one it came from, too
     lines = [*parts(), "", *processes]
     print("\n".join(lines))
-    write_section("pad.md", "speed", lines)
+    write_section("pad_method.md", "speed", lines)
 
 
 if __name__ == "__main__":

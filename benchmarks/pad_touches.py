@@ -1,4 +1,4 @@
-"""Touches of many kinds on the shipped pad: docs/load_method.md.
+"""Touches of many kinds on the shipped pad: docs/load_evidence.md.
 
     python -m benchmarks.pad_touches [--truth FILE] [--seed N]
 

@@ -205,8 +205,6 @@ def main() -> None:
     console.print("\n".join(equal_error(rows)), markup=False)
     if not arguments.quick:
         draw(rows, DOCS / "run_time_error.png")
-        first = [row for row in rows if row.scene == next(iter(SCENES))]
-        write_section("benchmarks.md", "table", table_of(first))
         write_section("benchmarks.md", "equal error", equal_error(rows))
 
 

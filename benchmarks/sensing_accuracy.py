@@ -1,4 +1,4 @@
-"""How far sensing can be trusted, and what it costs: the tables of docs/sensing.md.
+"""How far sensing can be trusted, and what it costs: the tables of docs/sensing_method.md.
 
     python benchmarks/sensing_accuracy.py
 

@@ -311,13 +311,35 @@ def table_of(outcomes: list[Outcome]) -> list[str]:
     return lines
 
 
+def summary_of(outcomes: list[Outcome]) -> list[str]:
+    """Markdown, one line for the trials of a stress that end alike."""
+    alike: dict[tuple[str, str, str], list[Outcome]] = {}
+    for o in outcomes:
+        remark = "; ".join(f"**{fault}**" for fault in o.faults) or o.explanation
+        alike.setdefault((o.trial.group, o.status, remark), []).append(o)
+    columns = ("stress", "how much", "trials", "outcome", "least load", "most corrections")
+    columns += ("smallest pivot", "largest imbalance", "remark")
+    lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+    for (group, status, remark), found in alike.items():
+        labels = list(dict.fromkeys([found[0].trial.label, found[-1].trial.label]))
+        cells = (group, " ... ".join(labels), str(len(found)), status)
+        cells += (
+            f"{min(o.level for o in found):.3g}",
+            str(max(o.iterations for o in found)),
+            f"{min(o.smallest_pivot for o in found):.0e}",
+            f"{max(o.imbalance for o in found):.0e}",
+            remark,
+        )
+        lines.append("| " + " | ".join(cells) + " |")
+    return lines
+
+
 def main() -> None:
-    """Print and write the table; exit status 1 if a trial has a fault."""
+    """Print the table and write its summary; exit status 1 if a trial has a fault."""
     configure()
     outcomes = [attempt(trial) for trial in track(trials(), "solving")]
-    lines = table_of(outcomes)
-    print("\n".join(lines))
-    write_section("stability.md", "table", lines)
+    print("\n".join(table_of(outcomes)))
+    write_section("stability.md", "table", summary_of(outcomes))
     raise SystemExit(any(o.faults for o in outcomes))
 
 

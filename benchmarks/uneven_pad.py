@@ -1,4 +1,6 @@
-"""Contacts on an uneven pad by the file of the unit and by its drawing, see docs/as_built.md.
+"""Contacts on an uneven pad by the file of the unit and by its drawing.
+
+Tables of docs/as_built_method.md.
 
 The unit's thickness and gap are random waves on five by five nodes; readings come from a finer
 mesh, in whole counts with a noise of two. All numbers of both files are stated as exact, so

@@ -109,12 +109,12 @@ def _generate(app: Sphinx) -> None:
 
 
 def _draw_folders(app: Sphinx, page: str, source: list[str]) -> None:
-    """Put a picture in the place of the flowchart, which code hosts draw by a script."""
+    """Put the picture of the imports above the table of the folders."""
     if page == "architecture":
-        words = f"![Imports between folders](generated/folders.svg)\n\n{folder_picture.WORDS}\n"
-        text = re.sub(r"```mermaid.*?```\n", words, source[0], flags=re.DOTALL)
-        arrows = r"\bAn\s+arrow points.*?not of the table\."
-        source[0] = re.sub(arrows, "", text, flags=re.DOTALL)
+        words = (
+            f"![Imports between folders](generated/folders.svg)\n\n{folder_picture.WORDS}\n\n"
+        )
+        source[0] = source[0].replace("<!-- folders: begin -->", words)
 
 
 def _add_unlisted_pages(app: Sphinx, page: str, source: list[str]) -> None:

@@ -1,6 +1,7 @@
 """Imports between the files and folders of the two packages, read off the code.
 
-`python tests/import_graph.py` writes the picture and the table of docs/architecture.md again.
+`python tests/import_graph.py` writes the table of docs/architecture.md again; the site draws
+the imports above it.
 """
 
 import ast
@@ -10,7 +11,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs" / "architecture.md"
-_BEGIN, _END = "<!-- imports: begin -->", "<!-- imports: end -->"
+_BEGIN, _END = "<!-- folders: begin -->", "<!-- folders: end -->"
 # How many parts of a file's path are shown as its folder, by package.
 _DEPTH = {"suas_jax": 2, "fitting": 3}
 
@@ -84,55 +85,12 @@ def cycle(graph: Mapping[str, set[str]]) -> list[str]:
     return next((found for start in sorted(graph) if (found := search([start]))), [])
 
 
-def _reach(graph: Graph, start: str) -> set[str]:
-    reached: set[str] = set()
-    waiting = [start]
-    while waiting:
-        new = graph[waiting.pop()] - reached
-        reached |= new
-        waiting += new
-    return reached
-
-
-def _direct(graph: Graph) -> Graph:
-    """Arrows that follow from no others."""
-    return {
-        name: {
-            other
-            for other in found
-            if not any(other in _reach(graph, between) for between in found - {other})
-        }
-        for name, found in graph.items()
-    }
-
-
-def picture() -> str:
-    """The folders as a mermaid flowchart, and as a table of what each imports."""
-    graph = folder_imports()
-    lines = ["```mermaid", "flowchart TD"]
-    for package in _DEPTH:
-        lines.append(f"  subgraph package_{package} [{package}]")
-        for name in sorted(graph):
-            if name.split(".")[0] == package:
-                lines.append(f"    {_node(name)}[{name.partition('.')[2] or 'top'}]")
-        lines.append("  end")
-    for name, found in sorted(_direct(graph).items()):
-        lines += [f"  {_node(name)} --> {_node(other)}" for other in sorted(found)]
-    lines += ["```", "", "| folder | holds | imports |", "|---|---|---|"]
-    for name in sorted(graph):
-        shown = ", ".join(f"`{_short(other, name)}`" for other in sorted(graph[name]))
-        lines.append(f"| `{name.replace('.', '/')}` | {_holds(name)} | {shown or 'none'} |")
-    return "\n".join(lines) + "\n"
-
-
-def _node(name: str) -> str:
-    return name.replace(".", "_")
-
-
-def _short(name: str, beside: str) -> str:
-    package, _, rest = name.partition(".")
-    own = package == beside.split(".")[0] and rest
-    return (rest if own else name).replace(".", "/")
+def table() -> str:
+    """The folders and what each holds."""
+    rows = [
+        f"| `{name.replace('.', '/')}` | {_holds(name)} |" for name in sorted(folder_imports())
+    ]
+    return "\n".join(["| folder | holds |", "|---|---|", *rows, ""])
 
 
 def _holds(name: str) -> str:
@@ -141,10 +99,10 @@ def _holds(name: str) -> str:
 
 
 def written(page: str) -> str:
-    """The page with the picture and the table as the code has them now."""
+    """The page with the table as the code has it now."""
     before, _, rest = page.partition(_BEGIN)
     _, _, after = rest.partition(_END)
-    return f"{before}{_BEGIN}\n{picture()}{_END}{after}"
+    return f"{before}{_BEGIN}\n\n{table()}\n{_END}{after}"
 
 
 if __name__ == "__main__":

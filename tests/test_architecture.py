@@ -80,7 +80,7 @@ def test_a_circle_of_imports_is_found() -> None:
     assert cycle({"a": {"b", "c"}, "b": {"d"}, "c": {"d"}, "d": set()}) == []
 
 
-def test_the_page_shows_the_imports_of_the_code() -> None:
+def test_the_page_shows_the_folders_of_the_code() -> None:
     page = PAGE.read_text(encoding="utf-8")
     assert page == written(page), "write it again: python tests/import_graph.py"
 

@@ -112,10 +112,21 @@ def test_command_lines_of_the_pages_parse(page: Path) -> None:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_code_of_the_pages_fits_the_column_at_1280_px(page: Path) -> None:
     blocks = FENCE.findall(page.read_text(encoding="utf-8"))
-    lines = [
-        x for language, block in blocks if language != "mermaid" for x in block.split("\n")
-    ]
+    lines = [line for _, block in blocks for line in block.split("\n")]
     assert [line for line in lines if len(line) > 96] == []
+
+
+GUIDES = re.findall(r"^(\w+)$", (DOCS / "guides.md").read_text(encoding="utf-8"), re.MULTILINE)
+FORMATS = ("log_format", "firmware_frames")  # what is looked up, not followed
+
+
+@pytest.mark.parametrize("name", [name for name in GUIDES if name not in FORMATS])
+def test_a_guide_is_short_and_begins_with_its_command(name: str) -> None:
+    page = (DOCS / f"{name}.md").read_text(encoding="utf-8")
+    prose = FENCE.sub("", page)
+    assert len(re.findall(r"\S*\w\S*", prose)) <= 600
+    if name not in ("tolerances", "material_files"):
+        assert FENCE.findall(page)[0][0] == "console"
 
 
 def test_the_pages_have_command_lines() -> None:

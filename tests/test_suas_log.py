@@ -146,7 +146,7 @@ SINGLE = [  # fault, what the totals say, what is said meanwhile
 
 @pytest.mark.parametrize(("fault", "totals", "sentence"), SINGLE)
 def test_what_changes_is_flagged_counted_and_said(fault, totals, sentence, tmp_path):
-    """The table of docs/acquisition.md, in process: one pseudo-terminal, no program's start."""
+    """The table of docs/log_format.md, in process: one pseudo-terminal, no program's start."""
     path, said = tmp_path / "log.csv", []
     with Device("cobs", parse_faults([fault]), tmp_path / "port") as device:
         stream = Stream(

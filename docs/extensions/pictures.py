@@ -15,7 +15,9 @@ from PIL import Image
 
 ROOT = Path(__file__).parents[2]
 PICTURES = {
+    "press": ("suas solve configs/scenes/press.toml --plot picture.png",),
     "pad": ("suas solve configs/scenes/pad_fingers.toml --plot picture.png",),
+    "wall": ("suas sweep configs/scenes/case_b.toml --force 0:60:31 --plot picture.png",),
     "hold": (
         "suas sweep configs/scenes/hold.toml --history configs/scenes/hold.csv "
         "--plot picture.png",
@@ -24,6 +26,17 @@ PICTURES = {
     "loads": (
         "suas simulate configs/scenes/press_path.csv -o press.csv",
         "suas invert configs/skins/suas.toml press.csv --plot picture.png",
+    ),
+    "health": (
+        "suas simulate configs/scenes/press_path.csv -o press.csv",
+        "suas health press.csv --skin configs/skins/suas.toml --plot picture.png",
+    ),
+    "test_file": ("suas data configs/data/treloar1944_uniaxial.csv --plot picture.png",),
+    "rubber": (
+        "suas fit material --law ogden --terms 3 "
+        "--data uniaxial=configs/data/treloar1944_uniaxial.csv "
+        "--data equibiaxial=configs/data/treloar1944_equibiaxial.csv "
+        "--data pure_shear=configs/data/treloar1944_pure_shear.csv --plot picture.png",
     ),
     "loads_pad": (
         "suas simulate configs/scenes/pad_slide.csv -o slide.csv",

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 def design(
     want: Annotated[
-        Path, argument("Goals and limits (TOML), see docs/datasheet.md.", metavar="WANT")
+        Path, argument("Goals and limits (TOML), see docs/design_skin.md.", metavar="WANT")
     ],
     as_json: AsJson = False,
     output: Annotated[

@@ -68,7 +68,7 @@ def invert(
     diameter: Annotated[
         str | None,
         option(
-            "On a pad: diameter expected of contacts (6 mm), or 'free' to tell theirs.",
+            "On a pad: diameter expected of contacts (6 mm), or 'free' to estimate it.",
             metavar="LENGTH",
         ),
     ] = None,

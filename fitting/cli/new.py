@@ -20,7 +20,7 @@ _FILE = argument("File to write.", metavar="FILE")
 
 _SKIN = """\
 # {title}
-# Every quantity has its unit; what is not stated has a default (docs/scenes.md).
+# Every quantity has its unit; what is not stated has a default (docs/skins.md).
 
 [geometry]
 {dimensions}thickness    = "1.5 mm"       # of the membrane

@@ -59,7 +59,8 @@ Rtol = Annotated[float | None, option("Wanted relative error; overrides the scen
 _MOST = 1024
 _WHAT = "N processes, or on workers of a Dask scheduler (tls://host:port)"
 Workers = Annotated[
-    str | None, option(f"On a pad: solve a new skin's table on {_WHAT}.", metavar="N|ADDRESS")
+    str | None,
+    option(f"Compute a pad's table, or a design's starts, on {_WHAT}.", metavar="N|ADDRESS"),
 ]
 ManyWorkers = Annotated[str, option(f"Calibrate on {_WHAT}.", "--workers", metavar="N|ADDRESS")]
 TrustNetwork = Annotated[

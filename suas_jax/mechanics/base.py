@@ -300,7 +300,7 @@ class AbstractMechanics(eqx.Module):
     def omitted_margin(self) -> float:
         """Share of the first-order effect of what is left out that the rest rarely exceeds.
 
-        For plane strain from a study of random scenes, see docs/errors.md.
+        For plane strain from a study of random scenes, see docs/errors_method.md.
         """
         return 0.2
 

@@ -20,7 +20,7 @@ from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.skin.pad_loads import DeadLoad
 
-# An estimate is wanted that the true error rarely exceeds; see docs/errors.md for how often.
+# The true error should rarely exceed the estimate; how often it does: docs/errors_method.md.
 _MESH_MARGIN = 2.0
 # A pressure alone brings a vented arch near buckling, where what first order leaves is more.
 _PRESSURE_ALONE = 2.5

@@ -359,7 +359,7 @@ class Pad(AbstractMechanics):
 
     @property
     def omitted_at_wall(self) -> float:
-        """See the base class; from the solid, see docs/pad.md."""
+        """See the base class; from the solid, see docs/pad_method.md."""
         return 0.02
 
     @property
