@@ -29,7 +29,6 @@ thick: one that has grown by G is too thick by itself, as under N - 4 G t log(g_
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
