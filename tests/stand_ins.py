@@ -91,7 +91,9 @@ class DimpleFitter(AbstractLoadFitter):
     """Least squares on the stand-in skin, by SciPy."""
 
     parameters = SECTION
-    edge = 0.55
+    edge = np.array([0.55])
+    limit_error = 0.01
+    beside = ("spread",)
 
     def __init__(self, *, live: bool = False, most_contacts: int = 3) -> None:
         self.live, self._most, self.fits = live, most_contacts, 0
@@ -112,8 +114,8 @@ class DimpleFitter(AbstractLoadFitter):
         rows = []
         for k in range(len(y)):
             root = np.sqrt(weight[k])
-            most = [*[self.edge] * contacts, *[0.0 if pull else 60.0] * contacts]
-            least = [*[-self.edge] * contacts, *[-30.0 if pull else 0.0] * contacts]
+            most = [*self.edge.repeat(contacts), *[0.0 if pull else 60.0] * contacts]
+            least = [*-self.edge.repeat(contacts), *[-30.0 if pull else 0.0] * contacts]
             wanted = np.where(weight[k] > 0, y[k], 0.0)
 
             def residual(x: np.ndarray, wanted: Any = wanted, root: Any = root) -> np.ndarray:
@@ -160,8 +162,12 @@ class DimpleFitter(AbstractLoadFitter):
 
     def inside(self, parameters: Any, contacts: int) -> np.ndarray:
         """Angles within the edge, forces up to 60 N."""
-        limits = np.repeat([self.edge, 60.0], contacts)
-        return np.clip(parameters, np.repeat([-self.edge, 0.0], contacts), limits)
+        limits = np.repeat([*self.edge, 60.0], contacts)
+        return np.clip(parameters, np.repeat([*-self.edge, 0.0], contacts), limits)
+
+    def first_contact(self, places: Any, extents: Any) -> np.ndarray:
+        """20 N at the crown."""
+        return np.asarray(20.0 * (1 + places[:, 0]))
 
 
 class DimpleNodes(AbstractNodeSearch):
