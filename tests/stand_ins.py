@@ -9,8 +9,7 @@ from scipy.optimize import least_squares
 
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations, widened
 from fitting.inverse_load.model.contact_parameters import SECTION
-from fitting.inverse_load.search.base import AbstractNodeSearch
-from fitting.inverse_load.search.pairs import PairSearch
+from fitting.inverse_load.search.base import AbstractNodeSearch, PairSearch
 from fitting.material.experiments.measurements import Origin, StressTest
 from fitting.material.experiments.prediction import mode_factors
 from suas_jax.equilibrium.equilibrium import State
@@ -208,7 +207,7 @@ class DimpleNodes(AbstractNodeSearch):
     def several(self) -> PairSearch:
         """Pairs of all nodes."""
         every = np.arange(len(self.loads))
-        return PairSearch(self, every, np.zeros(13), self.distance, closest=0.1, apart=0.1)
+        return PairSearch(self, every, np.zeros(13), closest=0.1, apart=0.1)
 
 
 MU = 3e5

@@ -12,7 +12,7 @@ from fitting.inverse_load.fit.load_posterior import SectionPosterior
 from fitting.inverse_load.fit.section_errors import SectionErrors
 from fitting.inverse_load.fit.section_fitter import SectionFitter
 from fitting.inverse_load.fit.wide_contact import WideContactFitter
-from fitting.inverse_load.search.pairs import NodeSearch
+from fitting.inverse_load.search.section import NodeSearch
 from fitting.inverse_load.search.table import LoadTable, table_of
 from suas_jax.config import InputErrors, SkinSpec
 from suas_jax.scene.skin import Skin, skin_of

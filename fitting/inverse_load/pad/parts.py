@@ -20,8 +20,7 @@ from fitting.inverse_load.pad.marginal import Told
 from fitting.inverse_load.pad.table import PadTable
 from fitting.inverse_load.pad.table_build import FINE, PadResolution, pad_table_of
 from fitting.inverse_load.pad.uneven import even_spec
-from fitting.inverse_load.search.base import AbstractNodeSearch
-from fitting.inverse_load.search.pairs import PairSearch
+from fitting.inverse_load.search.base import AbstractNodeSearch, PairSearch
 from fitting.statistics.log_probability import NumpyBatch
 from suas_jax.config import InputErrors, SkinSpec
 from suas_jax.equilibrium.equilibrium import State
@@ -95,9 +94,7 @@ class PadNodeSearch(AbstractNodeSearch):
         """See the base class."""
         index = np.arange(len(self.loads)).reshape(*self._grid, self.levels)
         thinned = index[:, :, 1::_EVERY].reshape(-1)  # 3, 12, 46 and 82 % of the largest
-        return PairSearch(
-            self, thinned, self._table.stray, self.distance, closest=_CLOSEST, apart=APART
-        )
+        return PairSearch(self, thinned, self._table.stray, closest=_CLOSEST, apart=APART)
 
 
 class PadPosterior(AbstractLoadPosterior):
