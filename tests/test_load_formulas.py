@@ -33,7 +33,8 @@ from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.model.evaluation import Evaluation
 from fitting.inverse_load.search import table as load_table
-from fitting.inverse_load.search.pairs import NodeSearch, _scaled
+from fitting.inverse_load.search.base import _scaled
+from fitting.inverse_load.search.section import NodeSearch
 from fitting.inverse_load.search.table import LoadTable
 from suas_jax.equilibrium.equilibrium import State
 from tests.skins import quick

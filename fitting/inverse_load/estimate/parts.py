@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from fitting.arrays import Floats
-from fitting.inverse_load.estimate.assessment import AbstractLoadAssessment
+from fitting.inverse_load.estimate.assessment import LoadAssessment
 from fitting.inverse_load.fit.detection import AbstractDetector
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
@@ -19,7 +19,7 @@ class EstimationParts:
     detector: AbstractDetector  # tells contact from noise
     nodes: AbstractNodeSearch  # where fits begin
     fitter: AbstractLoadFitter  # fits loads to readings
-    assessment: AbstractLoadAssessment  # turns fits into estimates
+    assessment: LoadAssessment  # turns fits into estimates
     # readings of one and of two contacts, to compile or load what they need
     trials: tuple[Floats, Floats]
     posterior: AbstractLoadPosterior  # of a frame's loads

@@ -128,11 +128,17 @@ class AbstractLoadFitter(abc.ABC):
         parameters: of a contact.
         live: whether frames come one by one.
         alone: whether frames that one contact leaves in doubt are fitted one by one.
+        edge: largest coordinates of a contact's place [coordinate].
+        limit_error: of the force of first contact, relative.
+        beside: names of `Explanations.beside`.
     """
 
     parameters: ContactParameters
     live: bool
     alone: bool = False
+    edge: Floats
+    limit_error: float
+    beside: tuple[str, ...]
 
     @property
     def per_contact(self) -> int:
@@ -164,6 +170,15 @@ class AbstractLoadFitter(abc.ABC):
     @abc.abstractmethod
     def inside(self, parameters: Floats, contacts: int) -> Floats:
         """Parameters [frame, parameter] with those beyond their bounds on them."""
+
+    @abc.abstractmethod
+    def first_contact(self, places: Floats, extents: Floats) -> Floats:
+        """Force at which the membrane under single contacts reaches the wall [contact] [N].
+
+        Args:
+            places: of the contacts [contact, coordinate].
+            extents: what is estimated beside their parameters [contact, quantity].
+        """
 
     def left_to_shape(self, y: Floats, best: Explanations) -> Flags:
         """Frames of one contact that leave no more than its model of wide ones leaves out.

@@ -21,7 +21,7 @@ from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanation
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.fit.wide_contact import UNUSUAL
-from fitting.inverse_load.search.base import AbstractNodeSearch, AbstractSeveralSearch, Start
+from fitting.inverse_load.search.base import AbstractNodeSearch, PairSearch, Start
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.runtime.compiled import COMPILED
 
@@ -52,7 +52,7 @@ class Selection:
 
     def __post_init__(self) -> None:
         self._loads = LoadsAndErrors(self.fitter, self.errors)
-        self._pairs: AbstractSeveralSearch | None = None
+        self._pairs: PairSearch | None = None
         self.last: Explanations | None = None
         """Live: what explained the last frame that was touched; the next one begins there."""
         self.seconds: Floats = np.zeros(0)
@@ -67,7 +67,7 @@ class Selection:
         self._doubts.forget()
 
     @property
-    def pairs(self) -> AbstractSeveralSearch:
+    def pairs(self) -> PairSearch:
         """The search for several contacts, made when first needed."""
         if self._pairs is None:
             self._pairs = self.nodes.several()
