@@ -1,12 +1,13 @@
 """Known weights: the update against Gaussian conditioning, presses in logs, the file."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from fitting.inverse_load.zero import update
+from fitting.inverse_load.zero import from_log, update
 from fitting.inverse_load.zero import zero as zero_module
 from fitting.inverse_load.zero.gaussian import Gaussian, conditioned
 from fitting.inverse_load.zero.presses import (
@@ -107,6 +108,27 @@ def test_frames_of_presses_are_the_held_parts_in_order() -> None:
         frames_of_presses(so, patterns[[0, 1, 0]], 1.0)
     with pytest.raises(ValueError, match="at rest before the first press"):
         frames_of_presses(np.concatenate([so[:2], so[10:]]), patterns, 1.0)
+
+
+@pytest.mark.parametrize("pad", [False, True])
+def test_presses_in_columns_are_read_as_those_in_words(pad: bool) -> None:
+    spec = load_skin(PAD if pad else SKIN)
+    force = np.repeat([0.0, 4.9, 0.0, 7.3], 10)
+    angle, axial = np.repeat([0.0, 0.3, 0.3, -0.2], 10), np.repeat([0.0, 0.011], 20)
+    columns = {(0, "force"): force, (0, "angle"): angle} | (
+        {(0, "axial"): axial} if pad else {}
+    )
+    log: Any = SimpleNamespace(path="log.csv", known=SimpleNamespace(values=columns))
+    presses, frames = from_log._told_in_columns(spec, log, 8e-3 if pad else None)
+    assert frames.rest.tolist() == list(range(10))
+    assert frames.began == [10, 30]
+    found = np.array([press.quantities for press in presses])
+    own = [angle[[10, 30]], *([axial[[10, 30]]] if pad else []), force[[10, 30]]]
+    np.testing.assert_allclose(found, np.array(own).T, rtol=1e-8)
+    assert [press.diameter for press in presses] == ([8e-3] * 2 if pad else [0.0] * 2)
+    columns[1, "force"] = force
+    with pytest.raises(ValueError, match="found beside it: load 1: force"):
+        from_log._told_in_columns(spec, log, None)
 
 
 def test_every_press_has_its_own_place_and_force() -> None:
