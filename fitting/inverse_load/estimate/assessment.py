@@ -10,7 +10,7 @@ from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.fit.covariance import covariance_of, inverse
-from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
+from fitting.inverse_load.fit.explanation import UNSETTLED, AbstractLoadFitter, Explanations
 from fitting.inverse_load.fit.selection import Alternative
 from fitting.inverse_load.search.base import AbstractNodeSearch
 
@@ -20,7 +20,6 @@ _BEYOND_MODEL = 9.0  # chi2 per degree of freedom beyond which no number is give
 _AMBIGUOUS = 6.0  # difference of chi2 below which a second mode is reported
 _SURE = 2.0  # standard deviations within which first contact can't be excluded
 _ONE_SIDED = 1.645  # standard deviations below which one in twenty lies
-_UNSETTLED = 0.1  # decrease of chi2 still predicted for a fit that has not converged
 
 
 class LoadAssessment:
@@ -126,7 +125,7 @@ class LoadAssessment:
             alternatives = self._contacts(other.parameters, other.contacts, apart, None)
         if wall:
             status = "wall_contact"
-        elif best.predicted_decrease[i] > _UNSETTLED:
+        elif best.predicted_decrease[i] > UNSETTLED:
             status = "no_convergence"
         elif poor:
             status = "poor_fit"

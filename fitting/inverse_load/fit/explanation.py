@@ -17,6 +17,8 @@ from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.model.contact_parameters import ContactParameters
 from suas_jax.equilibrium.equilibrium import State
 
+UNSETTLED = 0.1
+"""Decrease of chi2 that is still predicted for a fit that has not converged."""
 _UNKNOWN = 1e300  # chi2 of what could not be solved
 
 

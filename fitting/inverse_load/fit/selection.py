@@ -17,7 +17,7 @@ import numpy as np
 
 from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.fit.doubts import Doubts, FaultyTaxels
-from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
+from fitting.inverse_load.fit.explanation import UNSETTLED, AbstractLoadFitter, Explanations
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.fit.wide_contact import UNUSUAL
@@ -187,7 +187,8 @@ class Selection:
     ) -> tuple[Explanations, Rows]:
         """One wide contact where it is cheaper; and the frames that ask for more than that.
 
-        A width is one more parameter, and costs Schwarz's criterion.
+        A width is one more parameter, and costs Schwarz's criterion. A fit that has not settled
+        explains nothing: its frame is left to the others.
         """
         if self.wide_fitter is None:
             return best, frames
@@ -196,7 +197,9 @@ class Selection:
         found = self._loads.fit(
             y[frames], weight[frames], start, own.state, 1, fitter=self.wide_fitter
         )
-        found = found.penalised(np.log(np.maximum((weight[frames] > 0).sum(1), 2)))
+        cost = np.log(np.maximum((weight[frames] > 0).sum(1), 2))
+        settled = found.predicted_decrease <= UNSETTLED
+        found = found.penalised(np.where(settled, cost, np.inf))
         best, wide = best.cheapest(frames, found)
         explained = np.zeros(len(y), bool)
         explained[wide] = self._p_value(best)[wide] >= _PLAUSIBLE
