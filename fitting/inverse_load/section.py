@@ -13,9 +13,9 @@ from fitting.inverse_load.fit.section_errors import SectionErrors
 from fitting.inverse_load.fit.section_fitter import SectionFitter
 from fitting.inverse_load.fit.wide_contact import WideContactFitter
 from fitting.inverse_load.search.section import NodeSearch
-from fitting.inverse_load.search.table import LoadTable, table_of
+from fitting.inverse_load.search.table import table_of
 from suas_jax.config import InputErrors, SkinSpec
-from suas_jax.scene.skin import Skin, skin_of
+from suas_jax.scene.skin import skin_of
 
 
 def section_parts(
@@ -27,8 +27,8 @@ def section_parts(
     most_contacts: int,
     from_rest: bool,
     progress: Callable[[str], None],
-) -> tuple[EstimationParts, Skin, LoadTable]:
-    """The parts for a skin in plane strain, its model and its table of solved states."""
+) -> EstimationParts:
+    """The parts for a skin in plane strain."""
     skin = skin_of(spec, contact=False)
     table = table_of(spec, skin, progress)
     fitter = SectionFitter(
@@ -44,7 +44,9 @@ def section_parts(
     if len(errors):
         progress("building the table of the inputs' errors")
         systematic = SectionErrors(errors, skin, table, from_rest=from_rest, live=live)
-    parts = EstimationParts(
+    return EstimationParts(
+        skin,
+        table,
         table.rest,
         ArcDetector(table.signatures),
         nodes,
@@ -57,4 +59,3 @@ def section_parts(
         if direction
         else WideContactFitter(skin, table, live=live, most_contacts=most_contacts),
     )
-    return parts, skin, table

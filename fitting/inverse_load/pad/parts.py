@@ -143,8 +143,8 @@ def pad_parts(
     progress: Callable[[str], None],
     workers: Executor | None,  # that solve the table's states; None: this process
     resolution: PadResolution,  # of the tables
-) -> tuple[EstimationParts, Skin, PadTable]:
-    """The parts for a pad, its model and its table of solved states.
+) -> EstimationParts:
+    """The parts for a pad.
 
     The diameter is that of the table's discs, around which contacts' diameters are expected
     [m]; None tells the diameter, too.
@@ -168,7 +168,9 @@ def pad_parts(
     force = 0.3 * float(middle.cap.min())
     one, two = np.array([[a, z, force]]), np.array([[a, -a, z, -z, force, force]])
     single, several = (interpolant(x, k + 1).readings[0, :-1] for k, x in enumerate((one, two)))
-    parts = EstimationParts(
+    return EstimationParts(
+        skin,
+        middle,
         middle.rest,
         detector,
         nodes,
@@ -179,7 +181,6 @@ def pad_parts(
         PadErrors(errors, skin, middle, from_rest=from_rest, slots=max(most_contacts, 2)),
         AskewFitter(skin, interpolant, told, live=live, most_contacts=most_contacts),
     )
-    return parts, skin, middle
 
 
 def table_of_pad(
