@@ -9,8 +9,7 @@ from scipy.optimize import least_squares
 
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations, widened
 from fitting.inverse_load.model.contact_parameters import SECTION
-from fitting.inverse_load.search.base import AbstractNodeSearch
-from fitting.inverse_load.search.pairs import PairSearch
+from fitting.inverse_load.search.base import AbstractNodeSearch, PairSearch
 from fitting.material.experiments.measurements import Origin, StressTest
 from fitting.material.experiments.prediction import mode_factors
 from suas_jax.equilibrium.equilibrium import State
@@ -91,7 +90,9 @@ class DimpleFitter(AbstractLoadFitter):
     """Least squares on the stand-in skin, by SciPy."""
 
     parameters = SECTION
-    edge = 0.55
+    edge = np.array([0.55])
+    limit_error = 0.01
+    beside = ("spread",)
 
     def __init__(self, *, live: bool = False, most_contacts: int = 3) -> None:
         self.live, self._most, self.fits = live, most_contacts, 0
@@ -112,8 +113,8 @@ class DimpleFitter(AbstractLoadFitter):
         rows = []
         for k in range(len(y)):
             root = np.sqrt(weight[k])
-            most = [*[self.edge] * contacts, *[0.0 if pull else 60.0] * contacts]
-            least = [*[-self.edge] * contacts, *[-30.0 if pull else 0.0] * contacts]
+            most = [*self.edge.repeat(contacts), *[0.0 if pull else 60.0] * contacts]
+            least = [*-self.edge.repeat(contacts), *[-30.0 if pull else 0.0] * contacts]
             wanted = np.where(weight[k] > 0, y[k], 0.0)
 
             def residual(x: np.ndarray, wanted: Any = wanted, root: Any = root) -> np.ndarray:
@@ -160,8 +161,12 @@ class DimpleFitter(AbstractLoadFitter):
 
     def inside(self, parameters: Any, contacts: int) -> np.ndarray:
         """Angles within the edge, forces up to 60 N."""
-        limits = np.repeat([self.edge, 60.0], contacts)
-        return np.clip(parameters, np.repeat([-self.edge, 0.0], contacts), limits)
+        limits = np.repeat([*self.edge, 60.0], contacts)
+        return np.clip(parameters, np.repeat([*-self.edge, 0.0], contacts), limits)
+
+    def first_contact(self, places: Any, extents: Any) -> np.ndarray:
+        """20 N at the crown."""
+        return np.asarray(20.0 * (1 + places[:, 0]))
 
 
 class DimpleNodes(AbstractNodeSearch):
@@ -202,7 +207,7 @@ class DimpleNodes(AbstractNodeSearch):
     def several(self) -> PairSearch:
         """Pairs of all nodes."""
         every = np.arange(len(self.loads))
-        return PairSearch(self, every, np.zeros(13), self.distance, closest=0.1, apart=0.1)
+        return PairSearch(self, every, np.zeros(13), closest=0.1, apart=0.1)
 
 
 MU = 3e5

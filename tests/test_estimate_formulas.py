@@ -25,19 +25,19 @@ from fitting.inverse_load.check.verdict import (
     verdict_of,
 )
 from fitting.inverse_load.drift import Drift, DriftDensities, ReadingWeights, zero_of_readings
-from fitting.inverse_load.estimate.assessment import AbstractLoadAssessment
+from fitting.inverse_load.estimate.assessment import LoadAssessment
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate, load_array
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.selection import Alternative, Selection
 from fitting.inverse_load.live.filter import LoadFilter
-from fitting.inverse_load.model.contact_parameters import SECTION
 from suas_jax.config import continuous_inputs, input_errors, load_skin
 from suas_jax.config.input_errors import STIFFNESS
 from suas_jax.config.sections.circle import CircleSpec
 from suas_jax.skin.plain import plain_geometry
 from tests.stand_ins import (
     AT_REST,
+    TAXELS,
     DimpleFitter,
     DimpleNodes,
     dimple_readings,
@@ -359,20 +359,18 @@ def test_a_contact_s_place_is_the_one_that_scenes_state(section: str) -> None:
     assert places.slope(at) == pytest.approx(slope, rel=1e-5)
 
 
-class Assessment(AbstractLoadAssessment):
-    """Estimates on a skin whose wall is reached at 20 N (1 + angle)."""
+class FarNodes(DimpleNodes):
+    """Nodes of which every taxel is near."""
 
-    def first_contact(self, place: np.ndarray, beside: np.ndarray) -> float:
-        """20 N at the crown."""
-        return float(20.0 * (1 + place[0]))
+    def distance(self, a: Any, b: Any) -> np.ndarray:
+        """None."""
+        return np.zeros(len(a))
 
-    def near_taxels(self, place: np.ndarray, taxels: np.ndarray) -> bool:
-        """Whether any counts."""
-        return bool(taxels.any())
 
-    def at_edge(self, place: np.ndarray) -> bool:
-        """From 0.5 rad on."""
-        return bool(abs(place[0]) >= 0.5)
+class Fitter(DimpleFitter):
+    """A skin whose wall is reached at 20 N (1 + angle)."""
+
+    edge = np.array([0.5])
 
 
 def assessed(
@@ -397,7 +395,7 @@ def assessed(
         chi2=chi2,
         **fields,
     )
-    one = Assessment(SECTION, ROUND, 13)
+    one = LoadAssessment(Fitter(), FarNodes(), ROUND, TAXELS[:, None])
     shared = None if systematic is None else np.diag(systematic)[None]
     (found,) = one.estimates(best, [other], np.full((1, 13), full_scale), shared)
     return found

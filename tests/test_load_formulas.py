@@ -33,7 +33,8 @@ from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.model.evaluation import Evaluation
 from fitting.inverse_load.search import table as load_table
-from fitting.inverse_load.search.pairs import NodeSearch, _scaled
+from fitting.inverse_load.search.base import _scaled
+from fitting.inverse_load.search.section import NodeSearch
 from fitting.inverse_load.search.table import LoadTable
 from suas_jax.equilibrium.equilibrium import State
 from tests.skins import quick
@@ -525,6 +526,39 @@ def test_frames_in_doubt_are_fitted_alone_or_together_with_one_result(alone: boo
     np.testing.assert_allclose(places, [[-0.25, 0.3], [-0.4, 0.2]], atol=1e-3)
     assert (selection.seconds > 0).tolist() == [True, False, True]
     assert (selection.seconds[0] == selection.seconds[2]) != alone
+
+
+class Wide(DimpleFitter):
+    """Explains every frame by one wide contact, with a step that would still lower chi2."""
+
+    def __init__(self, decrease: float) -> None:
+        super().__init__()
+        self._decrease = decrease
+
+    def fit(self, *given: Any, **options: Any) -> Any:
+        """What one contact leaves is put down to its width."""
+        found = super().fit(*given, **options)
+        none = np.zeros(len(found))
+        beside = found.beside.copy()
+        beside[:, 0, 0] = 0.01, 1e-3
+        return dataclasses.replace(
+            found,
+            score=none,
+            chi2=none,
+            beside=beside,
+            predicted_decrease=none + self._decrease,
+        )
+
+
+@pytest.mark.parametrize(("decrease", "contacts"), [(0.09, 1), (0.11, 2)])
+def test_a_width_that_has_not_settled_leaves_a_frame_to_two_contacts(
+    decrease: float, contacts: int
+) -> None:
+    selection, y, weight = selected([[-0.25, 0.3, 8.0, 6.0]], wide_fitter=Wide(decrease))
+    selection._doubts.hinted = lambda y, best: np.zeros(len(y), bool)  # type: ignore[method-assign]
+    best, _ = selection.explain(y, weight)
+    assert best.contacts.tolist() == [contacts]
+    assert (best.predicted_decrease <= 0.1).all()
 
 
 def test_three_contacts_are_found_by_adding_one() -> None:

@@ -14,7 +14,7 @@ from fitting.inverse_load.pad import stiffening
 from fitting.inverse_load.pad.columns import LEVELS, Column, _reach, grid, largest_forces
 from fitting.inverse_load.pad.finer_mesh import force_surplus
 from fitting.inverse_load.pad.fitter import AskewFitter, PadFitter
-from fitting.inverse_load.pad.input_errors import PadErrors, gap_line
+from fitting.inverse_load.pad.input_errors import PadErrors
 from fitting.inverse_load.pad.interpolant import Correction, PadInterpolant, extents
 from fitting.inverse_load.pad.marginal import Told, beside
 from fitting.inverse_load.pad.mirror import mirror_images, mirrored
@@ -25,6 +25,7 @@ from fitting.inverse_load.pad.pad_least_squares import (
     step_of,
 )
 from fitting.inverse_load.pad.parts import PadNodeSearch
+from fitting.inverse_load.pad.rest import GapLine, gap_line
 from fitting.inverse_load.pad.solved import near
 from fitting.inverse_load.pad.spline import SplineBasis, TensorSpline
 from fitting.inverse_load.pad.stiffening import Stiffening
@@ -32,7 +33,6 @@ from fitting.inverse_load.pad.table import PadTable, reciprocal
 from fitting.inverse_load.pad.table_build import _between, edge_of
 from fitting.inverse_load.pad.uneven import (
     PROBES,
-    Line,
     _by_reach,
     _changed,
     _read,
@@ -138,8 +138,8 @@ def test_a_softer_unit_is_the_even_pad_under_more_force_with_taxels_of_its_own()
     """U = 2e-3 - 2e-5 k F (1 + angle + 20 axial) (1 + taxel), k = 0.9 of the even pad's."""
     table, softness = linear_table(), 0.9
     rest = np.full(3, 1e-3)
-    of_even = Line(np.zeros(3), rest, np.ones(3))
-    of_unit = Line(np.full(3, 5.0), 2 * rest, np.full(3, 2.0))
+    of_even = GapLine(np.zeros(3), rest, np.ones(3))
+    of_unit = GapLine(np.full(3, 5.0), 2 * rest, np.full(3, 2.0))
 
     def read(loads: Any) -> Any:
         angle, axial, force = loads.T

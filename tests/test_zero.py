@@ -1,11 +1,14 @@
 """Known weights: the update against Gaussian conditioning, presses in logs, the file."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from fitting.inverse_load.zero import update
+from fitting.inverse_load.zero import from_log, update
+from fitting.inverse_load.zero import zero as zero_module
 from fitting.inverse_load.zero.gaussian import Gaussian, conditioned
 from fitting.inverse_load.zero.presses import (
     FORCE_ERROR,
@@ -14,9 +17,15 @@ from fitting.inverse_load.zero.presses import (
     known_press,
 )
 from fitting.inverse_load.zero.zero import Zero
-from fitting.inverse_load.zero.zero_file import read_zero, zero_file_of, zero_text, zeroed
-from suas_jax.config import ConfigError, input_errors, load_skin
-from suas_jax.config.input_errors import STIFFNESS, as_assembled, value_of
+from fitting.inverse_load.zero.zero_file import (
+    read_zero,
+    skin_with_zero,
+    zero_file_of,
+    zero_text,
+    zeroed,
+)
+from suas_jax.config import ConfigError, InputErrors, input_errors, load_skin
+from suas_jax.config.input_errors import STIFFNESS, as_assembled, stresses_of, value_of
 
 ROOT = Path(__file__).parent.parent / "configs/skins"
 SKIN, PAD, ARC = (ROOT / f"{n}.toml" for n in ("suas", "suas-pad", "suas-flat-topped"))
@@ -101,6 +110,27 @@ def test_frames_of_presses_are_the_held_parts_in_order() -> None:
         frames_of_presses(np.concatenate([so[:2], so[10:]]), patterns, 1.0)
 
 
+@pytest.mark.parametrize("pad", [False, True])
+def test_presses_in_columns_are_read_as_those_in_words(pad: bool) -> None:
+    spec = load_skin(PAD if pad else SKIN)
+    force = np.repeat([0.0, 4.9, 0.0, 7.3], 10)
+    angle, axial = np.repeat([0.0, 0.3, 0.3, -0.2], 10), np.repeat([0.0, 0.011], 20)
+    columns = {(0, "force"): force, (0, "angle"): angle} | (
+        {(0, "axial"): axial} if pad else {}
+    )
+    log: Any = SimpleNamespace(path="log.csv", known=SimpleNamespace(values=columns))
+    presses, frames = from_log._told_in_columns(spec, log, 8e-3 if pad else None)
+    assert frames.rest.tolist() == list(range(10))
+    assert frames.began == [10, 30]
+    found = np.array([press.quantities for press in presses])
+    own = [angle[[10, 30]], *([axial[[10, 30]]] if pad else []), force[[10, 30]]]
+    np.testing.assert_allclose(found, np.array(own).T, rtol=1e-8)
+    assert [press.diameter for press in presses] == ([8e-3] * 2 if pad else [0.0] * 2)
+    columns[1, "force"] = force
+    with pytest.raises(ValueError, match="found beside it: load 1: force"):
+        from_log._told_in_columns(spec, log, None)
+
+
 def test_every_press_has_its_own_place_and_force() -> None:
     """Readings of press k move with the errors and with its own quantities alone."""
     rng = np.random.default_rng(3)
@@ -119,6 +149,60 @@ def made_up(skin: Path) -> Zero:
     posterior = Gaussian(rng.normal(size=len(errors)), root @ root.T)
     press = known_press("500 g at 0 deg", GEOMETRY)
     return Zero(errors, posterior, (press,), np.array([0.14]), np.array([0.005]), 1.0, "ok")
+
+
+def test_causes_are_told_by_kind_in_their_own_units(tmp_path: Path) -> None:
+    text = SKIN.read_text().replace('"1.5 mm"', '"1.5 mm +- 0.06 mm"')
+    skin = tmp_path / "skin.toml"
+    skin.write_text(text)
+    zero = made_up(skin)
+    told = {cause.name: cause for cause in zero.causes}
+    assert set(told) == {
+        "stiffness",
+        "filling",
+        "mounting",
+        "thickness",
+        "gap",
+        "permittivity",
+        "scale",
+    }
+    moved = dict(zip(zero.errors.paths, zero.values, strict=True))
+    assert told["thickness"].change == pytest.approx(moved["geometry.thickness"] / 1.5e-3 - 1)
+    assert told["thickness"].before == pytest.approx(0.04)
+    # Of all constants of the rubber, whatever their signs.
+    assert told["stiffness"].before == pytest.approx(0.1)
+    own = stresses_of(zero.errors.spec)
+    for path, value in own.items():
+        assert told["stiffness"].change == pytest.approx(moved[path] / value - 1)
+    k = zero.errors.names.index("geometry.mounting")
+    deviation = 5e-4 * zero.posterior.covariance[k, k] ** 0.5
+    assert told["mounting"].deviation == pytest.approx(deviation)
+    assert told["mounting"].text.endswith("% of the length")
+    moved_most = [abs(cause.change) / cause.before for cause in zero.causes]
+    assert moved_most == sorted(moved_most, reverse=True)
+
+
+def test_an_uneven_sheet_is_one_cause() -> None:
+    """Errors of a calibration mix its constants: told is what they do to the sheet's mean."""
+    nodes = [f"geometry.thickness.value.{k}" for k in range(3)]
+    sizes = np.array([1e-3, 2e-3, 3e-3])
+    paths = (*nodes, "oil.fill")
+    directions = np.array([[1e-5, 2e-5, -3e-5, 1e-4], [4e-5, 0.0, 1e-5, -2e-4]])
+    names = ("calibration, a above all", "calibration, b above all")
+    inputs: Any = dict(zip(paths, [*sizes, 1.0], strict=True))
+    errors = InputErrors(paths, directions, names, (), inputs)
+    posterior = Gaussian(np.array([0.5, -1.0]), np.array([[0.3, 0.1], [0.1, 0.6]]))
+    zero = Zero(errors, posterior, (), np.zeros(0), np.zeros(0), 1.0, "ok")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(zero_module, "value_of", lambda spec, path: spec[path])
+        found = {cause.name: cause for cause in zero.causes}
+    assert set(found) == {"thickness", "filling"}
+    total = directions[:, :3].sum(1) / sizes.sum()
+    sheet = found["thickness"]
+    assert sheet.change == pytest.approx(posterior.mean @ total)
+    assert sheet.deviation == pytest.approx(np.sqrt(total @ posterior.covariance @ total))
+    assert sheet.before == pytest.approx(np.sqrt(total @ total))
+    assert sheet.text == "thickness -0.83 ± 0.65 %"
 
 
 def test_a_zero_written_and_read_is_what_estimates_assume(tmp_path: Path) -> None:
@@ -157,6 +241,15 @@ def test_a_zero_of_another_skin_or_another_file_is_refused(tmp_path: Path) -> No
     skin.write_text(skin.read_text() + "# changed\n")
     with pytest.raises(ConfigError, match="run suas zero again"):
         read_zero(path, skin)
+
+
+def test_a_zero_in_the_place_of_its_skin_file_is_named(tmp_path: Path) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text("readings\n")
+    path = tmp_path / "zeroed.toml"
+    path.write_text(zero_text(made_up(SKIN), SKIN, log))
+    with pytest.raises(ConfigError, match="give the skin file, and this with --zero"):
+        skin_with_zero(path)
 
 
 def test_presses_on_a_pad_have_a_place_along_its_axis() -> None:

@@ -28,6 +28,7 @@ from jaxtyping import Array
 
 from fitting.arrays import Floats
 from fitting.calibration.plan import Press, edge_of, place_name
+from fitting.inverse_load.zero.update import force_deviations
 from fitting.sensor.fit.priors import as_built_priors
 from fitting.sensor.logs.data import SensorData
 from fitting.sensor.logs.known_loads import KnownLoads
@@ -117,16 +118,8 @@ def force_errors(candidates: Candidates, information: Floats) -> Floats:
 
     Candidates are contacts over the skin, the information is C^-1 of the constants [p, p].
     """
-    found = []
-    pairs = zip(
-        candidates.by_constant, candidates.by_press, candidates.weight_once, strict=True
-    )
-    for J, L, w in pairs:
-        both = (J * w[:, None]).T @ L
-        rest = np.linalg.solve(information + (J * w[:, None]).T @ J, both)
-        V = np.linalg.inv((L * w[:, None]).T @ L - both.T @ rest)
-        found.append(np.sqrt(V[-1, -1]))
-    return np.array(found)
+    J, L = (x.swapaxes(1, 2) for x in (candidates.by_constant, candidates.by_press))
+    return force_deviations(J, L, candidates.weight_once, information)
 
 
 def planned(candidates: Candidates, most: int, accuracy: float = 0.0) -> Plan:

@@ -77,12 +77,6 @@ def zero(
     answer(as_json, _report(found, target), lambda: _print(found, target))
 
 
-def _by_error(found: "Zero") -> "zip[tuple[Any, ...]]":
-    posterior = found.posterior
-    variance = posterior.covariance.diagonal()
-    return zip(found.errors.names, posterior.mean, variance, strict=True)
-
-
 def _report(found: "Zero", target: Path) -> dict[str, Any]:
     return {
         "status": found.status,
@@ -101,9 +95,22 @@ def _report(found: "Zero", target: Path) -> dict[str, Any]:
                 found.presses, found.before, found.after, strict=True
             )
         ],
+        "causes": {
+            cause.name: {
+                "change": cause.change,
+                "deviation": cause.deviation,
+                "deviation_before": cause.before,
+            }
+            for cause in found.causes
+        },
         "errors": {
             name: {"mean": float(mean), "deviation": float(variance) ** 0.5}
-            for name, mean, variance in _by_error(found)
+            for name, mean, variance in zip(
+                found.errors.names,
+                found.posterior.mean,
+                found.posterior.covariance.diagonal(),
+                strict=True,
+            )
         },
         "parameters": list(found.errors.paths),
         "values": found.values.tolist(),
@@ -115,8 +122,7 @@ def _print(found: "Zero", target: Path) -> None:
     for press, before, after in zip(found.presses, found.before, found.after, strict=True):
         known = f"{100 * after:.2g} % ({100 * before:.2g} % without the zero)"
         say(f"{press.text}: forces there are known to {known}")
-    say("errors of the inputs, in standard deviations of what the file allows:")
-    for name, mean, variance in _by_error(found):
-        say(f"  {name}: {mean:+.2f} +- {variance**0.5:.2f}")
+    causes = ", ".join(cause.text for cause in found.causes)
+    say(f"what moved, the likeliest first (± one standard deviation): {causes}")
     say(f"chi2 per degree of freedom {found.chi2_per_dof:.2f}, {found.status}")
     say(f"written: {target}", err=True)

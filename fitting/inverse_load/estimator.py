@@ -125,8 +125,8 @@ class LoadEstimator:
         self._check()
         self.reading_noise = noise_of_readings(self.spec, self.noise)
         self.input_errors = input_errors(as_assembled(self.spec))
-        parts = self._make_parts()
-        self._parts = parts
+        self._parts = parts = self._make_parts()
+        self.skin, self.table = parts.skin, parts.table
         reading = self.reading_noise**2 + ROUNDING
         zero, uncertain = zero_of_readings(self.spec, parts.rest, self.rest, self.rest_variance)
         pad = self.spec.geometry.dimension == 3
@@ -170,33 +170,20 @@ class LoadEstimator:
             )
 
     def _make_parts(self) -> EstimationParts:
-        if self.spec.geometry.dimension == 3:
-            from fitting.inverse_load.pad.parts import pad_parts
-            from fitting.inverse_load.pad.table_build import FINE
+        common: dict[str, Any] = {
+            "direction": self.direction,
+            "live": self.live,
+            "most_contacts": self.most_contacts,
+            "from_rest": self.rest is not None,
+            "progress": self.progress,
+        }
+        if self.spec.geometry.dimension == 2:
+            return section_parts(self.spec, self.input_errors, **common)
+        from fitting.inverse_load.pad.parts import pad_parts
+        from fitting.inverse_load.pad.table_build import FINE
 
-            parts, self.skin, self.table = pad_parts(
-                self.spec,
-                self.input_errors,
-                diameter=self.diameter,
-                direction=self.direction,
-                live=self.live,
-                most_contacts=self.most_contacts,
-                from_rest=self.rest is not None,
-                progress=self.progress,
-                workers=self.workers,
-                resolution=self.resolution or FINE,
-            )
-            return parts
-        parts, self.skin, self.table = section_parts(
-            self.spec,
-            self.input_errors,
-            direction=self.direction,
-            live=self.live,
-            most_contacts=self.most_contacts,
-            from_rest=self.rest is not None,
-            progress=self.progress,
-        )
-        return parts
+        common |= {"workers": self.workers, "resolution": self.resolution or FINE}
+        return pad_parts(self.spec, self.input_errors, diameter=self.diameter, **common)
 
     def _check(self) -> None:
         if not 0 < self.false_alarm < 0.5:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fitting.inverse_load.estimate.assessment import SectionAssessment
+from fitting.inverse_load.estimate.assessment import LoadAssessment
 from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.fit.detection import ArcDetector
@@ -12,10 +12,10 @@ from fitting.inverse_load.fit.load_posterior import SectionPosterior
 from fitting.inverse_load.fit.section_errors import SectionErrors
 from fitting.inverse_load.fit.section_fitter import SectionFitter
 from fitting.inverse_load.fit.wide_contact import WideContactFitter
-from fitting.inverse_load.search.pairs import NodeSearch
-from fitting.inverse_load.search.table import LoadTable, table_of
+from fitting.inverse_load.search.section import NodeSearch
+from fitting.inverse_load.search.table import table_of
 from suas_jax.config import InputErrors, SkinSpec
-from suas_jax.scene.skin import Skin, skin_of
+from suas_jax.scene.skin import skin_of
 
 
 def section_parts(
@@ -27,20 +27,16 @@ def section_parts(
     most_contacts: int,
     from_rest: bool,
     progress: Callable[[str], None],
-) -> tuple[EstimationParts, Skin, LoadTable]:
-    """The parts for a skin in plane strain, its model and its table of solved states."""
+) -> EstimationParts:
+    """The parts for a skin in plane strain."""
     skin = skin_of(spec, contact=False)
     table = table_of(spec, skin, progress)
     fitter = SectionFitter(
         skin, table, direction=direction, live=live, most_contacts=most_contacts
     )
-    assessment = SectionAssessment(
-        fitter.parameters,
-        ContactPlaces(spec.geometry, skin.geometry),
-        np.asarray(skin.electrodes.taxels.angle)[:, 0],
-        fitter.edge,
-        table,
-    )
+    nodes = NodeSearch(skin, table)
+    places = ContactPlaces(spec.geometry, skin.geometry)
+    taxels = np.asarray(skin.electrodes.taxels.angle)
     middle, quarter = len(table.angles) // 2, len(table.angles) // 4
     single = table.so[middle, table.so.shape[1] // 2]
     pair = table.so[quarter, -6] + table.so[-quarter, -6] - table.rest
@@ -48,13 +44,14 @@ def section_parts(
     if len(errors):
         progress("building the table of the inputs' errors")
         systematic = SectionErrors(errors, skin, table, from_rest=from_rest, live=live)
-    nodes = NodeSearch(skin, table)
-    parts = EstimationParts(
+    return EstimationParts(
+        skin,
+        table,
         table.rest,
         ArcDetector(table.signatures),
         nodes,
         fitter,
-        assessment,
+        LoadAssessment(fitter, nodes, places, taxels),
         (single, pair),
         SectionPosterior(fitter, nodes),
         systematic,
@@ -62,4 +59,3 @@ def section_parts(
         if direction
         else WideContactFitter(skin, table, live=live, most_contacts=most_contacts),
     )
-    return parts, skin, table

@@ -20,7 +20,7 @@ from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.section_errors import changed_skin
 from fitting.inverse_load.fit.section_fitter import SectionFitter
-from fitting.inverse_load.pad.input_errors import gap_line
+from fitting.inverse_load.pad.rest import GapLine, gap_line
 from fitting.inverse_load.search.table import rest_readings
 from suas_jax.config.input_errors import scaled_input
 
@@ -32,7 +32,6 @@ FURTHEST = 0.3
 """Relative change of an input that is tried."""
 ELECTRICAL = ("geometry.oil_gap", "oil.relative_permittivity", "electrodes.lsb")
 """The inputs, by TOML path."""
-_Line = tuple[Floats, Floats, Floats]
 _STEP = 0.01  # relative, for slopes
 
 
@@ -106,19 +105,18 @@ class ElectricalFit(AbstractInputFit):
     """Fits on a pad, at other values of one of its electrical inputs."""
 
     @functools.cached_property
-    def _own(self) -> _Line:
+    def _own(self) -> GapLine:
         return gap_line(self._estimator.spec, {})
 
     def slopes(self, path: str) -> Floats:
         """Derivative of the channels by the logarithm of an input [frame, channel]."""
         by = np.zeros_like(self._fit.so)
         there = self._changed(path, _STEP)
-        by[:, :-1] = (
-            _moved(self._fit.so[:, :-1], self._own, there) - self._fit.so[:, :-1]
-        ) / _STEP
+        so = self._fit.so[:, :-1]
+        by[:, :-1] = (self._own.seen_by(there, so) - so) / _STEP
         if self._estimator.rest is not None:  # readings count from rest
             rest = self._estimator.model_rest
-            by[:, :-1] -= (_moved(rest, self._own, there) - rest) / _STEP
+            by[:, :-1] -= (self._own.seen_by(there, rest) - rest) / _STEP
         return by
 
     def chi2(self, path: str, change: float) -> float:
@@ -128,24 +126,18 @@ class ElectricalFit(AbstractInputFit):
         so = self._y[:, :-1]
         if estimator.rest is not None:
             rest = estimator.model_rest
-            so = so - rest + _moved(rest, self._own, there)
-        so = np.where(used, so, there[0] + 1 / there[1])
+            so = so - rest + self._own.seen_by(there, rest)
+        so = np.where(used, so, there.stray + 1 / there.at)
         y, weight = self._y.copy(), self._weight.copy()
-        back = _moved(so, there, self._own)
+        back = there.seen_by(self._own, so)
         y[:, :-1] = np.where(used, back, 0.0)
-        stretch = there[2] / self._own[2] * ((so - there[0]) / (back - self._own[0])) ** 2
-        weight[:, :-1] *= stretch**2
+        stretch = (so - there.stray) / (back - self._own.stray)
+        weight[:, :-1] *= (there.slope / self._own.slope * stretch**2) ** 2
         fitter = estimator.selection.fitter
         start = self._fit.parameters[:, : fitter.per_contact]
         found = fitter.fit(y, weight, start, self._fit.state, 1).chi2
         return float(np.where(np.isfinite(found), found, self._lost).sum())
 
-    def _changed(self, path: str, change: float) -> _Line:
+    def _changed(self, path: str, change: float) -> GapLine:
         spec = self._estimator.spec
         return gap_line(spec, scaled_input(spec, path, 1 + change))
-
-
-def _moved(so: Floats, one: _Line, other: _Line) -> Floats:
-    """Readings of one pad as another one has them where its membrane is."""
-    displacement = (1 / np.maximum(so - one[0], 1e-9) - one[1]) / one[2]
-    return np.asarray(other[0] + 1 / (other[1] + other[2] * displacement))

@@ -1,6 +1,5 @@
 """Estimates made of explanations: covariances, statuses, what can't be said."""
 
-import abc
 import itertools
 from collections.abc import Sequence
 from typing import Any
@@ -11,11 +10,9 @@ from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.fit.covariance import covariance_of, inverse
-from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.fit.explanation import UNSETTLED, AbstractLoadFitter, Explanations
 from fitting.inverse_load.fit.selection import Alternative
-from fitting.inverse_load.model.contact_parameters import ContactParameters
-from fitting.inverse_load.search.pairs import APART
-from fitting.inverse_load.search.table import LoadTable
+from fitting.inverse_load.search.base import AbstractNodeSearch
 
 POOR = 1e-4
 """p-value of chi2 below which the fit is called poor."""
@@ -23,54 +20,26 @@ _BEYOND_MODEL = 9.0  # chi2 per degree of freedom beyond which no number is give
 _AMBIGUOUS = 6.0  # difference of chi2 below which a second mode is reported
 _SURE = 2.0  # standard deviations within which first contact can't be excluded
 _ONE_SIDED = 1.645  # standard deviations below which one in twenty lies
-_NEVER = 1e9  # stands for an infinite force of first contact [N]
-_UNSETTLED = 0.1  # decrease of chi2 still predicted for a fit that has not converged
 
 
-class AbstractLoadAssessment(abc.ABC):
+class LoadAssessment:
     """Estimates from explanations, for one skin.
 
-    Args:
-        parameters: of a contact.
-        along: what scenes call places.
-        taxels: their number; further columns of explanations are not taxels.
-
-    Attributes:
-        limit_error: of the force at first contact, relative.
-        beside: names of what is estimated of a contact beside its parameters.
-        along: what scenes call places.
+    The fitter knows edges and forces of first contact, the nodes know distances, and `along`
+    knows what scenes call places. Taxels have places [taxel, coordinate]; further columns of
+    explanations are not taxels.
     """
 
-    limit_error = 0.01  # between the shell and the continuum
-    beside: tuple[str, ...] = ("spread",)
-
     def __init__(
-        self, parameters: ContactParameters, along: ContactPlaces, taxels: int
+        self,
+        fitter: AbstractLoadFitter,
+        nodes: AbstractNodeSearch,
+        along: ContactPlaces,
+        taxels: Floats,
     ) -> None:
-        self._parameters, self._per_contact = parameters, parameters.per_contact
-        self.along, self._taxels = along, taxels
-
-    @abc.abstractmethod
-    def first_contact(self, place: Floats, beside: Floats) -> float:
-        """Force of one contact at which the membrane reaches the wall [N].
-
-        Args:
-            place: of the contact [coordinate].
-            beside: what is estimated beside its parameters [quantity, 2].
-        """
-
-    @abc.abstractmethod
-    def near_taxels(self, place: Floats, taxels: Flags) -> bool:
-        """Whether a contact lies near one of some taxels.
-
-        Args:
-            place: of the contact [coordinate].
-            taxels: which of them count [taxel].
-        """
-
-    @abc.abstractmethod
-    def at_edge(self, place: Floats) -> bool:
-        """Whether a contact lies where no farther one is sought."""
+        self._fitter, self._nodes, self._places = fitter, nodes, taxels
+        self._parameters, self._per_contact = fitter.parameters, fitter.per_contact
+        self.along, self._taxels = along, len(taxels)
 
     def estimates(
         self,
@@ -125,7 +94,10 @@ class AbstractLoadAssessment(abc.ABC):
         own, more = best.parameters[i], best.beside[i]
         bound, near = self._bound(own, count, spread, systematic, more)
         wall = bool(best.min_gap[i] <= 0) or near
-        wall = wall or any(self.near_taxels(place, full_scale) for place in places)
+        blind, distance = self._places[full_scale], self._nodes.distance
+        wall = wall or any(
+            (distance(blind, place) < self._nodes.separate).any() for place in places
+        )
         if poor and ratio > _BEYOND_MODEL:
             unknown = True if wall else None
             status = "wall_contact" if wall else "model_mismatch"
@@ -153,11 +125,11 @@ class AbstractLoadAssessment(abc.ABC):
             alternatives = self._contacts(other.parameters, other.contacts, apart, None)
         if wall:
             status = "wall_contact"
-        elif best.predicted_decrease[i] > _UNSETTLED:
+        elif best.predicted_decrease[i] > UNSETTLED:
             status = "no_convergence"
         elif poor:
             status = "poor_fit"
-        elif any(self.at_edge(place) for place in places):
+        elif (np.abs(places) >= self._fitter.edge * (1 - 1e-6)).any():
             status = "at_edge"
         elif best.parameters[i, self._parameters.rows("force", count)][0] < 0:
             status = "pull"
@@ -193,10 +165,9 @@ class AbstractLoadAssessment(abc.ABC):
         force, own = parameters[forces], covariance[forces, forces]
         shared = np.zeros_like(own) if systematic is None else systematic[forces, forces]
         places = parameters[: self._parameters.places * count].reshape(-1, count).T
-        limit = np.array(
-            [self.first_contact(x, y) for x, y in zip(places, beside, strict=False)]
-        )
-        near = count == 1 and force[0] + _SURE * _root(own) >= (1 - self.limit_error) * limit[0]
+        limit = self._fitter.first_contact(places, beside[:count, :, 0])
+        reached = (1 - self._fitter.limit_error) * limit[0]
+        near = count == 1 and force[0] + _SURE * _root(own) >= reached
         # No force pulls: together they are at least what any of them are.
         bounds = [
             min(force[rows].sum(), limit[rows].sum())
@@ -236,7 +207,7 @@ class AbstractLoadAssessment(abc.ABC):
                 for x in (systematic, covariance)
             )
             arc = self.along.arc(at)
-            more = {} if beside is None else dict(zip(self.beside, beside[k], strict=True))
+            told = () if beside is None else zip(self._fitter.beside, beside[k], strict=True)
             contacts.append(
                 Contact(
                     float(self.along.angle(at)),
@@ -250,7 +221,7 @@ class AbstractLoadAssessment(abc.ABC):
                     values.get("tilt"),
                     None if arc is None else float(arc),
                     self.along.name == "arc",
-                    **{n: (float(x[0]), float(x[1])) for n, x in more.items() if x[0] == x[0]},
+                    **{n: (float(x[0]), float(x[1])) for n, x in told if x[0] == x[0]},
                 )
             )
         return tuple(sorted(contacts, key=lambda contact: contact.arc_position or 0.0))
@@ -260,31 +231,3 @@ def _root(covariance: Floats) -> float:
     """Standard deviation of a sum; zero where it is not known."""
     variance = float(np.sum(covariance))
     return float(np.sqrt(variance)) if np.isfinite(variance) and variance > 0 else 0.0
-
-
-class SectionAssessment(AbstractLoadAssessment):
-    """Estimates on a skin in plane strain."""
-
-    def __init__(
-        self,
-        parameters: ContactParameters,  # of a contact
-        along: ContactPlaces,  # what scenes call places
-        taxel_angle: Floats,  # of the taxels [rad]
-        edge: float,  # angle beyond which no contact is sought [rad]
-        table: LoadTable,  # of solved states, which knows the forces of first contact
-    ) -> None:
-        super().__init__(parameters, along, len(taxel_angle))
-        self._taxel_angle, self._edge, self._table = taxel_angle, edge, table
-
-    def first_contact(self, place: Floats, beside: Floats) -> float:
-        """See the base class."""
-        known = np.minimum(self._table.first_contact, _NEVER)
-        return float(np.interp(place[0], self._table.angles, known))
-
-    def near_taxels(self, place: Floats, taxels: Flags) -> bool:
-        """See the base class."""
-        return bool((np.abs(self._taxel_angle[taxels] - place[0]) < APART).any())
-
-    def at_edge(self, place: Floats) -> bool:
-        """See the base class."""
-        return bool(abs(place[0]) >= self._edge - 1e-6)

@@ -1,25 +1,29 @@
 """The parts of an estimator, whatever the dimension."""
 
 from dataclasses import dataclass
+from typing import Any
 
 from fitting.arrays import Floats
-from fitting.inverse_load.estimate.assessment import AbstractLoadAssessment
+from fitting.inverse_load.estimate.assessment import LoadAssessment
 from fitting.inverse_load.fit.detection import AbstractDetector
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.search.base import AbstractNodeSearch
+from suas_jax.scene.skin import Skin
 
 
 @dataclass(frozen=True)
 class EstimationParts:
     """The parts of an estimator, for one skin."""
 
+    skin: Skin  # its model
+    table: Any  # of its solved states
     rest: Floats  # the model's readings at rest [taxel] [counts]
     detector: AbstractDetector  # tells contact from noise
     nodes: AbstractNodeSearch  # where fits begin
     fitter: AbstractLoadFitter  # fits loads to readings
-    assessment: AbstractLoadAssessment  # turns fits into estimates
+    assessment: LoadAssessment  # turns fits into estimates
     # readings of one and of two contacts, to compile or load what they need
     trials: tuple[Floats, Floats]
     posterior: AbstractLoadPosterior  # of a frame's loads

@@ -17,6 +17,8 @@ from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.model.contact_parameters import ContactParameters
 from suas_jax.equilibrium.equilibrium import State
 
+UNSETTLED = 0.1
+"""Decrease of chi2 that is still predicted for a fit that has not converged."""
 _UNKNOWN = 1e300  # chi2 of what could not be solved
 
 
@@ -128,11 +130,17 @@ class AbstractLoadFitter(abc.ABC):
         parameters: of a contact.
         live: whether frames come one by one.
         alone: whether frames that one contact leaves in doubt are fitted one by one.
+        edge: largest coordinates of a contact's place [coordinate].
+        limit_error: of the force of first contact, relative.
+        beside: names of `Explanations.beside`.
     """
 
     parameters: ContactParameters
     live: bool
     alone: bool = False
+    edge: Floats
+    limit_error: float
+    beside: tuple[str, ...]
 
     @property
     def per_contact(self) -> int:
@@ -164,6 +172,15 @@ class AbstractLoadFitter(abc.ABC):
     @abc.abstractmethod
     def inside(self, parameters: Floats, contacts: int) -> Floats:
         """Parameters [frame, parameter] with those beyond their bounds on them."""
+
+    @abc.abstractmethod
+    def first_contact(self, places: Floats, extents: Floats) -> Floats:
+        """Force at which the membrane under single contacts reaches the wall [contact] [N].
+
+        Args:
+            places: of the contacts [contact, coordinate].
+            extents: what is estimated beside their parameters [contact, quantity].
+        """
 
     def left_to_shape(self, y: Floats, best: Explanations) -> Flags:
         """Frames of one contact that leave no more than its model of wide ones leaves out.

@@ -25,6 +25,7 @@ from suas_jax.scene.skin import Skin
 _LANES = 32
 # A few lanes need more steps than most: together they fill fewer batches.
 _FIRST_STEPS, _MORE_STEPS = 2, 30
+_NEVER = 1e9  # stands for an infinite force of first contact [N]
 
 
 class SectionFitter(AbstractLoadFitter):
@@ -37,16 +38,19 @@ class SectionFitter(AbstractLoadFitter):
 
     program = staticmethod(FIT_PROGRAMS.__getitem__)
     """The compiled fit by number of contacts."""
+    limit_error = 0.01  # between the shell and the continuum
+    beside = ("spread",)
 
     def __init__(
         self, skin: Skin, table: LoadTable, *, direction: bool, live: bool, most_contacts: int
     ) -> None:
         self.skin, self.table, self.live = skin, table, live
         self.parameters = SECTION_WITH_DIRECTION if direction else SECTION
-        self.edge = float(skin.geometry.half_angle[0]) - edge_margin(skin)
+        self.edge = np.asarray(skin.geometry.half_angle) - edge_margin(skin)
         self._width = self.per_contact * most_contacts
         cap = 3 * table.forces[:, -1].max()
-        bounds = [(-self.edge, self.edge), (0.0, cap), (-np.pi / 2, np.pi / 2)]
+        edge = float(self.edge[0])
+        bounds = [(-edge, edge), (0.0, cap), (-np.pi / 2, np.pi / 2)]
         self._bounds = np.array(bounds[: self.per_contact])
 
     def fit(
@@ -85,6 +89,11 @@ class SectionFitter(AbstractLoadFitter):
         """See the base class."""
         low, high = np.repeat(self._bounds, contacts, 0).T
         return np.clip(parameters, low, high)
+
+    def first_contact(self, places: Floats, extents: Floats) -> Floats:
+        """See the base class."""
+        known = np.minimum(self.table.first_contact, _NEVER)
+        return np.interp(places[:, 0], self.table.angles, known)
 
     def _lanes(self, contacts: int) -> int:
         return 1 if self.live else (_LANES if contacts == 1 else _LANES // 4)

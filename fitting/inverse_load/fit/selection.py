@@ -17,11 +17,11 @@ import numpy as np
 
 from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.fit.doubts import Doubts, FaultyTaxels
-from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
+from fitting.inverse_load.fit.explanation import UNSETTLED, AbstractLoadFitter, Explanations
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.fit.wide_contact import UNUSUAL
-from fitting.inverse_load.search.base import AbstractNodeSearch, AbstractSeveralSearch, Start
+from fitting.inverse_load.search.base import AbstractNodeSearch, PairSearch, Start
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.runtime.compiled import COMPILED
 
@@ -52,7 +52,7 @@ class Selection:
 
     def __post_init__(self) -> None:
         self._loads = LoadsAndErrors(self.fitter, self.errors)
-        self._pairs: AbstractSeveralSearch | None = None
+        self._pairs: PairSearch | None = None
         self.last: Explanations | None = None
         """Live: what explained the last frame that was touched; the next one begins there."""
         self.seconds: Floats = np.zeros(0)
@@ -67,7 +67,7 @@ class Selection:
         self._doubts.forget()
 
     @property
-    def pairs(self) -> AbstractSeveralSearch:
+    def pairs(self) -> PairSearch:
         """The search for several contacts, made when first needed."""
         if self._pairs is None:
             self._pairs = self.nodes.several()
@@ -187,7 +187,8 @@ class Selection:
     ) -> tuple[Explanations, Rows]:
         """One wide contact where it is cheaper; and the frames that ask for more than that.
 
-        A width is one more parameter, and costs Schwarz's criterion.
+        A width is one more parameter, and costs Schwarz's criterion. A fit that has not settled
+        explains nothing: its frame is left to the others.
         """
         if self.wide_fitter is None:
             return best, frames
@@ -196,7 +197,9 @@ class Selection:
         found = self._loads.fit(
             y[frames], weight[frames], start, own.state, 1, fitter=self.wide_fitter
         )
-        found = found.penalised(np.log(np.maximum((weight[frames] > 0).sum(1), 2)))
+        cost = np.log(np.maximum((weight[frames] > 0).sum(1), 2))
+        settled = found.predicted_decrease <= UNSETTLED
+        found = found.penalised(np.where(settled, cost, np.inf))
         best, wide = best.cheapest(frames, found)
         explained = np.zeros(len(y), bool)
         explained[wide] = self._p_value(best)[wide] >= _PLAUSIBLE

@@ -22,7 +22,7 @@ from fitting.inverse_load.memory.remembering import (
     Series,
 )
 from fitting.inverse_load.memory.series import LoadMemory
-from fitting.inverse_load.search.pairs import NodeSearch
+from fitting.inverse_load.search.section import NodeSearch
 from fitting.inverse_load.search.table import LoadTable
 from suas_jax.constitutive.relaxation import Past
 from suas_jax.equilibrium.equilibrium import State

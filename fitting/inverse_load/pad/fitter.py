@@ -45,6 +45,8 @@ class PadFitter(AbstractLoadFitter):
     """Least squares on one pad."""
 
     alone = True
+    limit_error = 0.03  # of the table, which knows it at a few places
+    beside = BESIDE
 
     def __init__(
         self,
@@ -60,7 +62,7 @@ class PadFitter(AbstractLoadFitter):
         self.parameters = told.parameters
         self._most = most_contacts
         # largest angle [rad] and axial position [m] of a contact
-        self.edge = edge_of(skin, self.table.diameter)
+        self.edge = np.array(edge_of(skin, self.table.diameter))
         # least squares on the interpolant alone
         self.squares = PadLeastSquares(interpolant, self.edge, direction=told.direction)
         self._radius = float(skin.geometry.outer_size[0])
@@ -190,12 +192,12 @@ class PadFitter(AbstractLoadFitter):
         return kept is not None and near(kept, now, contacts, self._radius, live=live)
 
     def first_contact(self, places: Floats, extents: Floats) -> Floats:
-        """Force at which the membrane under single contacts reaches the wall [contact] [N].
+        """See the base class; a wide contact dents the membrane less.
 
-        Places are angle [rad] and axial position [m] [contact, 2]. Extents are along arc and
-        axis [contact, 2] [m]; where they are unknown (NaN), they are the table's.
+        Extents along arc and axis [m] come first; where they are unknown (NaN), they are the
+        table's.
         """
-        known = np.where(np.isnan(extents), self.table.diameter, extents)
+        known = np.where(np.isnan(extents[:, :2]), self.table.diameter, extents[:, :2])
         relief, _ = self.interpolant.relief((known**2 - self.table.diameter**2) / 16)
         return self.table.first_contact_at(*places.T) * relief
 

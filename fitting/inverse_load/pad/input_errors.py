@@ -19,12 +19,12 @@ import numpy as np
 from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
-from fitting.inverse_load.pad.rest import film_readings, stray_counts
+from fitting.inverse_load.pad.rest import GapLine, gap_line
 from fitting.inverse_load.pad.stiffening import stiffening_of
 from fitting.inverse_load.pad.table import PadTable
-from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
+from suas_jax.config import InputErrors
 from suas_jax.config.input_errors import value_of
-from suas_jax.scene.skin import Skin, skin_of
+from suas_jax.scene.skin import Skin
 
 _PLACE_ERROR, _FORCE_ERROR = 5e-5, 5e-3  # standard deviations [m], of the force
 _WIDE_PLACE, _WIDE_FORCE = (
@@ -127,26 +127,7 @@ class PadErrors(AbstractSystematicErrors):
         self._by_stray[e], self._constant[e] = by_stray, constant
         self._relative[e] = slope / own
 
-    def _gap_line(
-        self, change: Mapping[str, float], size: float
-    ) -> tuple[Floats, Floats, Floats]:
-        """Stray counts, a and b, with inputs changed by a share of an error [taxel]."""
+    def _gap_line(self, change: Mapping[str, float], size: float) -> GapLine:
+        """With inputs changed by a share of an error."""
         inputs = {path: value_of(self._spec, path) + size * by for path, by in change.items()}
         return gap_line(self._spec, inputs)
-
-
-def gap_line(spec: SkinSpec, inputs: Mapping[str, float]) -> tuple[Floats, Floats, Floats]:
-    """Stray counts, a and b of 1 / (SO - stray) = a + b w [taxel], w from the undeformed pad.
-
-    The inputs are electrical ones that replace the pad's own, by TOML path.
-    """
-    own = {**continuous_inputs(spec), **inputs}
-    gaps = {p: x for p, x in own.items() if p == _GAP or p.startswith(f"{_GAP}.value.")}
-    step = 1e-4 * spec.geometry.mean_gap
-    values = []
-    for shift in (-step, 0.0, step):
-        moved = {path: gap + shift for path, gap in gaps.items()}
-        skin = skin_of(spec, {**inputs, **moved}, contact=False)
-        stray = stray_counts(skin)
-        values.append(1 / (film_readings(skin) - stray))
-    return stray, values[1], (values[2] - values[0]) / (2 * step)

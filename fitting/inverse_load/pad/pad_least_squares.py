@@ -66,7 +66,7 @@ class PadLeastSquares:
     """
 
     def __init__(
-        self, interpolant: PadInterpolant, edge: tuple[float, float], *, direction: bool = False
+        self, interpolant: PadInterpolant, edge: Floats, *, direction: bool = False
     ) -> None:
         self._interpolant, self._edge = interpolant, edge
         self._diameter = interpolant.table.diameter

@@ -6,8 +6,8 @@ from concurrent.futures import Executor
 import jax.numpy as jnp
 import numpy as np
 
-from fitting.arrays import Flags, Floats, Rows
-from fitting.inverse_load.estimate.assessment import AbstractLoadAssessment
+from fitting.arrays import Floats, Rows
+from fitting.inverse_load.estimate.assessment import LoadAssessment
 from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.fit.detection import PadDetector
@@ -16,12 +16,11 @@ from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.pad.fitter import AskewFitter, PadFitter
 from fitting.inverse_load.pad.input_errors import PadErrors
 from fitting.inverse_load.pad.interpolant import PLAIN, PadInterpolant
-from fitting.inverse_load.pad.marginal import BESIDE, Told
+from fitting.inverse_load.pad.marginal import Told
 from fitting.inverse_load.pad.table import PadTable
 from fitting.inverse_load.pad.table_build import FINE, PadResolution, pad_table_of
 from fitting.inverse_load.pad.uneven import even_spec
-from fitting.inverse_load.search.base import AbstractNodeSearch
-from fitting.inverse_load.search.pairs import PairSearch
+from fitting.inverse_load.search.base import AbstractNodeSearch, PairSearch
 from fitting.statistics.log_probability import NumpyBatch
 from suas_jax.config import InputErrors, SkinSpec
 from suas_jax.equilibrium.equilibrium import State
@@ -95,9 +94,7 @@ class PadNodeSearch(AbstractNodeSearch):
         """See the base class."""
         index = np.arange(len(self.loads)).reshape(*self._grid, self.levels)
         thinned = index[:, :, 1::_EVERY].reshape(-1)  # 3, 12, 46 and 82 % of the largest
-        return PairSearch(
-            self, thinned, self._table.stray, self.distance, closest=_CLOSEST, apart=APART
-        )
+        return PairSearch(self, thinned, self._table.stray, closest=_CLOSEST, apart=APART)
 
 
 class PadPosterior(AbstractLoadPosterior):
@@ -134,35 +131,6 @@ class PadPosterior(AbstractLoadPosterior):
         return NumpyBatch(log_probability)
 
 
-class PadAssessment(AbstractLoadAssessment):
-    """Estimates on a pad.
-
-    The fitter knows edges and forces of first contact, the nodes know distances, and `along`
-    knows what scenes call places. Taxels are angle and axial position [taxel, 2].
-    """
-
-    limit_error = 0.03  # of the table, which knows it at a few places
-    beside = BESIDE
-
-    def __init__(
-        self, fitter: PadFitter, nodes: PadNodeSearch, along: ContactPlaces, taxels: Floats
-    ) -> None:
-        super().__init__(fitter.parameters, along, len(taxels))
-        self._fitter, self._nodes, self._places = fitter, nodes, taxels
-
-    def first_contact(self, place: Floats, beside: Floats) -> float:
-        """See the base class; a wide contact dents the membrane less."""
-        return float(self._fitter.first_contact(place[None, :2], beside[None, :2, 0])[0])
-
-    def near_taxels(self, place: Floats, taxels: Flags) -> bool:
-        """See the base class."""
-        return bool((self._nodes.distance(self._places[taxels], place) < APART).any())
-
-    def at_edge(self, place: Floats) -> bool:
-        """See the base class."""
-        return bool((np.abs(place[:2]) >= np.array(self._fitter.edge) * (1 - 1e-6)).any())
-
-
 def pad_parts(
     spec: SkinSpec,
     errors: InputErrors,  # of its inputs
@@ -175,8 +143,8 @@ def pad_parts(
     progress: Callable[[str], None],
     workers: Executor | None,  # that solve the table's states; None: this process
     resolution: PadResolution,  # of the tables
-) -> tuple[EstimationParts, Skin, PadTable]:
-    """The parts for a pad, its model and its table of solved states.
+) -> EstimationParts:
+    """The parts for a pad.
 
     The diameter is that of the table's discs, around which contacts' diameters are expected
     [m]; None tells the diameter, too.
@@ -200,18 +168,19 @@ def pad_parts(
     force = 0.3 * float(middle.cap.min())
     one, two = np.array([[a, z, force]]), np.array([[a, -a, z, -z, force, force]])
     single, several = (interpolant(x, k + 1).readings[0, :-1] for k, x in enumerate((one, two)))
-    parts = EstimationParts(
+    return EstimationParts(
+        skin,
+        middle,
         middle.rest,
         detector,
         nodes,
         fitter,
-        PadAssessment(fitter, nodes, ContactPlaces(spec.geometry, skin.geometry), places),
+        LoadAssessment(fitter, nodes, ContactPlaces(spec.geometry, skin.geometry), places),
         (single, several),
         PadPosterior(fitter, nodes),
         PadErrors(errors, skin, middle, from_rest=from_rest, slots=max(most_contacts, 2)),
         AskewFitter(skin, interpolant, told, live=live, most_contacts=most_contacts),
     )
-    return parts, skin, middle
 
 
 def table_of_pad(

@@ -1,9 +1,15 @@
-"""Readings of a pad that nothing touches."""
+"""Readings of a pad that nothing touches, and what a displacement of its membrane adds."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
 from fitting.arrays import Floats
-from suas_jax.scene.skin import Skin
+from suas_jax.config import SkinSpec, continuous_inputs
+from suas_jax.scene.skin import Skin, skin_of
+
+_GAP = "geometry.oil_gap"
 
 
 def film_readings(skin: Skin) -> Floats:
@@ -19,3 +25,33 @@ def stray_counts(skin: Skin) -> Floats:
     taxels = len(skin.electrodes.taxels.angle)
     counts = np.asarray(skin.electrodes.stray / skin.electrodes.lsb, float).reshape(-1)
     return np.broadcast_to(counts, (taxels,)).copy()
+
+
+class GapLine(NamedTuple):
+    """1 / (SO - stray) = at + slope w of every taxel, w the membrane's displacement over it."""
+
+    stray: Floats  # [taxel] [counts]
+    at: Floats  # where w is zero: undeformed, or at rest [taxel] [1/counts]
+    slope: Floats  # [taxel] [1/counts/m]
+
+    def seen_by(self, other: "GapLine", so: Floats) -> Floats:
+        """What another pad reads where the membrane is as this one reads [..., taxel]."""
+        moved = (1 / np.maximum(so - self.stray, 1e-9) - self.at) / self.slope
+        return np.asarray(other.stray + 1 / (other.at + other.slope * moved))
+
+
+def gap_line(spec: SkinSpec, inputs: Mapping[str, float]) -> GapLine:
+    """The line of a pad from its undeformed shape.
+
+    The inputs are electrical ones that replace the pad's own, by TOML path.
+    """
+    own = {**continuous_inputs(spec), **inputs}
+    gaps = {p: x for p, x in own.items() if p == _GAP or p.startswith(f"{_GAP}.value.")}
+    step = 1e-4 * spec.geometry.mean_gap
+    values = []
+    for shift in (-step, 0.0, step):
+        moved = {path: gap + shift for path, gap in gaps.items()}
+        skin = skin_of(spec, {**inputs, **moved}, contact=False)
+        stray = stray_counts(skin)
+        values.append(1 / (film_readings(skin) - stray))
+    return GapLine(stray, values[1], (values[2] - values[0]) / (2 * step))

@@ -19,15 +19,14 @@ are off (`PadTable.place_error` and its like), which widens intervals.
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
 from fitting.arrays import Floats
 from fitting.inverse_load.pad.columns import LEVELS, Column, Columns, grid
-from fitting.inverse_load.pad.input_errors import gap_line
 from fitting.inverse_load.pad.interpolant import PadInterpolant
+from fitting.inverse_load.pad.rest import GapLine, gap_line
 from fitting.inverse_load.pad.spline import TensorSpline
 from fitting.inverse_load.pad.table import PadTable, reciprocal
 from suas_jax.config import SkinSpec
@@ -73,25 +72,6 @@ def same_places(spec: SkinSpec, other: SkinSpec) -> Callable[[Floats], Floats]:
         return angles_at(other.geometry, "arc", arc)
 
     return there
-
-
-class Line(NamedTuple):
-    """u = rest + slope (w - w_0) of every taxel, beside the stray counts."""
-
-    stray: Floats  # [taxel] [counts]
-    rest: Floats  # u at rest [taxel] [1/counts]
-    slope: Floats  # by the displacement [taxel] [1/counts/m]
-
-    @classmethod
-    def of(cls, spec: SkinSpec, rest: Floats) -> "Line":
-        """Of a pad with its readings at rest [taxel]."""
-        stray, _, slope = gap_line(spec, {})
-        return cls(stray, 1 / (rest - stray), slope)
-
-    def seen_by(self, other: "Line", so: Floats) -> Floats:
-        """What the other pad's taxels read where this one's read so [..., taxel] [counts]."""
-        change = 1 / (so - self.stray) - self.rest
-        return np.asarray(other.stray + 1 / (other.rest + other.slope / self.slope * change))
 
 
 def force_shares(table: PadTable, places: Floats, force: Floats, found: Column) -> Floats:
@@ -216,7 +196,12 @@ def uneven_table(
     places, levels = grid(*probes), LEVELS[_PRESSED]
     middles = grid(*((x[1:] + x[:-1]) / 2 for x in probes))
     columns = Columns(skin, even.diameter, progress, len(places) + len(middles))
-    of_even, of_unit = Line.of(specs[0], even.rest), Line.of(specs[1], columns.rest())
+    of_even, of_unit = (
+        line._replace(at=1 / (rest - line.stray))
+        for line, rest in zip(
+            (gap_line(spec, {}) for spec in specs), (even.rest, columns.rest()), strict=True
+        )
+    )
     radius = float(skin.geometry.outer_size[0])
 
     def states(places: Floats) -> tuple[Floats, Column]:
@@ -262,7 +247,7 @@ def _by_reach(off: Floats) -> Floats:
     return np.asarray(np.sqrt(square))
 
 
-def _changed(even: PadTable, lines: tuple[Line, Line], spline: TensorSpline) -> PadTable:
+def _changed(even: PadTable, lines: tuple[GapLine, GapLine], spline: TensorSpline) -> PadTable:
     """The even pad's table with contacts (`contacts_alike`) and lines of taxels of a unit."""
     of_even, of_unit = lines
     shape, rest = even.cap.shape, int(np.flatnonzero(LEVELS == 0)[0])
@@ -296,7 +281,7 @@ def _changed(even: PadTable, lines: tuple[Line, Line], spline: TensorSpline) -> 
         first_contact=touch,
         u=np.concatenate(u).reshape(*shape, len(LEVELS), -1),
         pressure=np.concatenate(pressure).reshape(*shape, -1),
-        rest=of_unit.stray + 1 / of_unit.rest,
+        rest=of_unit.stray + 1 / of_unit.at,
         stray=of_unit.stray,
         across=np.concatenate([across[..., :-1] * ratio, even.across[..., -1:]], -1),
     )

@@ -14,8 +14,6 @@ from fitting.inverse_load.zero.presses import (
     PressedFrames,
     frames_of_presses,
     known_press,
-    on_pad,
-    press_at,
     settled,
 )
 from fitting.inverse_load.zero.update import PressModel, PressReadings, zero_of
@@ -108,17 +106,12 @@ def _told_in_columns(
         )
     presses = []
     for at, *_ in runs:
-        text = (
-            f"{force[at]:.6g} N at {np.rad2deg(place[at]):.6g} deg"
-            if kind == "angle"
-            else f"{force[at]:.6g} N at arc {1e3 * place[at]:.6g} mm"
-        )
-        text += f", {1e3 * axial[at]:.6g} mm" if pad else ""
-        press = press_at(kind, place[at], force[at], spec.geometry, text)
-        if pad:
-            own = float(known[0, "diameter"][at]) if (0, "diameter") in known else diameter
-            press = on_pad(press, float(axial[at]), spec.geometry, own)
-        presses.append(press)
+        angle, arc = f"{np.rad2deg(place[at]):.9g} deg", f"arc {1e3 * place[at]:.9g} mm"
+        text = f"{force[at]:.9g} N at {angle if kind == 'angle' else arc}"
+        text += f", {1e3 * axial[at]:.9g} mm" if pad else ""
+        own = known.get((0, "diameter"))
+        size = diameter if own is None else float(own[at])
+        presses.append(known_press(text, spec.geometry, size))
     return tuple(presses), PressedFrames(
         rest, [settled(run) for run in runs], [int(r[0]) for r in runs]
     )

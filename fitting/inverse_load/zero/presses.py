@@ -76,51 +76,29 @@ def known_press(text: str, geometry: GeometrySpec, diameter: float | None = None
             f'{where}: angles mean nothing on geometry.section = "{geometry.section}"; give '
             'the place along the arc, such as "arc 12 mm"'
         )
-    kind: DimensionName = "length" if by_arc else "angle"
-    at, place_error = _quantity(place.removeprefix("arc "), kind, where)
-    press = press_at("arc" if by_arc else "angle", at, force, geometry, text)
-    if place_error is not None:
-        scale = _arc_per_angle(geometry) if by_arc else 1.0
-        press = replace(press, angle_deviation=max(place_error / scale, _LEAST))
-    if error is not None:
-        press = replace(press, force_deviation=max(error, _LEAST * force))
-    if pad:
-        axial, axial_error = _quantity(found["axial"], "length", where)
-        press = on_pad(press, axial, geometry, diameter)
-        if axial_error is not None:
-            press = replace(press, axial_deviation=max(axial_error, _LEAST))
-    return press
-
-
-def press_at(
-    kind: str, place: float, force: float, geometry: GeometrySpec, text: str
-) -> KnownPress:
-    """A press at an angle or an arc length, with the deviations of one that states none.
-
-    Raises ValueError: the place is not on the skin.
-    """
-    angle = float(angles_at(geometry, kind, np.array(place)))
+    at, place_error = _quantity(
+        place.removeprefix("arc "), "length" if by_arc else "angle", where
+    )
+    angle = float(angles_at(geometry, "arc" if by_arc else "angle", np.array(at)))
     edge = float(np.asarray(plain_geometry(geometry).half_angle).ravel()[0])
     if not abs(angle) < edge:
         raise ValueError(f"{text}: the place is beyond the clamps of the skin")
-    deviation = PLACE_ERROR / _arc_per_angle(geometry)
-    return KnownPress(angle, force, max(deviation, _LEAST), FORCE_ERROR * force, text)
-
-
-def on_pad(
-    press: KnownPress, axial: float, geometry: GeometrySpec, diameter: float | None
-) -> KnownPress:
-    """The same press at a place along a pad [m], by a disc of a diameter [m].
-
-    Raises ValueError: the place is not on the pad.
-    """
+    scale = _arc_per_angle(geometry) if by_arc or place_error is None else 1.0
+    place_error = (PLACE_ERROR if place_error is None else place_error) / scale
+    error = FORCE_ERROR * force if error is None else error
+    deviations = max(place_error, _LEAST), max(error, _LEAST * force)
+    press = KnownPress(angle, force, *deviations, text)
+    if not pad:
+        return press
+    axial, axial_error = _quantity(found["axial"], "length", where)
     size, half = diameter or _FINGER, float(geometry.width) / 2
     if not abs(axial) + size / 2 < half:
         raise ValueError(
-            f"{press.text}: a disc of {1e3 * size:g} mm at {1e3 * axial:g} mm along the axis "
+            f"{text}: a disc of {1e3 * size:g} mm at {1e3 * axial:g} mm along the axis "
             f"does not lie on the pad, which ends {1e3 * half:g} mm from its middle"
         )
-    return replace(press, axial=axial, axial_deviation=PLACE_ERROR, diameter=size)
+    axial_error = PLACE_ERROR if axial_error is None else max(axial_error, _LEAST)
+    return replace(press, axial=axial, axial_deviation=axial_error, diameter=size)
 
 
 def _arc_per_angle(geometry: GeometrySpec) -> float:

@@ -221,7 +221,8 @@ def zero_of(
         )
     own = found.covariance[:count, :count] * (ratio if poor else 1.0)
     before, after = (
-        force_deviations(now, weight, c) / model.known[:, -1] for c in (np.eye(count), own)
+        force_deviations(now.by_error, now.by_press, weight, known) / model.known[:, -1]
+        for known in (np.eye(count), np.asarray(np.linalg.inv(own), float))
     )
     posterior = Gaussian(found.mean[:count], own)
     status = "poor_fit" if poor else "ok"
@@ -248,17 +249,20 @@ def _jacobian(model: _Model) -> Floats:
     return np.concatenate([by_error.reshape(len(own), -1), own], 1)
 
 
-def force_deviations(model: _Model, weight: Floats, covariance: Floats) -> Floats:
-    """Standard deviations of forces found from readings alone, at each press [press] [N].
+def force_deviations(
+    by_input: Floats, by_contact: Floats, weight: Floats, information: Floats
+) -> Floats:
+    """Standard deviations of contacts' last quantity, found from readings alone [contact].
 
-    The model has the readings' derivatives there, weights are inverse variances [press, taxel],
-    and the covariance is that of the errors [error, error].
+    Readings have derivatives by what is known of the skin [contact, input, taxel] and by the
+    contact's own quantities [contact, quantity, taxel], with inverse variances [contact,
+    taxel]; the information is the inverse covariance of the inputs [input, input].
     """
     found = []
-    for k in range(len(weight)):
-        jacobian = np.concatenate([model.by_error[k], model.by_press[k]])
-        information = (jacobian * weight[k]) @ jacobian.T
-        count = len(covariance)
-        information[:count, :count] += np.linalg.inv(covariance)
-        found.append(np.sqrt(np.linalg.inv(information)[-1, -1]))
+    for by_own, by_skin, w in zip(by_contact, by_input, weight, strict=True):
+        weighted = by_skin * w
+        both = weighted @ by_own.T
+        rest = np.linalg.solve(information + weighted @ by_skin.T, both)
+        covariance = np.linalg.inv((by_own * w) @ by_own.T - both.T @ rest)
+        found.append(np.sqrt(covariance[-1, -1]))
     return np.array(found)

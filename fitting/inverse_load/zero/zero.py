@@ -1,6 +1,7 @@
 """What is known after known presses: a skin's inputs with the covariance of their errors."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,6 +11,17 @@ from suas_jax.config import InputErrors, SkinSpec, with_inputs
 from suas_jax.config.input_errors import value_of
 
 _LSB = "electrodes.lsb"
+_CAUSES = {  # beginnings of paths
+    "material.": "stiffness",
+    "oil.fill": "filling",
+    "geometry.mounting": "mounting",
+    "geometry.thickness": "thickness",
+    "geometry.oil_gap": "gap",
+    "environment.temperature": "temperature",
+    "oil.relative_permittivity": "permittivity",
+    _LSB: "scale",
+}
+_ABSOLUTE = {"mounting": "of the length", "temperature": "K"}  # of which no share is told
 
 
 @dataclass(frozen=True)
@@ -37,6 +49,25 @@ class KnownPress:
         return self.angle_deviation, *along, self.force_deviation
 
 
+class Cause(NamedTuple):
+    """Inputs that are one thing to a person, such as the thickness at all of its nodes."""
+
+    name: str
+    change: float  # of their sum, relative; of mounting and temperature their mean's
+    deviation: float  # its standard deviation
+    before: float  # that without the zero
+    unit: str  # empty: a share of the value; "SI" where the value is zero
+
+    @property
+    def text(self) -> str:
+        """Change and standard deviation, such as "filling -0.19 ± 0.05 %"."""
+        if self.unit in ("K", "SI"):
+            return f"{self.name} {self.change:+.2g} ± {self.deviation:.2g} {self.unit}"
+        own, error = 100 * self.change, 100 * self.deviation
+        digits = int(np.clip(1 - np.floor(np.log10(max(error, 1e-9))), 0, 6))
+        return f"{self.name} {own:+.{digits}f} ± {error:.{digits}f} % {self.unit}".rstrip()
+
+
 @dataclass(frozen=True)
 class Zero:
     """What known presses say."""
@@ -60,6 +91,25 @@ class Zero:
         """Of the inputs [path, path], SI."""
         columns = self.errors.directions
         return np.asarray(columns.T @ self.posterior.covariance @ columns)
+
+    @property
+    def causes(self) -> list[Cause]:
+        """What moved, the inputs of a kind together: first what the presses told most of."""
+        own = inputs_at(self.errors, np.zeros(len(self.errors)))
+        groups: dict[str, list[int]] = {}
+        for k, path in enumerate(self.errors.paths):
+            known = (name for start, name in _CAUSES.items() if path.startswith(start))
+            groups.setdefault(next(known, path), []).append(k)
+        found = []
+        for name, rows in groups.items():
+            size = np.abs(own[rows]).sum()
+            unit = _ABSOLUTE.get(name, "" if size else "SI")
+            # Of constants of a material, or nodes of a sheet, the sizes are summed.
+            share = np.full(len(rows), 1 / len(rows)) if unit else np.sign(own[rows]) / size
+            by = self.errors.directions[:, rows] @ share
+            root = np.sqrt([by @ self.posterior.covariance @ by, by @ by]).tolist()
+            found.append(Cause(name, float(self.posterior.mean @ by), root[0], root[1], unit))
+        return sorted(found, key=lambda cause: -abs(cause.change) / cause.before)
 
 
 def inputs_at(errors: InputErrors, e: Floats) -> Floats:

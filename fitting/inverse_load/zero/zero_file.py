@@ -155,6 +155,10 @@ def skin_with_zero(skin: Path, zero: Path | str | None = None) -> tuple[SkinSpec
         ConfigError: a file can't be used, or the zero is not this skin's.
         ValueError: the zero has inputs that the skin does not allow.
     """
+    if read_bytes(skin, MOST_BYTES).startswith(f"# {MARK}".encode()):
+        raise ConfigError(
+            [Mistake(str(skin), "zero", f"{MARK}; give the skin file, and this with --zero")]
+        )
     spec, beside = load_skin(skin), zero_file_of(skin)
     if str(zero) == "none" or (zero is None and not beside.is_file()):
         return spec, ""
