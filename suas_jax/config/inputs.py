@@ -1,7 +1,5 @@
 """The continuous inputs of a scene: what a result can be differentiated with respect to."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Any
 

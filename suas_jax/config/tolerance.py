@@ -4,8 +4,6 @@ After ``+-`` (or ``±``) stands one standard deviation, in a unit of the value's
 share in per cent; ``+- 0`` says that the value is known exactly.
 """
 
-from __future__ import annotations
-
 import re
 from typing import SupportsFloat
 
@@ -33,7 +31,7 @@ class UncertainQuantity(float):
     __slots__ = ("deviation",)
     deviation: float
 
-    def __new__(cls, value: SupportsFloat, deviation: float) -> UncertainQuantity:
+    def __new__(cls, value: SupportsFloat, deviation: float) -> "UncertainQuantity":
         """Join a value and its standard deviation."""
         self = super().__new__(cls, value)
         self.deviation = deviation
