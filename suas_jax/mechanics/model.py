@@ -29,15 +29,12 @@ class AbstractPlan(eqx.Module):
     Attributes:
         dimension: of the model, 2 in plane strain.
         solves_long: whether a solve takes about as long as optimising its program.
+        model: name of the model that it is a mesh of.
     """
 
     dimension: ClassVar[int]
     solves_long: ClassVar[bool] = False
-
-    @property
-    @abc.abstractmethod
-    def model(self) -> str:
-        """Name of the model that it is a mesh of."""
+    model: eqx.AbstractVar[str]
 
     @property
     @abc.abstractmethod

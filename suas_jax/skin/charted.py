@@ -10,7 +10,7 @@ through the polynomials.
 import abc
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import equinox as eqx
 import jax
@@ -38,12 +38,13 @@ _NODES, _PIECES = 7, 48
 
 
 class AbstractCurve(eqx.Module):
-    """The inner face of a section by a parameter, from the left clamp to the right one."""
+    """The inner face of a section by a parameter, from the left clamp to the right one.
 
-    @property
-    @abc.abstractmethod
-    def symmetric(self) -> bool:
-        """Whether the left half is the mirror image of the right one."""
+    Attributes:
+        symmetric: whether the left half is the mirror image of the right one.
+    """
+
+    symmetric: eqx.AbstractVar[bool]
 
     @classmethod
     @abc.abstractmethod
@@ -81,12 +82,8 @@ class AbstractArc(AbstractCurve):
         last: angle of the right clamp [rad].
     """
 
+    symmetric: ClassVar[bool] = True
     last: eqx.AbstractVar[Lanes]
-
-    @property
-    def symmetric(self) -> bool:
-        """Always."""
-        return True
 
     def edges(self) -> Float[Array, "edge lane"]:
         """The clamps [rad]."""
@@ -115,8 +112,7 @@ class ChartedSection(AbstractSection):
     table: Float[Array, "piece field power lane"]
     # which ends of pieces the curvature jumps at
     kinks: tuple[int, ...] = eqx.field(static=True)
-    # whether the right half is the mirror image of the left one
-    mirrored: bool = eqx.field(static=True)
+    symmetric: bool = eqx.field(static=True)  # curve and thickness both
 
     @classmethod
     def of(cls, curve: AbstractCurve, thickness: Lanes | Along) -> Self:
@@ -150,10 +146,10 @@ class ChartedSection(AbstractSection):
 
         arc = lengths(speed * step / 2)
         length = arc[-1, -1]
-        mirrored = curve.symmetric
+        symmetric = curve.symmetric
         if isinstance(thickness, Along):
             thick, mean = thickness(arc / length), thickness.mean()
-            mirrored = mirrored and thickness.mirrored
+            symmetric = symmetric and thickness.mirrored
         else:
             thick, mean = jnp.broadcast_to(thickness, arc.shape), thickness
         mid = place + thick / 2 * outward(direction)
@@ -177,13 +173,8 @@ class ChartedSection(AbstractSection):
             ends=ends,
             table=jnp.moveaxis(powers, 2, 0),
             kinks=tuple(each * k for k in curve.kinks),
-            mirrored=mirrored,
+            symmetric=symmetric,
         )
-
-    @property
-    def symmetric(self) -> bool:
-        """That of curve and thickness."""
-        return self.mirrored
 
     @property
     def size(self) -> Lanes:

@@ -1,5 +1,7 @@
 """A circle of one thickness, in closed forms; other sections need tables."""
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -10,14 +12,10 @@ from suas_jax.skin.section import AbstractSection, outward
 class Circle(AbstractSection):
     """A membrane of one thickness around an axis; its angle is the one of scenes."""
 
+    symmetric: ClassVar[bool] = True
     inner_radius: Lanes  # of the inner face [m]
     mean_thickness: Lanes  # of the membrane [m]
     half_angle: Lanes  # from the symmetry axis to a clamped edge [rad]
-
-    @property
-    def symmetric(self) -> bool:
-        """It is."""
-        return True
 
     @property
     def size(self) -> Lanes:

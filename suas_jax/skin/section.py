@@ -55,15 +55,12 @@ class AbstractSection(eqx.Module):
     Attributes:
         mean_thickness: of the membrane [m].
         half_angle: angle of the right clamped edge [rad]; the left one has its negative.
+        symmetric: whether the left half is the mirror image of the right one.
     """
 
     mean_thickness: eqx.AbstractVar[Lanes]
     half_angle: eqx.AbstractVar[Lanes]
-
-    @property
-    @abc.abstractmethod
-    def symmetric(self) -> bool:
-        """Whether the left half is the mirror image of the right one."""
+    symmetric: eqx.AbstractVar[bool]
 
     @property
     @abc.abstractmethod

@@ -123,14 +123,6 @@ class AbstractLane(abc.ABC):
         """Strain energy [J]."""
         return self.energies(q)[0]
 
-    def volume_change(self, q: Array) -> Array:
-        """Enclosed volume less its value at rest [m^3]."""
-        return self.energies(q)[1]
-
-    def work(self, q: Array) -> Array:
-        """Work of the loads at unit factor [J]."""
-        return self.energies(q)[2]
-
     @abc.abstractmethod
     def energies(self, q: Array) -> tuple[Array, Array, Array]:
         """Potential of the membrane, volume change and work of the loads.

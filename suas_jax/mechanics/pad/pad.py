@@ -54,6 +54,9 @@ class Pad(AbstractMechanics):
 
     per_width: ClassVar[bool] = False
     corrected: ClassVar[bool] = True
+    omitted_at_wall: ClassVar[float] = 0.02  # from the solid, see docs/pad.md
+    # order four at least; the finer solution's own error is a sixteenth
+    error_shares: ClassVar[tuple[float, ...]] = (16 / 15,)
     law: AbstractLaw  # the membrane's material
     section: AbstractSection  # the undeformed membrane across the axis
     net: Net  # the control values between breakpoints along the arc and along the axis
@@ -162,13 +165,17 @@ class Pad(AbstractMechanics):
         """Strain energy [J]."""
         return by_lane(self, lambda pad, q: pad.one_lane().strain_energy(q), q)
 
+    def _energies(self, q: StationVector) -> tuple[Lanes, Lanes, Lanes]:
+        """See `AbstractLane.energies`."""
+        return by_lane(self, lambda pad, q: pad.one_lane().energies(q), q)
+
     def volume_change(self, q: StationVector) -> Lanes:
         """Enclosed volume less its value at rest [m^3]."""
-        return by_lane(self, lambda pad, q: pad.one_lane().volume_change(q), q)
+        return self._energies(q)[1]
 
     def work(self, q: StationVector) -> Lanes:
         """Work of the loads, which act at the rigid-normal point r + (t/2) n [J]."""
-        return by_lane(self, lambda pad, q: pad.one_lane().work(q), q)
+        return self._energies(q)[2]
 
     def assemble(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Assembly:
         """Residual, tangent and border at a trial state; see the base class."""
@@ -192,7 +199,7 @@ class Pad(AbstractMechanics):
         """Residual and volume change: derivatives of the potential; see the base class."""
 
         def potential(q: StationVector) -> tuple[Array, Lanes]:
-            energy, more, work = by_lane(self, lambda pad, q: pad.one_lane().energies(q), q)
+            energy, more, work = self._energies(q)
             stored = energy + self.contact_energy(q, factor)
             return jnp.sum(stored - pressure * more - factor * work), more
 
@@ -356,16 +363,6 @@ class Pad(AbstractMechanics):
         """Derivative of the omitted energy by the unknowns that are free; see the base."""
         free = self.topology.free[..., None]
         return jax.grad(lambda q: jnp.sum(self.omitted_energy(q, factor)))(q) * free
-
-    @property
-    def omitted_at_wall(self) -> float:
-        """See the base class; from the solid, see docs/pad.md."""
-        return 0.02
-
-    @property
-    def error_shares(self) -> tuple[float, ...]:
-        """Order four at least; the finer solution's own error is a sixteenth."""
-        return (16 / 15,)
 
 
 class PadFace(AbstractFace):

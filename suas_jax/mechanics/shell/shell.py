@@ -83,6 +83,8 @@ class Shell(AbstractPlaneStrain):
     """
 
     corrected: ClassVar[bool] = True
+    # order four where the mesh resolves all layers, less on the coarsest meshes
+    error_shares: ClassVar[tuple[float, ...]] = (6 / 5,)
     law: AbstractLaw  # the membrane's material
     section: AbstractSection  # the undeformed membrane
     # of the stations from the symmetry axis [rad]
@@ -420,11 +422,6 @@ class Shell(AbstractPlaneStrain):
         """The same deformation on elements half as long; see the base class."""
         del counts  # there is one
         return prolonged(q, self.elements.gather(q), self.elements.lengths)
-
-    @property
-    def error_shares(self) -> tuple[float, ...]:
-        """Order four where the mesh resolves all layers, less on the coarsest meshes."""
-        return (6 / 5,)
 
     def displacement_size(self, q: StationVector) -> Lanes:
         """Largest component of a station's displacement [m]."""

@@ -74,13 +74,9 @@ _ORDER, _ORDER_ACROSS = 2.2, 2.0
 class SolidPlan(AbstractArcPlan):
     """Elements along the arc and through the thickness."""
 
+    model: ClassVar[str] = "solid"
     arc: MeshPlan  # where they lie along the arc
     layers: int = eqx.field(static=True)  # how many through the thickness
-
-    @property
-    def model(self) -> str:
-        """See the base class."""
-        return SolidModel.name
 
     @property
     def counts(self) -> Counts:

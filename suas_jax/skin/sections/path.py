@@ -18,8 +18,7 @@ class Path(AbstractCurve):
     length: Float[Array, "piece lane"]  # of each piece [m]
     turn: Float[Array, "piece lane"]  # clockwise, over each piece [rad]
     start: Lanes  # direction of the first piece, counter-clockwise from +x [rad]
-    # whether the right half is the mirror image of the left one
-    mirrored: bool = eqx.field(static=True, default=False)
+    symmetric: bool = eqx.field(static=True, default=False)
 
     @classmethod
     def of(cls, spec: PathSpec, value: Callable[[str], Lanes]) -> "Path":
@@ -41,13 +40,8 @@ class Path(AbstractCurve):
     def kinks(self) -> tuple[int, ...]:
         """Where pieces meet; at a mirrored crown a piece meets itself."""
         count = self.length.shape[0]
-        crown = count // 2 if self.mirrored else 0
+        crown = count // 2 if self.symmetric else 0
         return tuple(k for k in range(1, count) if k != crown)
-
-    @property
-    def symmetric(self) -> bool:
-        """See the base class."""
-        return self.mirrored
 
     def edges(self) -> Float[Array, "edge lane"]:
         """Arc lengths of the ends of the pieces [m]."""
