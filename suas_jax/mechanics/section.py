@@ -17,88 +17,69 @@ from suas_jax.constitutive.stability import drucker_modulus
 from suas_jax.mechanics.base import AbstractMechanics, Displacements, Profile
 from suas_jax.mechanics.contact.state import BodyContact
 from suas_jax.mechanics.section_face import INTERVALS, NormalFace, normal_face
-from suas_jax.mechanics.shape import AbstractShape, Extreme
+from suas_jax.mechanics.shape import AbstractShape
 from suas_jax.numerics.array_types import Lanes, StationVector
-from suas_jax.numerics.length import length
 from suas_jax.skin.body import Grip, PlacedBody
-from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad
 from suas_jax.skin.prestress import Growth
+from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Wall
 
 _CRUSHED = 1e-3  # stretch of a fibre below which no material follows its law
 SAMPLES = 8  # intervals per element in which extremes are sought
 
 
-def peak(values: Array, *companions: Array) -> tuple[Lanes, ...]:
-    """Largest of a sampled function, each element's samples joined by parabolas.
-
-    Parabolas never reach across an element's end, where solutions may have a kink.
-
-    `values`: samples [sample, element, lane]. `companions`: functions to evaluate at the same
-    place.
-    Returns the largest value and each companion there, per lane.
-    """
-    samples, elements, lanes = values.shape
-    flat = values.reshape(samples * elements, lanes)
-    best = jnp.argmax(flat, 0)
-    row = jnp.clip(best // elements, 1, samples - 2)
-    element, lane = best % elements, jnp.arange(lanes)
-
-    def local(f: Array) -> tuple[Array, Array, Array]:
-        f = jnp.broadcast_to(f, values.shape)
-        left, middle, right = (f[row + d, element, lane] for d in (-1, 0, 1))
-        return middle, (right - left) / 2, left + right - 2 * middle
-
-    middle, slope, bend = local(values)
-    curved = jnp.where(bend < 0, bend, -1.0)
-    vertex = jnp.where(bend < 0, -slope / curved, jnp.sign(slope))
-    x = jnp.clip(vertex, -1.0, 1.0)
-    found = [middle + slope * x + bend * x**2 / 2]
-    for companion in companions:
-        middle, slope, bend = local(companion)
-        found.append(middle + slope * x + bend * x**2 / 2)
-    return tuple(found)
-
-
 class SectionShape(AbstractShape):
     """Samples of a deformed section."""
 
-    profile: Profile  # the samples
+    samples: Profile
     clamp_reach: Lanes  # angle from a clamped edge within which stretches diverge [rad]
     growth: Growth | None = None  # of the membrane; None where it fits its seat
     # whether stretches of the outer face diverge under line loads
     resolves_loads: bool = eqx.field(static=True, default=False)
 
-    def _inner_face(self, geometry: SkinGeometry) -> tuple[Array, Array]:
-        """Height over rest [m] and angle [rad] of the inner face as it is now."""
-        profile = self.profile
+    @staticmethod
+    def peak(values: Array, *companions: Array) -> tuple[Lanes, ...]:
+        """Each element's samples [sample, element, lane] joined by parabolas.
+
+        They never reach across an element's end, where solutions may have a kink.
+        """
+        samples, elements, lanes = values.shape
+        flat = values.reshape(samples * elements, lanes)
+        best = jnp.argmax(flat, 0)
+        row = jnp.clip(best // elements, 1, samples - 2)
+        element, lane = best % elements, jnp.arange(lanes)
+
+        def local(f: Array) -> tuple[Array, Array, Array]:
+            f = jnp.broadcast_to(f, values.shape)
+            left, middle, right = (f[row + d, element, lane] for d in (-1, 0, 1))
+            return middle, (right - left) / 2, left + right - 2 * middle
+
+        middle, slope, bend = local(values)
+        curved = jnp.where(bend < 0, bend, -1.0)
+        vertex = jnp.where(bend < 0, -slope / curved, jnp.sign(slope))
+        x = jnp.clip(vertex, -1.0, 1.0)
+        found = [middle + slope * x + bend * x**2 / 2]
+        for companion in companions:
+            middle, slope, bend = local(companion)
+            found.append(middle + slope * x + bend * x**2 / 2)
+        return tuple(found)
+
+    @property
+    def places(self) -> tuple[Array]:
+        """See the base class."""
+        return (self.samples.angle,)
+
+    def inner_face(self, section: AbstractSection) -> tuple[Array, Array]:
+        """See the base class."""
+        profile = self.samples
         place = profile.rest + profile.inner_displacement
-        angle, height = geometry.section.foot(place, profile.angle)
+        angle, height = section.foot(place, profile.angle)
         return height, angle
-
-    def smallest_gap(self, geometry: SkinGeometry) -> Extreme:
-        """See the base class."""
-        height, angle = self._inner_face(geometry)
-        negative, at = peak(-height - geometry.gap(angle), angle)
-        return Extreme(-negative, at)
-
-    def largest_displacement(self) -> Extreme:
-        """See the base class."""
-        size = length(self.profile.inner_displacement)
-        return Extreme(*peak(size, self.profile.angle))
-
-    def largest_mid_displacement(self) -> Lanes:
-        """See the base class."""
-        return peak(length(self.profile.mid_displacement))[0]
-
-    def bulge(self, geometry: SkinGeometry) -> Extreme:
-        """See the base class."""
-        return Extreme(*peak(*self._inner_face(geometry)))
 
     def _stretches(self) -> tuple[Array, Array]:
         """Hoop stretches of both faces, those next to the clamps hidden."""
-        profile, reach = self.profile, self.clamp_reach
+        profile, reach = self.samples, self.clamp_reach
         first, last = profile.angle[0, 0] + reach, profile.angle[-1, -1] - reach
         keep = (profile.angle >= first) & (profile.angle <= last)
         samples, elements, _ = profile.angle.shape
@@ -112,10 +93,9 @@ class SectionShape(AbstractShape):
 
         return hidden(profile.inner_stretch), hidden(profile.outer_stretch)
 
-    def stretch_range(self) -> tuple[Lanes, Lanes]:
+    def inner_stretch(self) -> Array:
         """See the base class."""
-        inner, _ = self._stretches()
-        return -peak(-inner)[0], peak(inner)[0]
+        return self._stretches()[0]
 
     def material_stable(self, law: AbstractLaw) -> Bool[Array, " lane"]:
         """See the base class."""

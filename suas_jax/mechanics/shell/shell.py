@@ -44,11 +44,11 @@ from suas_jax.mechanics.shell.omitted import (
     resultants_transposed,
     strip,
     thinning,
-    thinning_work,
 )
 from suas_jax.mechanics.shell.points import (
     Moments,
     Points,
+    Tables,
     element_tables,
     kinematics,
     mix,
@@ -149,8 +149,19 @@ class Shell(AbstractPlaneStrain):
         self, xi: np.ndarray, d: Float[Array, "point*order component element lane"]
     ) -> Points:
         """Kinematics at local coordinates from displacement derivatives by xi there."""
-        d = d.reshape(len(xi), 2, *d.shape[1:])
-        return kinematics(d, self.elements.reference(xi), self.elements.lengths)
+        d, lengths = d.reshape(len(xi), 2, *d.shape[1:]), self.elements.lengths
+        u1, u2 = d[:, 0] / lengths, d[:, 1] / lengths**2
+        at = self.elements.reference(xi)
+        return kinematics((u1[:, 0], u1[:, 1]), (u2[:, 0], u2[:, 1]), at)
+
+    @property
+    def _tables(self) -> Tables:
+        return element_tables(self.gauss)
+
+    def _kinematics(self, q: StationVector) -> Points:
+        """At the Gauss points."""
+        tables = self._tables
+        return self._points(tables.xi, mix(tables.derivatives, self.elements.gather(q)))
 
     def fibres(self, at: Frame) -> Fibres:
         """The material through the thickness."""
@@ -168,47 +179,37 @@ class Shell(AbstractPlaneStrain):
 
     def deviator(self, q: StationVector) -> Float[Array, "2 layer gauss element lane"]:
         """Instantaneous stress that the material remembers; see `Fibres.deviator`."""
-        tables = element_tables(self.gauss)
-        points = self._points(tables.xi, mix(tables.derivatives, self.elements.gather(q)))
+        points = self._kinematics(q)
         return self._material.deviator(points.stretch, points.curvature)
 
     @property
     def _at_gauss(self) -> Frame:
-        return self.elements.reference(element_tables(self.gauss).xi)
+        return self.elements.reference(self._tables.xi)
 
     def strain_energy(self, q: StationVector) -> Lanes:
         """Strain energy per width [J/m]."""
-        tables = element_tables(self.gauss)
-        points = self._points(tables.xi, mix(tables.derivatives, self.elements.gather(q)))
+        points = self._kinematics(q)
         density = self._material.energy(points.stretch, points.curvature)
-        weights = tables.weights[:, None, None] * self.elements.lengths
+        weights = self._tables.weights[:, None, None] * self.elements.lengths
         return jnp.sum(weights * density, (0, 1))
 
+    def _lines(self, at: Resultants) -> list[LinesOverElements]:
+        return at.lines(self._tables.xi, self._tables.weights)
+
     def _relaxed_energy(self, at: Resultants) -> Lanes:
-        tables, modulus = element_tables(self.gauss), self._shear_modulus
-        gauss = tables.xi, tables.weights
-        clamped = True, not self.symmetric
-        return relaxed_energy(
-            at,
-            *gauss,
-            self.elements.lengths,
-            self._at_gauss.thickness,
-            modulus,
-            clamped,
-            self.growth,
-        )
+        lengths, thickness = self.elements.lengths, self._at_gauss.thickness
+        material = self._shear_modulus, (True, not self.symmetric), self.growth
+        return relaxed_energy(self._lines(at), lengths, thickness, *material)
 
     def _omitted_energy(self, at: Resultants, factor: Lanes) -> Lanes:
-        tables, modulus = element_tables(self.gauss), self._shear_modulus
         loaded = self.section.frame(places(self.points, self.angles))
         inward = -factor * jnp.sum(self.points.force * loaded.normal, 0)
-        gauss = tables.xi, tables.weights
-        work = thinning_work(at, *gauss, self.points, inward, loaded.thickness, modulus)
-        return self._relaxed_energy(at) + work
+        under = (line.at_points(self.points) for line in self._lines(at))
+        thinned = thinning(*under, loaded.thickness, self._shear_modulus)
+        return self._relaxed_energy(at) + jnp.sum(inward * thinned, 0)
 
     def _at_gauss_points(self, q: StationVector) -> tuple[Points, Moments]:
-        tables = element_tables(self.gauss)
-        points = self._points(tables.xi, mix(tables.derivatives, self.elements.gather(q)))
+        points = self._kinematics(q)
         return points, self._material.moments(points.stretch, points.curvature)
 
     def omitted_energy(self, q: StationVector, factor: Lanes) -> Lanes:
@@ -224,7 +225,7 @@ class Shell(AbstractPlaneStrain):
 
         The derivative by the resultants, then the chain rule that makes forces of stresses.
         """
-        tables = element_tables(self.gauss)
+        tables = self._tables
         points, moments = self._at_gauss_points(q)
         at = resultants(points, moments.first)
         qe = self.elements.gather(q)
@@ -273,13 +274,13 @@ class Shell(AbstractPlaneStrain):
     def volume_change(self, q: StationVector) -> Lanes:
         """Enclosed volume less its value at rest, per width [m^2]."""
         qe = self.elements.gather(q)
-        return self._enclosed(qe, mix(element_tables(self.gauss).area, qe))[0]
+        return self._enclosed(qe, mix(self._tables.area, qe))[0]
 
     def _enclosed(self, qe: Array, product: Array) -> tuple[Lanes, Array]:
         """Enclosed volume less its value at rest, and its gradient; see `Elements.volume`."""
         volume, gradient = self.elements.volume(qe, product)
         if self.growth is not None:  # the lower half of a membrane that grows takes room
-            at, weights = self._at_gauss, element_tables(self.gauss).weights
+            at, weights = self._at_gauss, self._tables.weights
             half = at.thickness / 2 * (1 - at.thickness * at.curvature / 4)
             lower = jnp.sum(weights[:, None, None] * self.elements.lengths * half, (0, 1))
             volume = volume - (self.growth.volume - 1) * lower
@@ -316,7 +317,7 @@ class Shell(AbstractPlaneStrain):
         return self._strip(self._outer_face(self.elements.gather(q), body), points, body)
 
     def _strip(self, face: ContactFace, points: Points, body: PlacedBody) -> Strip:
-        tables = element_tables(self.gauss)
+        tables = self._tables
         bend = points.curvature + self._at_gauss.curvature
         line = LinesOverElements.through(bend, tables.xi, tables.weights)
         return strip(face, line.along(face.xi), body, self._shear_modulus)
@@ -326,9 +327,8 @@ class Shell(AbstractPlaneStrain):
         return indentation(face, touched, self._shear_modulus)
 
     def _thinned(self, face: ContactFace, at: Resultants) -> Array:
-        tables, modulus = element_tables(self.gauss), self._shear_modulus
-        gauss = tables.xi, tables.weights
-        return thinning(at, *gauss, face.xi, face.at.thickness, modulus)
+        along = (line.along(face.xi) for line in self._lines(at))
+        return thinning(*along, face.at.thickness, self._shear_modulus)
 
     def contact(self, q: StationVector, wall: Wall) -> ContactState:
         """The inner face against a wall; see the base class."""
@@ -345,7 +345,7 @@ class Shell(AbstractPlaneStrain):
 
     def assemble(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Assembly:
         """Residual, tangent and border at a trial state; see the base class."""
-        tables = element_tables(self.gauss)
+        tables = self._tables
         qe = self.elements.gather(q)
         rows = mix(np.concatenate([tables.derivatives, tables.area]), qe)
         points = self._points(tables.xi, rows[:-4])
