@@ -108,7 +108,7 @@ def shared(geometry: SkinGeometry) -> SkinGeometry:
     """The same dimensions in a form that all kinds of section have."""
     if isinstance(geometry.section, ChartedSection):
         none: Any = NoCurve()
-        section = dataclasses.replace(geometry.section, curve=none, symmetric=False)
+        section = dataclasses.replace(geometry.section, curve=none, mirrored=False)
         geometry = dataclasses.replace(geometry, section=section)
     return geometry
 

@@ -177,7 +177,7 @@ def log_health(
     usual, level = typical_noise(so), mean(so)
     kept, full_or_zero = stuck.mean(0), at_limits.mean(0)  # shares of the frames
     rows = (level, noise, kept, full_or_zero, lost, drift, follows, coupling)
-    checks = {
+    checks: dict[str, np.ndarray] = {
         "stuck": kept > 0,
         "saturated": full_or_zero > _SHARE,
         "lossy": lost > _SHARE,
@@ -186,11 +186,12 @@ def log_health(
         "unresponsive": follows < _FOLLOWS,
         "coupled": coupling > _COUPLED,
     }
-    silent = ~np.isfinite(so).any(0)
+    silent = np.all(~np.isfinite(so), 0)
     found = []
     for k, (name, row) in enumerate(zip(names, np.stack(rows, 1).tolist(), strict=True)):
         faults = tuple(fault for fault, bad in checks.items() if bad[k])
-        found.append(TaxelHealth(*name, *row, ("silent",) if silent[k] else faults))
+        fields: list[Any] = [*name, *row, ("silent",) if silent[k] else faults]
+        found.append(TaxelHealth(*fields))
     duration = float(time[-1] - time[0])
     return Health(len(so), duration, tuple(found), tuple(notes))
 

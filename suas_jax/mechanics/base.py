@@ -82,8 +82,6 @@ class AbstractMechanics(eqx.Module):
         wall: what holds the inner face; None where the membrane passes through it.
         growth: free size of the membrane over that of its seat; None where it fits.
         bodies: what is pressed on the outer face.
-        error_shares: error of a solution over its difference to each comparison mesh; they add
-            up.
         omitted_margin: share of the first-order effect of what is left out that the rest rarely
             exceeds; for plane strain from a study of random scenes, see docs/errors.md.
         omitted_floor: relative error that may remain where first-order effects cancel by
@@ -97,13 +95,17 @@ class AbstractMechanics(eqx.Module):
     omitted_margin: ClassVar[float] = 0.2
     omitted_floor: ClassVar[float] = 5e-5
     omitted_at_wall: ClassVar[float] = 0.0
-    error_shares: eqx.AbstractVar[tuple[float, ...]]
     law: eqx.AbstractVar[AbstractLaw]
     section: eqx.AbstractVar[AbstractSection]
     film_volume: eqx.AbstractVar[Lanes]
     wall: eqx.AbstractVar[Wall | None]
     growth: eqx.AbstractVar[Growth | None]
     bodies: eqx.AbstractVar[tuple[Body, ...]]
+
+    @property
+    @abc.abstractmethod
+    def error_shares(self) -> tuple[float, ...]:
+        """Error of a solution over its difference to each comparison mesh; they add up."""
 
     @property
     def length_scale(self) -> Lanes:

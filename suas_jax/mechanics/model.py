@@ -29,12 +29,15 @@ class AbstractPlan(eqx.Module):
     Attributes:
         dimension: of the model, 2 in plane strain.
         solves_long: whether a solve takes about as long as optimising its program.
-        model: name of the model that it is a mesh of.
     """
 
     dimension: ClassVar[int]
     solves_long: ClassVar[bool] = False
-    model: eqx.AbstractVar[str]
+
+    @property
+    @abc.abstractmethod
+    def model(self) -> str:
+        """Name of the model that it is a mesh of."""
 
     @property
     @abc.abstractmethod
@@ -121,9 +124,9 @@ class AbstractModel(abc.ABC):
     def first(self, scene: SceneSpec) -> Counts:
         """The mesh to try first for a solve."""
 
-    @abc.abstractmethod
     def first_of_sweep(self, scene: SceneSpec) -> Counts:
         """The mesh to try first for a curve, where some load is harder than the others."""
+        return self.first(scene)
 
     @abc.abstractmethod
     def finer(self, counts: Counts, excess: tuple[float, ...]) -> Counts | None:

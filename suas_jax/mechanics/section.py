@@ -23,7 +23,7 @@ from suas_jax.skin.body import Grip, PlacedBody
 from suas_jax.skin.loads import LineLoad
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
-from suas_jax.skin.wall import Wall
+from suas_jax.skin.wall import Obstacle
 
 _CRUSHED = 1e-3  # stretch of a fibre below which no material follows its law
 SAMPLES = 8  # intervals per element in which extremes are sought
@@ -173,12 +173,8 @@ class AbstractPlaneStrain(AbstractMechanics):
         """Displacements element by element."""
 
     @abc.abstractmethod
-    def _inner_face(self, u: Array, wall: Wall) -> _ContactFace:
-        """The inner face at its contact points."""
-
-    @abc.abstractmethod
-    def _outer_face(self, u: Array, body: PlacedBody) -> _ContactFace:
-        """The outer face likewise."""
+    def _face_against(self, obstacle: Obstacle, u: Array) -> _ContactFace:
+        """The inner face against a wall, or the outer one against a body."""
 
     @property
     def mid_extent(self) -> Lanes:
@@ -189,20 +185,20 @@ class AbstractPlaneStrain(AbstractMechanics):
         """Energy of contact per width [J/m]; see the base class."""
         u, energy = self._gathered(q), jnp.zeros_like(self.section.mean_thickness)
         if self.wall is not None:
-            energy = self._inner_face(u, self.wall).energy()
+            energy = self._face_against(self.wall, u).energy()
         for body in self.bodies:
-            energy = energy + self._outer_face(u, body.placed(factor)).energy()
+            energy = energy + self._face_against(body.placed(factor), u).energy()
         return energy
 
     def touched(
         self, q: StationVector, body: PlacedBody, shift: Array | float = 0.0
     ) -> BodyContact:
         """The outer face against a body; see the base class."""
-        return self._outer_face(self._gathered(q), body).touched(body, shift)
+        return self._face_against(body, self._gathered(q)).touched(body, shift)
 
     def grip(self, q: StationVector, body: PlacedBody) -> Grip | None:
         """See the base class."""
-        return self._outer_face(self._gathered(q), body).grip()
+        return self._face_against(body, self._gathered(q)).grip()
 
     def shape(self, q: StationVector) -> SectionShape:
         """The deformed section, sampled; see the base class."""

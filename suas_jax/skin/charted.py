@@ -10,7 +10,7 @@ through the polynomials.
 import abc
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import equinox as eqx
 import jax
@@ -38,13 +38,12 @@ _NODES, _PIECES = 7, 48
 
 
 class AbstractCurve(eqx.Module):
-    """The inner face of a section by a parameter, from the left clamp to the right one.
+    """The inner face of a section by a parameter, from the left clamp to the right one."""
 
-    Attributes:
-        symmetric: whether the left half is the mirror image of the right one.
-    """
-
-    symmetric: eqx.AbstractVar[bool]
+    @property
+    def symmetric(self) -> bool:
+        """Whether the left half is the mirror image of the right one."""
+        return True
 
     @classmethod
     @abc.abstractmethod
@@ -82,7 +81,6 @@ class AbstractArc(AbstractCurve):
         last: angle of the right clamp [rad].
     """
 
-    symmetric: ClassVar[bool] = True
     last: eqx.AbstractVar[Lanes]
 
     def edges(self) -> Float[Array, "edge lane"]:
@@ -112,7 +110,8 @@ class ChartedSection(AbstractSection):
     table: Float[Array, "piece field power lane"]
     # which ends of pieces the curvature jumps at
     kinks: tuple[int, ...] = eqx.field(static=True)
-    symmetric: bool = eqx.field(static=True)  # curve and thickness both
+    # whether curve and thickness both are their own mirror images
+    mirrored: bool = eqx.field(static=True)
 
     @classmethod
     def of(cls, curve: AbstractCurve, thickness: Lanes | Along) -> Self:
@@ -173,8 +172,13 @@ class ChartedSection(AbstractSection):
             ends=ends,
             table=jnp.moveaxis(powers, 2, 0),
             kinks=tuple(each * k for k in curve.kinks),
-            symmetric=symmetric,
+            mirrored=symmetric,
         )
+
+    @property
+    def symmetric(self) -> bool:
+        """See the base class."""
+        return self.mirrored
 
     @property
     def size(self) -> Lanes:

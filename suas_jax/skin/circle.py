@@ -1,7 +1,5 @@
 """A circle of one thickness, in closed forms; other sections need tables."""
 
-from typing import ClassVar
-
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -12,7 +10,6 @@ from suas_jax.skin.section import AbstractSection, outward
 class Circle(AbstractSection):
     """A membrane of one thickness around an axis; its angle is the one of scenes."""
 
-    symmetric: ClassVar[bool] = True
     inner_radius: Lanes  # of the inner face [m]
     mean_thickness: Lanes  # of the membrane [m]
     half_angle: Lanes  # from the symmetry axis to a clamped edge [rad]

@@ -55,12 +55,15 @@ class AbstractSection(eqx.Module):
     Attributes:
         mean_thickness: of the membrane [m].
         half_angle: angle of the right clamped edge [rad]; the left one has its negative.
-        symmetric: whether the left half is the mirror image of the right one.
     """
 
     mean_thickness: eqx.AbstractVar[Lanes]
     half_angle: eqx.AbstractVar[Lanes]
-    symmetric: eqx.AbstractVar[bool]
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the left half is the mirror image of the right one."""
+        return True
 
     @property
     @abc.abstractmethod

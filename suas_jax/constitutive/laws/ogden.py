@@ -76,11 +76,12 @@ class Ogden(AbstractLaw):
             raise ValueError(
                 f"Ogden law: unknown convention {convention!r}; it is one of {CONVENTIONS}"
             )
-        if convention == "mu/alpha":
-            return cls(mu, alpha)
         mus, alphas = constants(mu), constants(alpha)
+        if convention == "mu/alpha":
+            return cls(mus, alphas)
         _check_terms(mus, alphas, sign_of="mu")
-        return cls([2.0 * m / a for m, a in zip(mus, alphas, strict=True)], alphas)
+        terms = zip(mus, alphas, strict=True)
+        return cls(constants([2.0 * m / a for m, a in terms]), alphas)
 
     def energy(self, deformation: AbstractDeformation) -> Float[Array, "..."]:
         """Ψ = Σ μ_p/α_p (λ₁^α_p + λ₂^α_p + λ₃^α_p − 3) [J/m³]."""

@@ -95,8 +95,7 @@ class ContactFace:
     def __init__(
         self,
         net: Net,
-        obstacle: Obstacle,  # what it may touch
-        side: int,  # -1 for the inner face, 1 for the outer one
+        obstacle: Obstacle,  # a wall inside, a body outside
         section: AbstractSection,  # the undeformed membrane across the axis
         qe: ElementVector,  # Bernstein coefficients of the displacement
         growth: Growth | None,  # of the membrane; None where it fits its seat
@@ -104,8 +103,8 @@ class ContactFace:
         if isinstance(obstacle, PlacedBody) and obstacle.body.grip is not None:
             grip = Grip(*(x[..., 0] for x in obstacle.body.grip))
             obstacle = dataclasses.replace(obstacle, body=obstacle.body.holding(grip))
-        self.net, self.obstacle, self.side, self.growth = net, obstacle, side, growth
-        self.section = section
+        self.net, self.obstacle, self.growth, self.section = net, obstacle, growth, section
+        self.side = side = -1 if isinstance(obstacle, Wall) else 1
         order = net.topology.ordered
         span, axial = jnp.diff(net.angles), jnp.diff(net.axial)
         long, across = order(section.size * span, axial)

@@ -108,10 +108,6 @@ class PadModel(AbstractModel):
         """Elements sized by the membrane's bending length and by the loads."""
         return planned(scene, None, (False, False), scale=_FIRST).elements
 
-    def first_of_sweep(self, scene: SceneSpec) -> Counts:
-        """The same as for a solve."""
-        return self.first(scene)
-
     def finer(self, counts: Counts, excess: tuple[float, ...]) -> Counts | None:
         """More elements in both directions."""
         del excess  # the next mesh does for what the first one misses

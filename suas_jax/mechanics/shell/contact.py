@@ -77,19 +77,19 @@ class ContactFace:
 
     def __init__(
         self,
-        obstacle: Obstacle,  # what it may touch
-        side: int,  # -1 for the inner face, 1 for the outer one
+        obstacle: Obstacle,  # a wall inside, a body outside
         section: AbstractSection,
         elements: tuple[Float[Array, "element #lane"], Float[Array, "element #lane"]],
         qe: ElementVector,  # element unknowns [shape, component]
-        growth: Growth | None = None,  # of the membrane; None where it fits its seat
+        growth: Growth | None,  # of the membrane; None where it fits its seat
         there: Float[Array, "element #lane"] | float = 1.0,
     ) -> None:
         self.elements, self.qe, self.growth = elements, qe, growth
         start, span = elements
         length = section.size * span
-        self.obstacle, self.side, self.section = obstacle, side, section
-        self.xi, weights, self.shapes = _RULES[side]
+        self.obstacle, self.section = obstacle, section
+        self.side = -1 if isinstance(obstacle, Wall) else 1  # inner or outer face
+        self.xi, weights, self.shapes = _RULES[self.side]
         self.at = section.frame(start + self.xi[:, None, None] * span)
         # Derivatives by arc length from those by the local coordinate [order].
         one = jnp.ones_like(length)
@@ -197,9 +197,7 @@ class ContactFace:
         start, span = (jnp.sum(select * x, 1) for x in self.elements)
         qe = jnp.sum(self.qe[:, :, None] * select, 3)
         chosen = start, span
-        return ContactFace(
-            self.obstacle, self.side, self.section, chosen, qe, self.growth, there
-        )
+        return ContactFace(self.obstacle, self.section, chosen, qe, self.growth, there)
 
     def assembled(self) -> tuple[ElementVector, ElementMatrix]:
         """Element forces and matrices, worked out for the elements that touch.

@@ -71,7 +71,7 @@ from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection, Frame
-from suas_jax.skin.wall import Wall
+from suas_jax.skin.wall import Obstacle, Wall
 
 
 class Shell(AbstractPlaneStrain):
@@ -204,8 +204,8 @@ class Shell(AbstractPlaneStrain):
     def _omitted_energy(self, at: Resultants, factor: Lanes) -> Lanes:
         loaded = self.section.frame(places(self.points, self.angles))
         inward = -factor * jnp.sum(self.points.force * loaded.normal, 0)
-        under = (line.at_points(self.points) for line in self._lines(at))
-        thinned = thinning(*under, loaded.thickness, self._shear_modulus)
+        normal, moment = (line.at_points(self.points) for line in self._lines(at))
+        thinned = thinning(normal, moment, loaded.thickness, self._shear_modulus)
         return self._relaxed_energy(at) + jnp.sum(inward * thinned, 0)
 
     def _at_gauss_points(self, q: StationVector) -> tuple[Points, Moments]:
@@ -229,7 +229,7 @@ class Shell(AbstractPlaneStrain):
         points, moments = self._at_gauss_points(q)
         at = resultants(points, moments.first)
         qe = self.elements.gather(q)
-        faces = [self._outer_face(qe, body.placed(factor)) for body in self.bodies]
+        faces = [self._face_against(body.placed(factor), qe) for body in self.bodies]
 
         def energy(at: Resultants) -> Array:
             work = [jnp.sum(f.shares(f.inputs) * self._thinned(f, at)) for f in faces]
@@ -290,31 +290,24 @@ class Shell(AbstractPlaneStrain):
         """Work of the loads, which act at the rigid-normal point r + (t/2) n [J/m]."""
         return load_work(self.points, self._loaded(self.elements.gather(q)))
 
-    @property
-    def _spans(self) -> tuple[Array, Array]:
-        """Angles where elements start, and which they span [rad]."""
-        return self.angles[:-1], self.angles[1:] - self.angles[:-1]
-
     def _gathered(self, q: StationVector) -> Array:
         return self.elements.gather(q)
 
-    def _inner_face(self, u: Array, wall: Wall) -> ContactFace:
-        return ContactFace(wall, -1, self.section, self._spans, u, self.growth)
-
-    def _outer_face(self, u: Array, body: PlacedBody) -> ContactFace:
-        return ContactFace(body, 1, self.section, self._spans, u)
+    def _face_against(self, obstacle: Obstacle, u: Array) -> ContactFace:
+        spans = self.angles[:-1], self.angles[1:] - self.angles[:-1]
+        return ContactFace(obstacle, self.section, spans, u, self.growth)
 
     def gap_shift(self, q: StationVector, body: PlacedBody) -> Array:
         """By thinning, and by indentation beneath the body; see the base class."""
         points, moments = self._at_gauss_points(q)
-        face = self._outer_face(self.elements.gather(q), body)
+        face = self._face_against(body, self.elements.gather(q))
         thinned = self._thinned(face, resultants(points, moments.first))
         return thinned + self._indentation(face, points, body)
 
     def strip(self, q: StationVector, body: PlacedBody) -> Strip:
         """See the base class."""
         points, _ = self._at_gauss_points(q)
-        return self._strip(self._outer_face(self.elements.gather(q), body), points, body)
+        return self._strip(self._face_against(body, self.elements.gather(q)), points, body)
 
     def _strip(self, face: ContactFace, points: Points, body: PlacedBody) -> Strip:
         tables = self._tables
@@ -327,18 +320,17 @@ class Shell(AbstractPlaneStrain):
         return indentation(face, touched, self._shear_modulus)
 
     def _thinned(self, face: ContactFace, at: Resultants) -> Array:
-        along = (line.along(face.xi) for line in self._lines(at))
-        return thinning(*along, face.at.thickness, self._shear_modulus)
+        normal, moment = (line.along(face.xi) for line in self._lines(at))
+        return thinning(normal, moment, face.at.thickness, self._shear_modulus)
 
     def contact(self, q: StationVector, wall: Wall) -> ContactState:
         """The inner face against a wall; see the base class."""
         own = q if self.equilibrium is None else self.equilibrium
-        face = self._inner_face(self.elements.gather(own), wall)
+        face = self._face_against(wall, self.elements.gather(own))
         if self.equilibrium is None:
             return face.state()
-        return face.state(
-            self._inner_face(self.elements.gather(q - self.equilibrium), wall).inputs
-        )
+        change = self._face_against(wall, self.elements.gather(q - self.equilibrium))
+        return face.state(change.inputs)
 
     def _loaded(self, qe: Array) -> Loaded:
         return under(self.points, qe, self.angles, self.section)
@@ -356,17 +348,16 @@ class Shell(AbstractPlaneStrain):
         stiffness = mix(tables.stiffness, tangents.reshape(-1, *tangents.shape[3:]))
         stiffness = full_blocks(stiffness.reshape(4, 4, *stiffness.shape[1:]))
         if self.wall is not None:
-            forces, matrices = self._inner_face(qe, self.wall).assembled()
+            forces, matrices = self._face_against(self.wall, qe).assembled()
             internal, stiffness = internal + forces, stiffness + matrices
-        contact = travel = None
+        contact, travel = jnp.zeros_like(qe), jnp.zeros_like(qe)
         for body in self.bodies:
-            face = self._outer_face(qe, body.placed(factor))
+            face = self._face_against(body.placed(factor), qe)
             terms = face.terms()
             pushes, pulls = face.forces(terms.force), face.forces(by_travel(terms, body))
-            contact = pushes if contact is None else contact + pushes
-            travel = -pulls if travel is None else travel - pulls
+            contact, travel = contact + pushes, travel - pulls
             stiffness = stiffness + face.matrix(terms)
-        if contact is not None:
+        if self.bodies:
             internal = internal + contact
         volume, gradient = self._enclosed(qe, rows[-4:])
         load, load_stiffness = load_terms(self.points, self._loaded(qe))
@@ -382,7 +373,7 @@ class Shell(AbstractPlaneStrain):
             self.elements.scatter(gradient),
             self.elements.scatter(load),
             volume,
-            *(None if x is None else self.elements.scatter(x) for x in (travel, contact)),
+            *(self.elements.scatter(x) for x in (travel, contact) if self.bodies),
         )
 
     def imbalance(
@@ -392,7 +383,7 @@ class Shell(AbstractPlaneStrain):
         free = self.with_wall(None).assemble(q, pressure, factor)
         if self.wall is None:
             return free.residual, free.volume_change
-        pushes = self._inner_face(self.elements.gather(q), self.wall).push()
+        pushes = self._face_against(self.wall, self.elements.gather(q)).push()
         return free.residual + self.elements.scatter(pushes), free.volume_change
 
     def profile(self, q: StationVector, samples: int) -> Profile:

@@ -63,16 +63,16 @@ class ContactFace:
 
     def __init__(
         self,
-        obstacle: Obstacle,  # what it may touch
-        face: int,  # position across an element, 0 for the inner face and 2 for the outer one
+        obstacle: Obstacle,  # a wall inside, a body outside
         angles: Float[Array, "station #lane"],
         length: Callable[[Array], Array],  # of the undeformed face per angle [m]
         rest: FaceValues,  # positions of the edges' nodes at rest, left, middle, right [m]
         moved: FaceValues,  # their displacements [m]
     ) -> None:
-        self.obstacle, self.face = obstacle, face
+        self.obstacle = obstacle
+        self.face = 0 if isinstance(obstacle, Wall) else 2  # position across an element
         span = angles[1:] - angles[:-1]
-        xi, weights, self.shapes = _RULES[face]
+        xi, weights, self.shapes = _RULES[self.face]
         self.angle = angles[:-1] + (xi[:, None, None] + 1) / 2 * span
         self.area = jnp.asarray(weights)[:, None, None] * length(self.angle) * span / 2
         self.rest, self.moved = (

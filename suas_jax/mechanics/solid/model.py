@@ -123,10 +123,6 @@ class SolidModel(AbstractModel):
             return (max(128, least), 4 if thick else 2)
         return (max(384, least), 6 if thick else 4)
 
-    def first_of_sweep(self, scene: SceneSpec) -> Counts:
-        """The same as for a solve."""
-        return self.first(scene)
-
     def finer(self, counts: Counts, excess: tuple[float, ...]) -> Counts | None:
         """The cheapest finer mesh whose error should be as allowed, or the finest.
 

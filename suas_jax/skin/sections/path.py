@@ -18,7 +18,13 @@ class Path(AbstractCurve):
     length: Float[Array, "piece lane"]  # of each piece [m]
     turn: Float[Array, "piece lane"]  # clockwise, over each piece [rad]
     start: Lanes  # direction of the first piece, counter-clockwise from +x [rad]
-    symmetric: bool = eqx.field(static=True, default=False)
+    # whether the right half is the mirror image of the left one
+    mirrored: bool = eqx.field(static=True, default=False)
+
+    @property
+    def symmetric(self) -> bool:
+        """See the base class."""
+        return self.mirrored
 
     @classmethod
     def of(cls, spec: PathSpec, value: Callable[[str], Lanes]) -> "Path":
@@ -40,7 +46,7 @@ class Path(AbstractCurve):
     def kinks(self) -> tuple[int, ...]:
         """Where pieces meet; at a mirrored crown a piece meets itself."""
         count = self.length.shape[0]
-        crown = count // 2 if self.symmetric else 0
+        crown = count // 2 if self.mirrored else 0
         return tuple(k for k in range(1, count) if k != crown)
 
     def edges(self) -> Float[Array, "edge lane"]:

@@ -19,7 +19,13 @@ class Spline(AbstractCurve):
 
     points: Float[Array, "2 point lane"]  # [2, point, lane], in metres
     slopes: Float[Array, "2 point lane"]  # derivatives by the parameter there
-    symmetric: bool = eqx.field(static=True, default=False)
+    # whether the right half is the mirror image of the left one
+    mirrored: bool = eqx.field(static=True, default=False)
+
+    @property
+    def symmetric(self) -> bool:
+        """See the base class."""
+        return self.mirrored
 
     @classmethod
     def of(cls, spec: SplineSpec, value: Callable[[str], Lanes]) -> "Spline":
