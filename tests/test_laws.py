@@ -40,7 +40,6 @@ from suas_jax.constitutive.deformation import (
     FibreStretch,
     LogStretches,
     PlaneStrain,
-    PrincipalStretches,
 )
 from suas_jax.constitutive.deformation_gradient import DeformationGradient
 
@@ -311,7 +310,6 @@ def test_all_deformations_give_one_energy(case: Case, stretch: float) -> None:
         FibreStretch(jnp.array(stretch**2 - 1.0)),
         PlaneStrain(jnp.array((stretch - other) ** 2), jnp.array(0.0)),
         LogStretches(jnp.log(stretch), -jnp.log(stretch)),
-        PrincipalStretches(jnp.array(stretch), jnp.array(other), jnp.array(1.0)),
         DeformationGradient(jnp.diag(jnp.array([stretch, other, 1.0]))),
     ]
     values = np.array([case.law.energy(share) for share in shares])
