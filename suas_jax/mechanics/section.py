@@ -5,7 +5,7 @@ differentiated.
 """
 
 import abc
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,6 +15,7 @@ from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import FibreStretch, HeldFibre
 from suas_jax.constitutive.stability import drucker_modulus
 from suas_jax.mechanics.base import AbstractMechanics, Displacements, Profile
+from suas_jax.mechanics.contact.face import AbstractContactFace
 from suas_jax.mechanics.contact.state import BodyContact
 from suas_jax.mechanics.section_face import INTERVALS, NormalFace, normal_face
 from suas_jax.mechanics.shape import AbstractShape
@@ -119,16 +120,6 @@ class SectionShape(AbstractShape):
         return jnp.all(law.has_energy(held), 0)
 
 
-class _ContactFace(Protocol):
-    """A face at its contact points."""
-
-    def energy(self) -> Lanes: ...
-
-    def touched(self, body: PlacedBody, shift: Array | float) -> BodyContact: ...
-
-    def grip(self) -> Grip | None: ...
-
-
 class AbstractPlaneStrain(AbstractMechanics):
     """A membrane in plane strain; sums are per unit of width.
 
@@ -173,7 +164,7 @@ class AbstractPlaneStrain(AbstractMechanics):
         """Displacements element by element."""
 
     @abc.abstractmethod
-    def _face_against(self, obstacle: Obstacle, u: Array) -> _ContactFace:
+    def _face_against(self, obstacle: Obstacle, u: Array) -> AbstractContactFace:
         """The inner face against a wall, or the outer one against a body."""
 
     @property
@@ -194,7 +185,7 @@ class AbstractPlaneStrain(AbstractMechanics):
         self, q: StationVector, body: PlacedBody, shift: Array | float = 0.0
     ) -> BodyContact:
         """The outer face against a body; see the base class."""
-        return self._face_against(body, self._gathered(q)).touched(body, shift)
+        return self._face_against(body, self._gathered(q)).touched(shift)
 
     def grip(self, q: StationVector, body: PlacedBody) -> Grip | None:
         """See the base class."""

@@ -330,7 +330,7 @@ class Shell(AbstractPlaneStrain):
         if self.equilibrium is None:
             return face.state()
         change = self._face_against(wall, self.elements.gather(q - self.equilibrium))
-        return face.state(change.inputs)
+        return face.state(face.carried(change.inputs))
 
     def _loaded(self, qe: Array) -> Loaded:
         return under(self.points, qe, self.angles, self.section)
