@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from skins import rotation
 
 from suas_jax.constitutive.deformation import (
     AbstractDeformation,
@@ -26,12 +27,6 @@ from suas_jax.numerics.analytic import (
 ALPHAS = [2.0, -2.0, 1.3, 5.0, 0.1, -7.3]
 # XLA's log1p is wrong by up to 2.7e-14 for arguments between -0.4142 and -0.3758.
 LOG1P = 6e-14
-
-
-def rotation(seed: int) -> np.ndarray:
-    q, r = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
-    q = q * np.sign(np.diag(r))
-    return q * np.linalg.det(q)
 
 
 def exact_power_sum(stretches: list[float], alpha: float) -> float:

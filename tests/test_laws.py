@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from skins import rotation
 
 from suas_jax.config import (
     ArrudaBoyceSpec,
@@ -154,12 +155,6 @@ STATES = {
     "general": np.array([1.4, 0.9, 1.0 / (1.4 * 0.9)]),
     "swollen": np.array([1.4, 0.9, 1.1]),
 }
-
-
-def rotation(seed: int) -> np.ndarray:
-    q, r = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
-    q = q * np.sign(np.diag(r))
-    return q * np.linalg.det(q)
 
 
 def energy(law: AbstractLaw, F: jax.Array) -> jax.Array:
