@@ -64,9 +64,7 @@ def test_reference_is_complete() -> None:
 
 
 @pytest.mark.parametrize(
-    "row",
-    reference_rows("arch.csv"),
-    ids=lambda row: f"{row['case']}, {row['oil_pressure_Pa']} Pa",
+    "row", ROWS, ids=lambda row: f"{row['case']}, {row['oil_pressure_Pa']} Pa"
 )
 def test_converged_shell_reproduces_the_continuum(row: dict[str, str]) -> None:
     number = {k: float(v) for k, v in row.items() if k not in ("case", "law", "load_direction")}
