@@ -11,7 +11,6 @@ from suas_jax.config.errors import show
 from suas_jax.config.quantities import (
     DIMENSIONS,
     DimensionName,
-    format_quantity,
     parse_quantity,
 )
 
@@ -110,16 +109,6 @@ def _deviation(text: str, value: float, dimension: DimensionName, *, per_cent: b
 def deviation_of(value: object) -> float | None:
     """The standard deviation that a value carries; None where none is stated."""
     return value.deviation if isinstance(value, UncertainQuantity) else None
-
-
-def format_uncertain(value: float, dimension: DimensionName) -> str:
-    """Write an SI value with a readable unit, and its deviation where it carries one."""
-    deviation = deviation_of(value)
-    text = format_quantity(value, dimension)
-    if deviation is None:
-        return text
-    kind: DimensionName = "warming" if dimension == "temperature" else dimension
-    return f"{text} +- {format_quantity(deviation, kind)}"
 
 
 def text_of(value: float, unit: float, name: str) -> str | float:
