@@ -1,5 +1,6 @@
 """Scenes around the paper's skin, and compiled functions that the physics tests share."""
 
+import csv
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from suas_jax.skin.geometry import SkinGeometry
 
 CASE_B = Path(__file__).parent.parent / "configs" / "scenes" / "case_b.toml"
 """The scene that tests solve whole where any will do: its programs are compiled once."""
+DATA = Path(__file__).parent / "data"
 WIDTH = 0.123
 GEOMETRY: dict[str, Any] = {
     "inner_radius": "57.5 mm",
@@ -44,6 +46,19 @@ LAWS: dict[str, dict[str, Any]] = {
         "convention": "mu/alpha",
     },
 }
+
+
+def reference_rows(name: str) -> list[dict[str, str]]:
+    """Rows of a table of an independent program; its header says how good they are."""
+    lines = (DATA / name).read_text(encoding="utf-8").splitlines()
+    return list(csv.DictReader(line for line in lines if not line.startswith("#")))
+
+
+def rotation(seed: int) -> np.ndarray:
+    """A turn about some axis, as a matrix."""
+    q, r = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    q = q * np.sign(np.diag(r))
+    return q * np.linalg.det(q)
 
 
 def quick(function: Callable, jit: Callable = eqx.filter_jit) -> Callable:

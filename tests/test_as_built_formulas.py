@@ -40,7 +40,7 @@ from fitting.sensor.shapes.taxel_face import TaxelFace
 from suas_jax.config import UncertainQuantity, continuous_inputs, load_skin
 from suas_jax.config.input_errors import input_errors
 from suas_jax.config.schema_calibration import CalibrationSpec
-from suas_jax.sensing.taxels import DISC, gains_of
+from suas_jax.sensing.taxels import DISC, by_taxel
 
 RNG = np.random.default_rng(0)
 ROOT = Path(__file__).parent.parent
@@ -63,7 +63,8 @@ def test_a_skin_as_built_has_the_drawing_s_values() -> None:
             elif "gain" in name:
                 assert inputs[name] == 1.0
         assert as_built(own) == own  # tables and gains that there are stay
-        gain = np.asarray(gains_of(own.electrodes, inputs | {names[-1]: 1.02})).reshape(-1)
+        changed = inputs | {names[-1]: 1.02}
+        gain = np.asarray(by_taxel(own.electrodes, changed, "gain", 1.0)).reshape(-1)
         np.testing.assert_allclose(gain, np.r_[np.ones(taxels - 1), 1.02])
 
 

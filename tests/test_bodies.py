@@ -3,11 +3,9 @@
 tests/data/indenter2d.csv: finite elements under a rigid cylinder; its header says how well.
 """
 
-import csv
 import dataclasses
 import functools
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -26,6 +24,7 @@ from skins import (
     line,
     problem_of,
     quick,
+    reference_rows,
     scene,
     shaped,
 )
@@ -62,7 +61,6 @@ from suas_jax.scene.travel import under_forces
 from suas_jax.skin.body import AbstractShape, Box, Plate, Round, Wedge
 from suas_jax.skin.wall import Wall
 
-DATA = Path(__file__).parent / "data" / "indenter2d.csv"
 CYLINDER = {"shape": "cylinder", "radius": "10 mm"}
 PLATE = {"shape": "plate"}
 
@@ -82,9 +80,8 @@ def pad_scene(load: dict[str, Any]) -> SceneSpec:
 
 
 def references(angle: float) -> list[dict[str, float]]:
-    with DATA.open(encoding="utf-8") as file:
-        rows = csv.DictReader(x for x in file if not x.startswith("#"))
-        found = [{k: float(v) for k, v in r.items() if _is_number(v)} for r in rows]
+    rows = reference_rows("indenter2d.csv")
+    found = [{k: float(v) for k, v in r.items() if _is_number(v)} for r in rows]
     return [row for row in found if row["angle_deg"] == angle]
 
 

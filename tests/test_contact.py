@@ -5,10 +5,8 @@ exact conditions of contact at the nodes, checked there with an augmented Lagran
 CalculiX; its header says how well.
 """
 
-import csv
 import dataclasses
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -16,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jaxtyping import Array
-from skins import GEOMETRY, WIDTH, find, line, problem_of, quick, scene
+from skins import GEOMETRY, WIDTH, find, line, problem_of, quick, reference_rows, scene
 
 from suas_jax.config import (
     ConfigError,
@@ -41,15 +39,13 @@ from suas_jax.scene.skin import Skin, skin_of
 from suas_jax.scene.solve import Solution, solve
 from suas_jax.skin.wall import RigidLimit, SoftLayer, Wall
 
-DATA = Path(__file__).parent / "data" / "contact2d.csv"
 SHELL, SOLID = (32, 0), (128, 2)
 LAYER = {"thickness": "0.5 mm", "stiffness": "2 MPa"}
 
 
 def references() -> dict[str, dict[str, float]]:
-    with DATA.open(encoding="utf-8") as file:
-        rows = csv.DictReader(x for x in file if not x.startswith("#"))
-        return {f"{row['case']} {row['force_N']}": _numbers(row) for row in rows}
+    rows = reference_rows("contact2d.csv")
+    return {f"{row['case']} {row['force_N']}": _numbers(row) for row in rows}
 
 
 def _numbers(row: dict[str, str]) -> dict[str, float]:

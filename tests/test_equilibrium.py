@@ -1,7 +1,5 @@
 """Equilibria of the shell: the published case, its limits, and how failures are named."""
 
-import csv
-import pathlib
 from typing import Any
 
 import equinox as eqx
@@ -19,6 +17,7 @@ from skins import (
     line,
     problem_of,
     quick,
+    reference_rows,
     scene,
     status,
 )
@@ -31,13 +30,13 @@ from suas_jax.mechanics.shell.shape import mirrored
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.scene.build import build_problem, plan_for
 
-REFERENCE = pathlib.Path(__file__).parent / "data" / "arch.csv"
 OGDEN = {
     "law": "ogden",
     "mu": ["0.63 MPa", "1.2 kPa", "-10 kPa"],
     "alpha": [1.3, 5.0, -2.0],
     "convention": "mu/alpha",
 }
+ROWS = reference_rows("arch.csv")
 CASES = {"A": 0.0, "B": 45.0}
 either_case = pytest.mark.parametrize("case", CASES)
 
@@ -50,11 +49,6 @@ def inner_displacement(shell: Shell, q: jax.Array, angle: jax.Array) -> jax.Arra
     return shell.at_angle(q, angle).inner_displacement[:, 0, 0, 0]
 
 
-def reference_rows() -> list[dict[str, str]]:
-    with REFERENCE.open() as file:
-        return list(csv.DictReader(line for line in file if not line.startswith("#")))
-
-
 def force_tolerance(row: dict[str, str]) -> float:
     """What a shell without transverse shear can leave out."""
     if row["case"] in ("small-radius-60deg", "ogden-spread-load"):
@@ -65,12 +59,12 @@ def force_tolerance(row: dict[str, str]) -> float:
 
 
 def test_reference_is_complete() -> None:
-    cases = [row["case"] for row in reference_rows()]
+    cases = [row["case"] for row in ROWS]
     assert (cases.count("A"), cases.count("B"), len(cases)) == (6, 6, 15)
 
 
 @pytest.mark.parametrize(
-    "row", reference_rows(), ids=lambda row: f"{row['case']}, {row['oil_pressure_Pa']} Pa"
+    "row", ROWS, ids=lambda row: f"{row['case']}, {row['oil_pressure_Pa']} Pa"
 )
 def test_converged_shell_reproduces_the_continuum(row: dict[str, str]) -> None:
     number = {k: float(v) for k, v in row.items() if k not in ("case", "law", "load_direction")}

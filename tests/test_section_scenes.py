@@ -1,12 +1,10 @@
 """Scenes on sections other than circles: an independent reference, derivatives."""
 
-import csv
-from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
 import pytest
-from skins import shaped
+from skins import reference_rows, shaped
 
 from suas_jax.config import SceneSpec, continuous_inputs, with_inputs, with_solve
 from suas_jax.equilibrium.balance import Problem, State
@@ -16,7 +14,7 @@ from suas_jax.scene.solve import solve
 from suas_jax.scene.sway import shifted
 from suas_jax.skin.loads import LineLoad
 
-REFERENCE = Path(__file__).parent / "data" / "profile2d.csv"
+ROWS = [r for r in reference_rows("profile2d.csv") if r["section"] == "a_ellipse_b40"]
 ELLIPSE = {
     "section": "ellipse",
     "inner_semi_axes": ["57.5 mm", "40 mm"],
@@ -27,12 +25,6 @@ ELLIPSE = {
 def at_arc(arc: float, force: float) -> dict[str, Any]:
     """A line load; arc in metres, force in newtons."""
     return {"kind": "line", "arc": f"{arc!r} m", "force": f"{force} N"}
-
-
-def reference_rows() -> list[dict[str, str]]:
-    with REFERENCE.open(encoding="utf-8") as file:
-        rows = csv.DictReader(line for line in file if not line.startswith("#"))
-        return [row for row in rows if row["section"] == "a_ellipse_b40"]
 
 
 def compared(row: dict[str, str], **solve_table: Any) -> dict[str, float]:
@@ -64,7 +56,7 @@ def rows_and_long_ones() -> list[Any]:
         pytest.param(
             row, marks=marks[float(row["load_arc_from_crown_m"]) == 0], id=row["force_N"]
         )
-        for row in reference_rows()
+        for row in ROWS
     ]
 
 
@@ -75,7 +67,7 @@ def test_the_shell_is_the_continuum_on_an_ellipse(row: dict[str, str]) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("row", reference_rows(), ids=lambda row: row["force_N"])
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row["force_N"])
 def test_the_solid_is_the_continuum_on_an_ellipse(row: dict[str, str]) -> None:
     errors = compared(row, model="solid", mesh=(192, 2))
     assert max(errors.values()) < 2e-4, errors

@@ -1,8 +1,5 @@
 """The continuum: its element, its exact condensation, and an independent reference."""
 
-import csv
-import pathlib
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,6 +14,7 @@ from skins import (
     line,
     problem_of,
     quick,
+    reference_rows,
     scene,
     status,
 )
@@ -32,8 +30,6 @@ from suas_jax.numerics.bordered_solve import BorderedBlockTridiagonal, BorderedV
 from suas_jax.scene.build import plan_for
 from suas_jax.scene.solve import Solution, solve
 from suas_jax.skin.loads import LoadPoints
-
-REFERENCE = pathlib.Path(__file__).parent / "data" / "arch.csv"
 
 
 def solid_of(half: bool = False, elements: int = 4, layers: int = 2) -> Solid:
@@ -237,16 +233,11 @@ def test_converges_at_the_rate_of_its_shape_functions() -> None:
     assert np.all(np.log2(coarse / fine) > 2.8)
 
 
-def reference_rows() -> list[dict[str, str]]:
-    with REFERENCE.open(encoding="utf-8") as file:
-        return list(csv.DictReader(line for line in file if not line.startswith("#")))
-
-
 @pytest.fixture(scope="module")
 def solved() -> dict[str, tuple]:
     """Every line-loaded reference case under its pressure, on 128 x 2 elements."""
     found = {}
-    for row in reference_rows():
+    for row in reference_rows("arch.csv"):
         if float(row["load_spread_m"]) > 0:
             continue
         spec = scene(

@@ -4,16 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from skins import rotation
 
 from suas_jax.constitutive.deformation_gradient import DeformationGradient
 from suas_jax.numerics.spectral import divided_difference, matrix_function
-
-
-def rotation(seed: int) -> np.ndarray:
-    q, r = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
-    q = q * np.sign(np.diag(r))
-    return q * np.linalg.det(q)
-
 
 STATES = {
     "rest": [1.0, 1.0, 1.0],

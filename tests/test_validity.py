@@ -100,7 +100,7 @@ def test_both_faces_of_both_shapes_are_looked_at(green: float, inside: bool, fac
     stretches = [jnp.sqrt(1 + faces[side]) for side in ("inner", "outer")]
     section = SectionShape(Profile(*empty, *stretches, empty[0]), jnp.full(1, -1.0))
     assert in_domain(section, law).tolist() == [inside]
-    continuum = SectionShape(section.profile, section.clamp_reach, resolves_loads=True)
+    continuum = SectionShape(section.samples, section.clamp_reach, resolves_loads=True)
     assert in_domain(continuum, law).tolist() == [inside or face == "outer"]
     across = np.zeros_like(strain)
     strains = [jnp.stack([faces[side], across, across]) for side in ("inner", "outer")]

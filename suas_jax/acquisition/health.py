@@ -175,40 +175,23 @@ def log_health(
     follows, coupling = correlations(usable, noise, groups)
     lost = _lost(log, frames, so, names)
     usual, level = typical_noise(so), mean(so)
+    kept, full_or_zero = stuck.mean(0), at_limits.mean(0)  # shares of the frames
+    rows = (level, noise, kept, full_or_zero, lost, drift, follows, coupling)
+    checks: dict[str, np.ndarray] = {
+        "stuck": kept > 0,
+        "saturated": full_or_zero > _SHARE,
+        "lossy": lost > _SHARE,
+        "noisy": noise > _NOISY * usual + 1.0,
+        "drifting": drifts,
+        "unresponsive": follows < _FOLLOWS,
+        "coupled": coupling > _COUPLED,
+    }
+    silent = np.all(~np.isfinite(so), 0)
     found = []
-    for k, (module, number) in enumerate(names):
-        present = np.isfinite(so[:, k])
-        shares = {
-            "stuck": float(stuck[:, k].mean()),
-            "saturated": float(at_limits[:, k].mean()),
-        }
-        checks = {
-            "stuck": shares["stuck"] > 0,
-            "saturated": shares["saturated"] > _SHARE,
-            "lossy": lost[k] > _SHARE,
-            "noisy": noise[k] > _NOISY * usual + 1.0,
-            "drifting": bool(drifts[k]),
-            "unresponsive": follows[k] < _FOLLOWS,
-            "coupled": coupling[k] > _COUPLED,
-        }
-        faults = tuple(name for name, bad in checks.items() if bad)
-        if not present.any():
-            faults = ("silent",)
-        found.append(
-            TaxelHealth(
-                module,
-                number,
-                float(level[k]),
-                float(noise[k]),
-                shares["stuck"],
-                shares["saturated"],
-                float(lost[k]),
-                float(drift[k]),
-                float(follows[k]),
-                float(coupling[k]),
-                faults,
-            )
-        )
+    for k, (name, row) in enumerate(zip(names, np.stack(rows, 1).tolist(), strict=True)):
+        faults = tuple(fault for fault, bad in checks.items() if bad[k])
+        fields: list[Any] = [*name, *row, ("silent",) if silent[k] else faults]
+        found.append(TaxelHealth(*fields))
     duration = float(time[-1] - time[0])
     return Health(len(so), duration, tuple(found), tuple(notes))
 

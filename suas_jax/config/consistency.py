@@ -1,23 +1,24 @@
 """What tables that are each right may still say against one another."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 from suas_jax.config.errors import listed, show
+from suas_jax.config.fields import PlacedSpec
+from suas_jax.config.geometry import GeometrySpec
 from suas_jax.config.quantities import format_quantity
-from suas_jax.config.schema_load import BODY_SHAPES, ReferenceSpec
-from suas_jax.config.schema_skin import ModuleSpec
-
-if TYPE_CHECKING:
-    from suas_jax.config.fields import PlacedSpec
-    from suas_jax.config.geometry import GeometrySpec
-    from suas_jax.config.schema_load import BodyLoadSpec, LineLoadSpec, LoadSpec, PatchLoadSpec
-    from suas_jax.config.schema_skin import ElectrodesSpec, TaxelSpec, WallSpec
-    from suas_jax.config.schema_solve import SolveSpec
-    from suas_jax.config.sections.circle import CircleSpec
+from suas_jax.config.schema_load import (
+    BODY_SHAPES,
+    BodyLoadSpec,
+    LineLoadSpec,
+    LoadSpec,
+    PatchLoadSpec,
+    ReferenceSpec,
+)
+from suas_jax.config.schema_skin import ElectrodesSpec, ModuleSpec, TaxelSpec, WallSpec
+from suas_jax.config.schema_solve import SolveSpec
+from suas_jax.config.sections.circle import CircleSpec
 
 # Room for the rounding of a unit conversion: 90 deg may be given as 1.5707963267949 rad.
 _SLACK = 1.0 + 1e-9
@@ -72,8 +73,7 @@ def _out_of_proportion(tables: Mapping[str, Any]) -> Contradictions:
     if environment.temperature is not None:
         warming = environment.temperature - reference.temperature
     if environment.depth is not None:
-        head = environment.specific_weight * environment.depth
-        rise = head + environment.atmospheric_pressure - reference.pressure
+        rise = environment.ambient_pressure - reference.pressure
     for name in ("material", "wall", "oil"):
         part = tables.get(name)
         if part is None:
@@ -104,8 +104,6 @@ def _out_of_proportion(tables: Mapping[str, Any]) -> Contradictions:
 
 def _circle(geometry: GeometrySpec) -> CircleSpec | None:
     """A section whose places are told by closed forms; others are checked with their curve."""
-    from suas_jax.config.sections.circle import CircleSpec
-
     return geometry if isinstance(geometry, CircleSpec) else None
 
 

@@ -1,7 +1,5 @@
 """What is wrong with a configuration file, said so that it can be put right."""
 
-from __future__ import annotations
-
 import datetime
 import difflib
 import itertools
@@ -37,7 +35,7 @@ class ConfigError(ValueError):
         self.mistakes = tuple(dict.fromkeys(mistakes))
         super().__init__("\n".join(str(mistake) for mistake in self.mistakes))
 
-    def __reduce__(self) -> tuple[type[ConfigError], tuple[tuple[Mistake, ...]]]:
+    def __reduce__(self) -> "tuple[type[ConfigError], tuple[tuple[Mistake, ...]]]":
         return type(self), (self.mistakes,)
 
 

@@ -1,7 +1,5 @@
 """The kinds of value that a key may hold: quantities in a range, whole numbers, lists."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from typing import Annotated, Any, Self

@@ -1,7 +1,5 @@
 """What the dimensions of a skin consist of; kinds of section: `suas_jax.config.sections`."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """What a material does beside its elastic law: stress relaxation and softening."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 from pydantic import ValidationInfo, field_validator, model_validator
@@ -87,7 +85,7 @@ class SofteningSpec(Spec):
         return {"r": numbers["r"], "m": text_of(self.m, 1e6, "MPa"), "beta": numbers["beta"]}
 
     @model_validator(mode="after")
-    def _has_a_width(self) -> SofteningSpec:
+    def _has_a_width(self) -> "SofteningSpec":
         if self.m == 0.0 and self.beta == 0.0:
             raise PlacedError("m", "m and beta must not both be zero")
         return self

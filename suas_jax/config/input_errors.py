@@ -5,8 +5,6 @@ It comes from what the file states (``+-``, `correlation`), from the covariance 
 calibration, or, for what a file says nothing of, from `DEFAULTS`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -64,7 +62,7 @@ class InputErrors(NamedTuple):
 
     paths: tuple[str, ...]  # TOML paths of the inputs, as `continuous_inputs` lists them
     # change of the inputs by each error of one standard deviation [error, path], SI
-    directions: NDArray[np.float64]
+    directions: "NDArray[np.float64]"
     # a path, `STIFFNESS`, or which direction of a material or of a calibration
     names: tuple[str, ...]
     assumed: tuple[str, ...]  # those of them that are `DEFAULTS`
@@ -271,7 +269,7 @@ def _independent(
     names: Sequence[str],  # of the constants
     # inputs that each stands for, and their change per unit of it
     parts: Sequence[Mapping[str, float]],
-    covariance: NDArray[np.float64],  # of the constants
+    covariance: "NDArray[np.float64]",  # of the constants
 ) -> Iterator[tuple[str, dict[str, float]]]:
     """Independent errors of constants that are known together, the largest first."""
     import numpy as np

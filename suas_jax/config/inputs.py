@@ -1,8 +1,6 @@
 """The continuous inputs of a scene: what a result can be differentiated with respect to."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any
 
 from suas_jax.config.consistency import contradictions
@@ -63,14 +61,18 @@ def with_inputs(scene: SceneSpec, values: Mapping[str, float]) -> SceneSpec:
     Raises:
         ValueError: a path is not a continuous input of the scene, or a value is not allowed.
     """
-    known = continuous_inputs(scene)
-    for path in values:
+    check_inputs(values, continuous_inputs(scene), "scene")
+    changed: SceneSpec = _replaced(scene, {tuple(p.split(".")): v for p, v in values.items()})
+    return changed
+
+
+def check_inputs(paths: Iterable[str], known: Collection[str], whose: str) -> None:
+    """Refuse (ValueError) paths that are not among the inputs of a scene or a skin."""
+    for path in paths:
         if path not in known:
             near = nearest(path, known)
             hint = f'; did you mean "{near}"?' if near else ""
-            raise ValueError(f'"{path}" is not a continuous input of this scene{hint}')
-    changed: SceneSpec = _replaced(scene, {tuple(p.split(".")): v for p, v in values.items()})
-    return changed
+            raise ValueError(f'"{path}" is not a continuous input of this {whose}{hint}')
 
 
 def with_solve(scene: SceneSpec, *, source: str = "command line", **changes: Any) -> SceneSpec:

@@ -3,8 +3,6 @@
 Tables of files, checks, fits, comparisons, the help and material cards are derived from it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 

@@ -3,8 +3,6 @@
 A scene takes its tables from the skin file it names, from itself, or from both.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -85,7 +83,7 @@ def located(mistake: Mistake, path: str | os.PathLike[str]) -> Mistake:
     return mistake._replace(file=draft.file_of(mistake.key))
 
 
-def _scene_draft(data: Mapping[str, Any], base: Path, file: str) -> _Draft:
+def _scene_draft(data: Mapping[str, Any], base: Path, file: str) -> "_Draft":
     """Tables of a scene with those of the skin that it names; see `scene_from_dict`."""
     draft = _Draft(file, otherwise=', or name a skin file: skin = "..."')
     own = dict(data)

@@ -1,7 +1,5 @@
 """What the declaration of an oil model consists of; models are in `suas_jax.config.oils`."""
 
-from __future__ import annotations
-
 import contextlib
 from typing import Annotated, Any, ClassVar
 

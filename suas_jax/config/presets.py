@@ -1,7 +1,5 @@
 """Materials that ship with the project, by name."""
 
-from __future__ import annotations
-
 import functools
 import re
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """What a calibrated skin file says about where its numbers come from."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import BeforeValidator

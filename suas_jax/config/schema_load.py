@@ -1,7 +1,5 @@
 """What acts on a skin from outside: line loads, pressures, the water and its warmth."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeAlias, get_args
 
@@ -267,6 +265,11 @@ class EnvironmentSpec(Spec):
     atmospheric_pressure: Annotated[float, quantity("pressure", at_least=0.0)] = file_key(
         '"101.3 kPa"', 101.3e3
     )
+
+    @property
+    def ambient_pressure(self) -> float:
+        """Absolute pressure of the water at the depth, which is given [Pa]."""
+        return self.specific_weight * (self.depth or 0.0) + self.atmospheric_pressure
 
     @field_validator("specific_weight", "atmospheric_pressure")
     @classmethod

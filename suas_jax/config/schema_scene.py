@@ -1,7 +1,5 @@
 """A scene: a skin, what loads it, where it is, and how to solve it; laws, oils and sections."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, Annotated, Any, Self, Union
 
 from pydantic import Discriminator, Field, Tag, model_validator

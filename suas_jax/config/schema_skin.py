@@ -1,7 +1,5 @@
 """The electrodes of a skin, and the wall that they are on."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal, Self, TypeAlias
 
 from pydantic import ValidationInfo, field_validator

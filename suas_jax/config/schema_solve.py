@@ -1,7 +1,5 @@
 """How a scene is solved."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Any, Literal
 

@@ -13,8 +13,6 @@ moduli from Young's modulus and a Poisson's ratio of 0.35 to 0.4; across the lay
 differ. Aluminium: wrought alloys.
 """
 
-from __future__ import annotations
-
 import functools
 from typing import Annotated, Any, Literal, NamedTuple
 

@@ -4,8 +4,6 @@ After ``+-`` (or ``±``) stands one standard deviation, in a unit of the value's
 share in per cent; ``+- 0`` says that the value is known exactly.
 """
 
-from __future__ import annotations
-
 import re
 from typing import SupportsFloat
 
@@ -13,7 +11,6 @@ from suas_jax.config.errors import show
 from suas_jax.config.quantities import (
     DIMENSIONS,
     DimensionName,
-    format_quantity,
     parse_quantity,
 )
 
@@ -33,7 +30,7 @@ class UncertainQuantity(float):
     __slots__ = ("deviation",)
     deviation: float
 
-    def __new__(cls, value: SupportsFloat, deviation: float) -> UncertainQuantity:
+    def __new__(cls, value: SupportsFloat, deviation: float) -> "UncertainQuantity":
         """Join a value and its standard deviation."""
         self = super().__new__(cls, value)
         self.deviation = deviation
@@ -112,16 +109,6 @@ def _deviation(text: str, value: float, dimension: DimensionName, *, per_cent: b
 def deviation_of(value: object) -> float | None:
     """The standard deviation that a value carries; None where none is stated."""
     return value.deviation if isinstance(value, UncertainQuantity) else None
-
-
-def format_uncertain(value: float, dimension: DimensionName) -> str:
-    """Write an SI value with a readable unit, and its deviation where it carries one."""
-    deviation = deviation_of(value)
-    text = format_quantity(value, dimension)
-    if deviation is None:
-        return text
-    kind: DimensionName = "warming" if dimension == "temperature" else dimension
-    return f"{text} +- {format_quantity(deviation, kind)}"
 
 
 def text_of(value: float, unit: float, name: str) -> str | float:

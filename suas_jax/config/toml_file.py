@@ -1,7 +1,5 @@
 """Read a TOML file, or say where and why it can't be read."""
 
-from __future__ import annotations
-
 import os
 import re
 import tomllib

@@ -4,8 +4,6 @@ The registry is built when first needed, from a short list: in 1 ms instead of 1
 a dimension of its own, and a slip of the finger is an error and not an exotic unit.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import math
@@ -103,7 +101,7 @@ def _without_dask() -> Iterator[None]:
 
 
 @functools.cache
-def _registry() -> pint.UnitRegistry:
+def _registry() -> "pint.UnitRegistry":
     with _without_dask():
         import pint  # here, so that programs which parse no quantity don't pay for it
 

@@ -1,7 +1,5 @@
 """From one table of a file to its specification, or to mistakes a person can act on."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin
 

@@ -57,13 +57,12 @@ class AbstractLaw(eqx.Module):
             return
         name = self.spec.model_fields["law"].default
         for key, declared in self.spec.declared().items():
-            check = require_positive if declared.positive else require_finite
-            check(getattr(self, key), f'law "{name}": {key}')
+            value = getattr(self, key)
+            _require(value, f'law "{name}": {key}', positive=declared.positive)
         if self.spec.half_modulus:
-            require_positive(
-                self.shear_modulus,
-                f'law "{name}": the modulus 2 ({" + ".join(self.spec.half_modulus)})',
-            )
+            halves = " + ".join(self.spec.half_modulus)
+            what = f'law "{name}": the modulus 2 ({halves})'
+            _require(self.shear_modulus, what, positive=True)
 
     @abc.abstractmethod
     def energy(self, deformation: AbstractDeformation) -> Float[Array, "..."]:
@@ -124,31 +123,10 @@ def known(value: Array) -> np.ndarray | None:
     return None if isinstance(value, jax.core.Tracer) else np.asarray(value)
 
 
-def require_positive(value: Array, what: str) -> None:
-    """Raise unless a constant is positive and finite; traced values pass unchecked.
-
-    Args:
-        value: the constant, any shape.
-        what: how the message calls it.
-
-    Raises:
-        ValueError: a concrete value is zero, negative, infinite or not a number.
-    """
+def _require(value: Array, what: str, *, positive: bool) -> None:
+    """Raise unless a constant is finite, and positive where it must be; tracers pass."""
     numbers = known(value)
-    if numbers is not None and not np.all(np.isfinite(numbers) & (numbers > 0)):
-        raise ValueError(f"{what} must be positive and finite, got {numbers}")
-
-
-def require_finite(value: Array, what: str) -> None:
-    """Raise if a constant is infinite or not a number; traced values pass unchecked.
-
-    Args:
-        value: the constant, any shape.
-        what: how the message calls it.
-
-    Raises:
-        ValueError: a concrete value is not finite.
-    """
-    numbers = known(value)
-    if numbers is not None and not np.all(np.isfinite(numbers)):
-        raise ValueError(f"{what} must be finite, got {numbers}")
+    if numbers is None or np.all(np.isfinite(numbers) & ((numbers > 0) | (not positive))):
+        return
+    rule = "positive and finite" if positive else "finite"
+    raise ValueError(f"{what} must be {rule}, got {numbers}")

@@ -244,34 +244,6 @@ class LogStretches(AbstractDeformation):
         return u1 * u2 - u1 * jnp.expm1(x1) - u2 * jnp.expm1(x2)
 
 
-class PrincipalStretches(AbstractDeformation):
-    """Three principal stretches; only their isochoric part counts."""
-
-    l1: Float[Array, "..."]  # λ₁ > 0, any shape
-    l2: Float[Array, "..."]  # λ₂ > 0, any shape
-    l3: Float[Array, "..."]  # λ₃ > 0, any shape
-
-    @property
-    def isochoric(self) -> LogStretches:
-        """The state without its change of volume."""
-        e1, e2, e3 = (jnp.log(stretch) for stretch in (self.l1, self.l2, self.l3))
-        return LogStretches((2.0 * e1 - e2 - e3) / 3.0, (2.0 * e2 - e1 - e3) / 3.0)
-
-    @property
-    def I1_minus_3(self) -> Float[Array, "..."]:
-        """Σλ̄_i² − 3."""
-        return self.isochoric.I1_minus_3
-
-    @property
-    def I2_minus_3(self) -> Float[Array, "..."]:
-        """Σλ̄_i⁻² − 3."""
-        return self.isochoric.I2_minus_3
-
-    def power_sum_minus_3(self, alpha: ArrayLike) -> Float[Array, "..."]:
-        """Σλ̄_i^α − 3."""
-        return self.isochoric.power_sum_minus_3(alpha)
-
-
 def _power_sums(alphas: Sequence[ArrayLike], eta_squared: Array, mean: Array) -> list[Array]:
     """Σλ_i^α − 3 of stretches exp(m ± η), m the mean of their logarithms, and exp(−2m)."""
     sums = []

@@ -52,7 +52,8 @@ class SteppingState(NamedTuple):
     done: Bool[Array, " lane"]  # whether the lane has ended
 
 
-def _select(keep: Bool[Array, " lane"], a: PyTree, b: PyTree) -> PyTree:
+def select(keep: Bool[Array, " lane"], a: Any, b: Any) -> Any:
+    """Trees of arrays, the first where a lane is to keep it."""
     return jax.tree.map(lambda x, y: jnp.where(keep, x, y), a, b)
 
 
@@ -189,11 +190,11 @@ class LoadStepping(optx.AbstractRootFinder):
         result = jnp.where(exhausted, index_of("no_convergence"), result)
         new = SteppingState(
             level=jnp.where(accept | retry, target, level),
-            base=_select(accept, trial, _select(retry, state.good, state.base)),
+            base=select(accept, trial, select(retry, state.good, state.base)),
             base_level=jnp.where(
                 accept, level, jnp.where(retry, state.good_level, state.base_level)
             ),
-            good=_select(settle, trial, state.good),
+            good=select(settle, trial, state.good),
             good_level=jnp.where(settle, level, state.good_level),
             strict=state.strict | retry,
             radius=jnp.where(accept, grown, jnp.where(retry, shrunk, state.radius)),
@@ -206,8 +207,8 @@ class LoadStepping(optx.AbstractRootFinder):
             result=result,
             done=(accept & (reached | stuck)) | (live & exhausted),
         )
-        new = _select(live, new, state)
-        trial = _select(live & ~failed, trial, new.base)
+        new = select(live, new, state)
+        trial = select(live & ~failed, trial, new.base)
         return trial, new, operator
 
     def _cut(

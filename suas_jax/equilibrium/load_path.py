@@ -17,7 +17,7 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Int
 
 from suas_jax.equilibrium.balance import Problem, State, border_of, residual
-from suas_jax.equilibrium.continuation import LoadStepping
+from suas_jax.equilibrium.continuation import LoadStepping, select
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.numerics.array_types import LaneCounts, Lanes
@@ -218,7 +218,7 @@ def _to_the_wall(
         good = after.result == 0
         # What a failed attempt or stride has found is forgotten.
         kept = good | loads
-        y, level = _where(kept, (after.y, after.level), (at.found.y, at.found.level))
+        y, level = select(kept, (after.y, after.level), (at.found.y, at.found.level))
         stride = jnp.where(good, _LONGEST, at.stride / 2)
         stride = jnp.where(good & (at.stride < _LONGEST), 1.5 * at.stride, stride)
         stride = jnp.where(stiffens, jnp.minimum(stride, _LONGEST), at.stride)
@@ -233,7 +233,7 @@ def _to_the_wall(
             again, lost = again | harder, lost & ~harder
             softest = jnp.where(harder, jnp.minimum(softest + _HARDER, 0.0), softest)
             stride = jnp.where(harder, _LONGEST, stride)
-            y, level = _where(again, anew, (y, level))
+            y, level = select(again, anew, (y, level))
         result = jnp.where(loads, after.result, at.found.result)
         result = jnp.where(lost, index_of("no_convergence"), result).astype(after.result.dtype)
         new = _Standing(
@@ -251,7 +251,7 @@ def _to_the_wall(
             at.done | lost | (good & (trial >= 0)),
             at.rounds,
         )
-        new = new._replace(found=_where(at.done, at.found, new.found))
+        new = new._replace(found=select(at.done, at.found, new.found))
         return new._replace(rounds=at.rounds + 1)
 
     def going(at: _Standing) -> Bool[Array, ""]:
@@ -266,12 +266,8 @@ def _to_the_wall(
     result = jnp.where(end.done, end.found.result, index_of("max_steps"))
     # An equilibrium against something softer is none of the skin's.
     soft = (result != 0) & (end.reached < 0)
-    y, level = _where(soft, (begin.y, begin.level), (end.found.y, end.found.level))
+    y, level = select(soft, (begin.y, begin.level), (end.found.y, end.found.level))
     return end.found._replace(y=y, level=level, result=result.astype(end.found.result.dtype))
-
-
-def _where(keep: Bool[Array, " lane"], a: Any, b: Any) -> Any:
-    return jax.tree.map(lambda x, y: jnp.where(keep, x, y), a, b)
 
 
 def from_rest_to_pressure(

@@ -1,9 +1,9 @@
 """Named outcomes of an equilibrium solve, one per lane, with advice."""
 
-import equinox as eqx
+import enum
 
 
-class RESULTS(eqx.Enumeration):
+class RESULTS(enum.Enum):
     """How a solve ended. The name is the `status` that the command line prints."""
 
     converged = ""
@@ -72,23 +72,8 @@ class RESULTS(eqx.Enumeration):
     )
 
 
-# In the order of the enumeration: what is stored per lane is a position in this list.
-NAMES: tuple[str, ...] = (
-    "converged",
-    "limit_point",
-    "no_convergence",
-    "max_steps",
-    "unreachable_pressure",
-    "outside_material_domain",
-    "inverted",
-    "unbalanced",
-    "volume_not_kept",
-    "unstable",
-    "body_on_clamp",
-    "squeezed",
-    "sliding",
-    "beyond_model",
-)
+# What is stored per lane is a position in this list.
+NAMES = tuple(RESULTS.__members__)
 
 # Of a path that does not go on, which may have lost its stability long before.
 PATH_ENDS = ("limit_point", "no_convergence")
@@ -101,4 +86,4 @@ def index_of(name: str) -> int:
 
 def advice(name: str) -> str:
     """What a result means and what to do; empty for `converged`."""
-    return str(RESULTS[getattr(RESULTS, name)])  # type: ignore[misc]
+    return RESULTS[name].value

@@ -47,7 +47,7 @@ def owned(path: Path, *, wait: Callable[[str], None] | None = None) -> Iterator[
     this raises OwnedError, as where another process writes the file. A pipe has no owner.
     """
     place = os.path.realpath(path)
-    if place in _owned.places or _is_special(place):
+    if place in _owned.places or is_special(place):
         yield
         return
     hidden = _lock_file(place)
@@ -173,7 +173,8 @@ def _lock_file(place: str) -> str:
     return os.path.join(folder, f".{name}.lock")
 
 
-def _is_special(place: str) -> bool:
+def is_special(place: str | Path) -> bool:
+    """Whether it is there and no regular file: a device, a pipe, a folder."""
     with contextlib.suppress(OSError, ValueError):
         return not stat.S_ISREG(os.stat(place).st_mode)
     return False

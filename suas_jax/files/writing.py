@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from suas_jax.files.command import allow_replacing, is_input, may_replace, own_output
-from suas_jax.files.ownership import owned, unwritten
+from suas_jax.files.ownership import is_special, owned, unwritten
 
 _ABANDONED = 3600.0  # age of a draft whose process is taken to have ended [s]
 
@@ -66,7 +66,7 @@ def check_outputs(paths: Iterable[Path | None], *, overwrite: bool = False) -> N
     given = [path for path in paths if path is not None]
     for path in given:
         check_output(path, overwrite=overwrite)
-    places = [os.path.realpath(path) for path in given if not _is_special(path)]
+    places = [os.path.realpath(path) for path in given if not is_special(path)]
     for path in given:
         if places.count(os.path.realpath(path)) > 1:
             raise ValueError(f"{path}: is named for two outputs; choose different names")
@@ -81,7 +81,7 @@ def written(path: Path) -> Iterator[Path]:
     """
     overwrite = may_replace(path)
     check_output(path, overwrite=overwrite)
-    if _is_special(path):  # a device or a pipe can't be replaced
+    if is_special(path):  # a device or a pipe can't be replaced
         yield path
         return
     with owned(path), drafted(path) as draft:
@@ -172,12 +172,6 @@ def _force_to_disk(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-def _is_special(path: Path) -> bool:
-    with contextlib.suppress(OSError):
-        return not stat.S_ISREG(os.stat(path).st_mode)
-    return False
 
 
 def _is_empty(path: Path) -> bool:

@@ -82,16 +82,30 @@ class AbstractMechanics(eqx.Module):
         wall: what holds the inner face; None where the membrane passes through it.
         growth: free size of the membrane over that of its seat; None where it fits.
         bodies: what is pressed on the outer face.
+        omitted_margin: share of the first-order effect of what is left out that the rest rarely
+            exceeds; for plane strain from a study of random scenes, see docs/errors.md.
+        omitted_floor: relative error that may remain where first-order effects cancel by
+            chance.
+        omitted_at_wall: relative error that remains where the wall carries all of the loads,
+            less where it carries a share of them.
     """
 
     per_width: ClassVar[bool]
     corrected: ClassVar[bool] = False
+    omitted_margin: ClassVar[float] = 0.2
+    omitted_floor: ClassVar[float] = 5e-5
+    omitted_at_wall: ClassVar[float] = 0.0
     law: eqx.AbstractVar[AbstractLaw]
     section: eqx.AbstractVar[AbstractSection]
     film_volume: eqx.AbstractVar[Lanes]
     wall: eqx.AbstractVar[Wall | None]
     growth: eqx.AbstractVar[Growth | None]
     bodies: eqx.AbstractVar[tuple[Body, ...]]
+
+    @property
+    @abc.abstractmethod
+    def error_shares(self) -> tuple[float, ...]:
+        """Error of a solution over its difference to each comparison mesh; they add up."""
 
     @property
     def length_scale(self) -> Lanes:
@@ -200,11 +214,6 @@ class AbstractMechanics(eqx.Module):
         `counts`: elements of that mesh, one of `AbstractPlan.comparisons`.
         """
 
-    @property
-    @abc.abstractmethod
-    def error_shares(self) -> tuple[float, ...]:
-        """Error of a solution over its difference to each comparison mesh; they add up."""
-
     def with_wall(self, wall: Wall | None) -> Self:
         """The same membrane held by another wall, or by none."""
         return dataclasses.replace(self, wall=wall)
@@ -295,27 +304,6 @@ class AbstractMechanics(eqx.Module):
         """The same membrane, to read unknowns with that are a correction of an equilibrium."""
         del equilibrium
         return self
-
-    @property
-    def omitted_margin(self) -> float:
-        """Share of the first-order effect of what is left out that the rest rarely exceeds.
-
-        For plane strain from a study of random scenes, see docs/errors_method.md.
-        """
-        return 0.2
-
-    @property
-    def omitted_floor(self) -> float:
-        """Relative error that may remain where first-order effects cancel by chance."""
-        return 5e-5
-
-    @property
-    def omitted_at_wall(self) -> float:
-        """Relative error that remains where the wall carries all of the loads.
-
-        Less where it carries a share of them.
-        """
-        return 0.0
 
     def potential(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Lanes:
         """Total potential energy per width at given pressure and load factor [J/m].

@@ -124,9 +124,9 @@ class AbstractModel(abc.ABC):
     def first(self, scene: SceneSpec) -> Counts:
         """The mesh to try first for a solve."""
 
-    @abc.abstractmethod
     def first_of_sweep(self, scene: SceneSpec) -> Counts:
         """The mesh to try first for a curve, where some load is harder than the others."""
+        return self.first(scene)
 
     @abc.abstractmethod
     def finer(self, counts: Counts, excess: tuple[float, ...]) -> Counts | None:

@@ -5,7 +5,7 @@ differentiated.
 """
 
 import abc
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,90 +15,72 @@ from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import FibreStretch, HeldFibre
 from suas_jax.constitutive.stability import drucker_modulus
 from suas_jax.mechanics.base import AbstractMechanics, Displacements, Profile
+from suas_jax.mechanics.contact.face import AbstractContactFace
 from suas_jax.mechanics.contact.state import BodyContact
 from suas_jax.mechanics.section_face import INTERVALS, NormalFace, normal_face
-from suas_jax.mechanics.shape import AbstractShape, Extreme
+from suas_jax.mechanics.shape import AbstractShape
 from suas_jax.numerics.array_types import Lanes, StationVector
-from suas_jax.numerics.length import length
 from suas_jax.skin.body import Grip, PlacedBody
-from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad
 from suas_jax.skin.prestress import Growth
-from suas_jax.skin.wall import Wall
+from suas_jax.skin.section import AbstractSection
+from suas_jax.skin.wall import Obstacle
 
 _CRUSHED = 1e-3  # stretch of a fibre below which no material follows its law
 SAMPLES = 8  # intervals per element in which extremes are sought
 
 
-def peak(values: Array, *companions: Array) -> tuple[Lanes, ...]:
-    """Largest of a sampled function, each element's samples joined by parabolas.
-
-    Parabolas never reach across an element's end, where solutions may have a kink.
-
-    `values`: samples [sample, element, lane]. `companions`: functions to evaluate at the same
-    place.
-    Returns the largest value and each companion there, per lane.
-    """
-    samples, elements, lanes = values.shape
-    flat = values.reshape(samples * elements, lanes)
-    best = jnp.argmax(flat, 0)
-    row = jnp.clip(best // elements, 1, samples - 2)
-    element, lane = best % elements, jnp.arange(lanes)
-
-    def local(f: Array) -> tuple[Array, Array, Array]:
-        f = jnp.broadcast_to(f, values.shape)
-        left, middle, right = (f[row + d, element, lane] for d in (-1, 0, 1))
-        return middle, (right - left) / 2, left + right - 2 * middle
-
-    middle, slope, bend = local(values)
-    curved = jnp.where(bend < 0, bend, -1.0)
-    vertex = jnp.where(bend < 0, -slope / curved, jnp.sign(slope))
-    x = jnp.clip(vertex, -1.0, 1.0)
-    found = [middle + slope * x + bend * x**2 / 2]
-    for companion in companions:
-        middle, slope, bend = local(companion)
-        found.append(middle + slope * x + bend * x**2 / 2)
-    return tuple(found)
-
-
 class SectionShape(AbstractShape):
     """Samples of a deformed section."""
 
-    profile: Profile  # the samples
+    samples: Profile
     clamp_reach: Lanes  # angle from a clamped edge within which stretches diverge [rad]
     growth: Growth | None = None  # of the membrane; None where it fits its seat
     # whether stretches of the outer face diverge under line loads
     resolves_loads: bool = eqx.field(static=True, default=False)
 
-    def _inner_face(self, geometry: SkinGeometry) -> tuple[Array, Array]:
-        """Height over rest [m] and angle [rad] of the inner face as it is now."""
-        profile = self.profile
+    @staticmethod
+    def peak(values: Array, *companions: Array) -> tuple[Lanes, ...]:
+        """Each element's samples [sample, element, lane] joined by parabolas.
+
+        They never reach across an element's end, where solutions may have a kink.
+        """
+        samples, elements, lanes = values.shape
+        flat = values.reshape(samples * elements, lanes)
+        best = jnp.argmax(flat, 0)
+        row = jnp.clip(best // elements, 1, samples - 2)
+        element, lane = best % elements, jnp.arange(lanes)
+
+        def local(f: Array) -> tuple[Array, Array, Array]:
+            f = jnp.broadcast_to(f, values.shape)
+            left, middle, right = (f[row + d, element, lane] for d in (-1, 0, 1))
+            return middle, (right - left) / 2, left + right - 2 * middle
+
+        middle, slope, bend = local(values)
+        curved = jnp.where(bend < 0, bend, -1.0)
+        vertex = jnp.where(bend < 0, -slope / curved, jnp.sign(slope))
+        x = jnp.clip(vertex, -1.0, 1.0)
+        found = [middle + slope * x + bend * x**2 / 2]
+        for companion in companions:
+            middle, slope, bend = local(companion)
+            found.append(middle + slope * x + bend * x**2 / 2)
+        return tuple(found)
+
+    @property
+    def places(self) -> tuple[Array]:
+        """See the base class."""
+        return (self.samples.angle,)
+
+    def inner_face(self, section: AbstractSection) -> tuple[Array, Array]:
+        """See the base class."""
+        profile = self.samples
         place = profile.rest + profile.inner_displacement
-        angle, height = geometry.section.foot(place, profile.angle)
+        angle, height = section.foot(place, profile.angle)
         return height, angle
-
-    def smallest_gap(self, geometry: SkinGeometry) -> Extreme:
-        """See the base class."""
-        height, angle = self._inner_face(geometry)
-        negative, at = peak(-height - geometry.gap(angle), angle)
-        return Extreme(-negative, at)
-
-    def largest_displacement(self) -> Extreme:
-        """See the base class."""
-        size = length(self.profile.inner_displacement)
-        return Extreme(*peak(size, self.profile.angle))
-
-    def largest_mid_displacement(self) -> Lanes:
-        """See the base class."""
-        return peak(length(self.profile.mid_displacement))[0]
-
-    def bulge(self, geometry: SkinGeometry) -> Extreme:
-        """See the base class."""
-        return Extreme(*peak(*self._inner_face(geometry)))
 
     def _stretches(self) -> tuple[Array, Array]:
         """Hoop stretches of both faces, those next to the clamps hidden."""
-        profile, reach = self.profile, self.clamp_reach
+        profile, reach = self.samples, self.clamp_reach
         first, last = profile.angle[0, 0] + reach, profile.angle[-1, -1] - reach
         keep = (profile.angle >= first) & (profile.angle <= last)
         samples, elements, _ = profile.angle.shape
@@ -112,10 +94,9 @@ class SectionShape(AbstractShape):
 
         return hidden(profile.inner_stretch), hidden(profile.outer_stretch)
 
-    def stretch_range(self) -> tuple[Lanes, Lanes]:
+    def inner_stretch(self) -> Array:
         """See the base class."""
-        inner, _ = self._stretches()
-        return -peak(-inner)[0], peak(inner)[0]
+        return self._stretches()[0]
 
     def material_stable(self, law: AbstractLaw) -> Bool[Array, " lane"]:
         """See the base class."""
@@ -137,16 +118,6 @@ class SectionShape(AbstractShape):
         axial = -self.growth.axial
         held = HeldFibre(stretch**2 * jnp.exp(axial) - 1, axial)
         return jnp.all(law.has_energy(held), 0)
-
-
-class _ContactFace(Protocol):
-    """A face at its contact points."""
-
-    def energy(self) -> Lanes: ...
-
-    def touched(self, body: PlacedBody, shift: Array | float) -> BodyContact: ...
-
-    def grip(self) -> Grip | None: ...
 
 
 class AbstractPlaneStrain(AbstractMechanics):
@@ -193,12 +164,8 @@ class AbstractPlaneStrain(AbstractMechanics):
         """Displacements element by element."""
 
     @abc.abstractmethod
-    def _inner_face(self, u: Array, wall: Wall) -> _ContactFace:
-        """The inner face at its contact points."""
-
-    @abc.abstractmethod
-    def _outer_face(self, u: Array, body: PlacedBody) -> _ContactFace:
-        """The outer face likewise."""
+    def _face_against(self, obstacle: Obstacle, u: Array) -> AbstractContactFace:
+        """The inner face against a wall, or the outer one against a body."""
 
     @property
     def mid_extent(self) -> Lanes:
@@ -209,20 +176,20 @@ class AbstractPlaneStrain(AbstractMechanics):
         """Energy of contact per width [J/m]; see the base class."""
         u, energy = self._gathered(q), jnp.zeros_like(self.section.mean_thickness)
         if self.wall is not None:
-            energy = self._inner_face(u, self.wall).energy()
+            energy = self._face_against(self.wall, u).energy()
         for body in self.bodies:
-            energy = energy + self._outer_face(u, body.placed(factor)).energy()
+            energy = energy + self._face_against(body.placed(factor), u).energy()
         return energy
 
     def touched(
         self, q: StationVector, body: PlacedBody, shift: Array | float = 0.0
     ) -> BodyContact:
         """The outer face against a body; see the base class."""
-        return self._outer_face(self._gathered(q), body).touched(body, shift)
+        return self._face_against(body, self._gathered(q)).touched(shift)
 
     def grip(self, q: StationVector, body: PlacedBody) -> Grip | None:
         """See the base class."""
-        return self._outer_face(self._gathered(q), body).grip()
+        return self._face_against(body, self._gathered(q)).grip()
 
     def shape(self, q: StationVector) -> SectionShape:
         """The deformed section, sampled; see the base class."""

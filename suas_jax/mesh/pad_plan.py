@@ -6,7 +6,7 @@ the pad's extent, which stay where they are when loads move: load points slide o
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
 import equinox as eqx
@@ -94,32 +94,26 @@ class PadPlan(eqx.Module):
         # What reaches over a mirror plane reaches over elements on both sides.
         twice = tuple(1 + mirrored for mirrored in self.mirrored)
         most = (len(arc) - 1, len(axial) - 1)
-        spread = tuple(
-            s if disc else (min(s[0] * twice[0], most[0]), min(s[1] * twice[1], most[1]))
-            for s, disc in zip(self.spread, self.discs, strict=True)
-        )
-        return dataclasses.replace(
-            self, arc=arc, axial=axial, mirrored=(False, False), spread=spread
-        )
+        plan = dataclasses.replace(self, mirrored=(False, False))
+        return plan._with(arc, axial, lambda n, way: min(n * twice[way], most[way]))
 
     def refined(self) -> "PadPlan":
         """Every element divided in four."""
-        arc, axial = _halved(self.arc), _halved(self.axial)
-        spread = tuple(
-            (n, m) if disc else (2 * n, 2 * m)
-            for (n, m), disc in zip(self.spread, self.discs, strict=True)
-        )
-        return dataclasses.replace(self, arc=arc, axial=axial, spread=spread)
+        return self._with(_halved(self.arc), _halved(self.axial), lambda n, _: 2 * n)
 
     def joined(self) -> "PadPlan":
         """Pairs of elements joined: what `refined` has divided."""
+        return self._with(self.arc[::2], self.axial[::2], lambda n, _: -(-n // 2))
+
+    def _with(
+        self, arc: np.ndarray, axial: np.ndarray, reach: Callable[[int, int], int]
+    ) -> "PadPlan":
+        """The loads on other elements: how many they reach over, by the number and the way."""
         spread = tuple(
-            (n, m) if disc else (-(-n // 2), -(-m // 2))
+            (n, m) if disc else (reach(n, 0), reach(m, 1))
             for (n, m), disc in zip(self.spread, self.discs, strict=True)
         )
-        return dataclasses.replace(
-            self, arc=self.arc[::2], axial=self.axial[::2], spread=spread
-        )
+        return dataclasses.replace(self, arc=arc, axial=axial, spread=spread)
 
 
 def footprint(load: PadLoad, outer_size: float) -> Footprint:

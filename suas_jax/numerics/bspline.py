@@ -91,14 +91,9 @@ class SplineAxis:
         return np.array([*before, *knots, *after])
 
     @functools.cached_property
-    def _first(self) -> Int[np.ndarray, " element"]:
-        """First of the four control values that an element sees."""
-        return np.concatenate([[0], np.cumsum(self._inner)]).astype(int)
-
-    @property
     def first(self) -> Int[np.ndarray, " element"]:
         """First of the four control values that an element sees; the first of all is 0."""
-        return self._first
+        return np.concatenate([[0], np.cumsum(self._inner)]).astype(int)
 
     @property
     def stations(self) -> int:
@@ -108,7 +103,7 @@ class SplineAxis:
     @functools.cached_property
     def station_of(self) -> Int[np.ndarray, "element 4"]:
         """Station behind each of an element's control values; -1 for those that are none."""
-        station = self._first[:, None] + np.arange(4) - 1
+        station = self.first[:, None] + np.arange(4) - 1
         return np.where(station < self.stations, station, -1)
 
     def unfolded(self) -> "SplineAxis":
@@ -162,7 +157,7 @@ class SplineAxis:
         the opposite one; None for rows of all control values as they are.
         """
         knots = self.knots(breakpoints)
-        at = self._first + DEGREE
+        at = self.first + DEGREE
         near = knots[at + np.arange(-2, 4)[:, None]]
         # Bezier coefficients are values of the polynomial's blossom, each at its own number of
         # starts and ends of the element: [value, control value, Bernstein, element].

@@ -12,7 +12,7 @@ import json
 import os
 import platform
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -132,17 +132,3 @@ def keep_machine_code(folder: CacheFolder, path: Path) -> None:
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
         jax.config.update("jax_persistent_cache_enable_xla_caches", "none")
         jax.config.update("jax_enable_compilation_cache", True)
-
-
-@contextlib.contextmanager
-def uncached() -> Iterator[None]:
-    """Compile anew, past JAX's own cache: for measuring how long it takes."""
-    name = "jax_enable_compilation_cache"
-    before = getattr(jax.config, name)
-    jax.config.update(name, False)
-    compilation_cache.reset_cache()  # it looks at the setting once only
-    try:
-        yield
-    finally:
-        jax.config.update(name, before)
-        compilation_cache.reset_cache()

@@ -119,8 +119,7 @@ def scene_parts(
             bodies.append(Body.of(spec, section, places, lane, rigid))
         elif not flat:
             angle = angle_of(spec, section, lane)
-            value = {k.removeprefix(path): x for k, x in numbers.items() if k.startswith(path)}
-            forces.append(PadLoad.of(spec, angle, value.__getitem__, skin.geometry.width))
+            forces.append(PadLoad.of(spec, angle, lane, skin.geometry.width))
         else:
             assert spec.kind == "line"  # a scene with a patch in plane strain is refused
             forces.append(LineLoad.of(spec, section, lane))

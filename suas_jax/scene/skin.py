@@ -6,7 +6,6 @@ to element, so one program serves them all. A pad has a mesh graded around its l
 """
 
 import dataclasses
-import difflib
 from collections.abc import Mapping
 
 import equinox as eqx
@@ -16,6 +15,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from suas_jax.config import SkinSpec, continuous_inputs
+from suas_jax.config.inputs import check_inputs
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.equilibrium.balance import Problem
 from suas_jax.mechanics.pad.pad import Pad
@@ -173,9 +173,5 @@ def skin_of(
 def _inputs(spec: SkinSpec, inputs: Mapping[str, ArrayLike] | None) -> dict[str, ArrayLike]:
     """A skin's numbers by TOML path, some of them replaced."""
     own: dict[str, ArrayLike] = dict(continuous_inputs(spec))
-    for path in inputs or ():
-        if path not in own:
-            near = difflib.get_close_matches(path, own, 1)
-            hint = f'; did you mean "{near[0]}"?' if near else ""
-            raise ValueError(f'"{path}" is not a continuous input of this skin{hint}')
+    check_inputs(inputs or (), own, "skin")
     return {**own, **(inputs or {})}

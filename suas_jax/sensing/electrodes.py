@@ -14,7 +14,7 @@ from suas_jax.mechanics.face import AbstractFace
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.runtime.registry import model_classes
 from suas_jax.sensing.capacitance import AbstractCapacitance, Dielectric
-from suas_jax.sensing.taxels import CHORDS, DISC, EVEN, Taxels, gains_of, heights_of, taxels_of
+from suas_jax.sensing.taxels import CHORDS, DISC, EVEN, Taxels, by_taxel, taxels_of
 from suas_jax.skin.geometry import SkinGeometry
 
 CAPACITANCES = model_classes(
@@ -163,7 +163,7 @@ def electrodes_of(
         permittivity,
         value("electrodes.stray"),
         sum((reduced(i) for i in range(len(spec.electrodes.layers))), jnp.zeros(1)),
-        value("electrodes.lsb") / gains_of(spec.electrodes, numbers),
+        value("electrodes.lsb") / by_taxel(spec.electrodes, numbers, "gain", 1.0),
         model,
-        heights_of(spec.electrodes, numbers),
+        by_taxel(spec.electrodes, numbers, "height", 0.0),
     )

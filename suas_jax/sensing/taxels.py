@@ -259,20 +259,13 @@ def _along_wall(spec: GeometrySpec, places: dict[str, Any]) -> tuple[list[float]
     return arcs[:-1], arcs[-1]
 
 
-def heights_of(electrodes: ElectrodesSpec, numbers: Mapping[str, Any]) -> Array | float:
-    """Heights of the electrodes above the wall [taxel, 1] [m]; 0 where all lie on it."""
-    return _by_taxel(electrodes, numbers, "height", 0.0)
-
-
-def gains_of(electrodes: ElectrodesSpec, numbers: Mapping[str, Any]) -> Array | float:
-    """Gains of the taxels' channels [taxel, 1]; 1 where none is given."""
-    return _by_taxel(electrodes, numbers, "gain", 1.0)
-
-
-def _by_taxel(
+def by_taxel(
     electrodes: ElectrodesSpec, numbers: Mapping[str, Any], key: str, usual: float
 ) -> Array | float:
-    """Numbers of single taxels, ten by ten those of modules; one where none is given."""
+    """Heights above the wall [m] or gains of single taxels [taxel, 1], ten by ten of modules.
+
+    One usual number where none is given.
+    """
     if electrodes.layout == "list":
         if not any(key in taxel.model_fields_set for taxel in electrodes.taxels):
             return usual

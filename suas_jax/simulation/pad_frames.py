@@ -10,23 +10,22 @@ from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 from numpy.typing import NDArray
 
-from suas_jax.config import SceneSpec, continuous_inputs, with_inputs, with_solve
+from suas_jax.config import SceneSpec, with_inputs, with_solve
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.equilibrium.outcomes import NAMES, advice
 from suas_jax.mechanics.model import Counts
 from suas_jax.mechanics.pad.model import PAD, PadMesh
-from suas_jax.mechanics.pad.net import NetTopology
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.build import plan_for, problem_of
 from suas_jax.scene.parts import scene_parts
+from suas_jax.scene.program import at_rest, inputs_of, structure_of
 from suas_jax.scene.structure import Inputs, Structure
 from suas_jax.simulation.load_path import LoadPath
 
@@ -65,15 +64,14 @@ def pad_capacitances(
     ConfigError: a load leaves the pad; NoSolutionError: some loads have no equilibrium.
     """
     scene, moved, plans = pad_path(path, time)
-    inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
-    pattern = with_solve(scene, model="auto", rtol=None, elements=None, mesh=None)
-    free, held = Structure(pattern), Structure(pattern, wall=True)
+    inputs = inputs_of(scene)
+    free, held = (structure_of(scene, wall=wall) for wall in (False, True))
     rows: list[NDArray[np.float64]] = []
     state, last = None, None
     for i, plan in enumerate(plans):
         if state is None or last is None or not same_mesh(plan, last):
-            state = _at_rest(plan)
-        here = inputs | {k: jnp.asarray(float(v[i])) for k, v in moved.items()}
+            state = at_rest(plan)
+        here = inputs | {k: np.asarray(float(v[i])) for k, v in moved.items()}
         start, once = state, len(time) < _FEW
         found = COMPILED.run(_frame, free, plan, here, start, once=once, long=True)
         if scene.wall.contact and float(found[3][0]) < 0:
@@ -163,8 +161,3 @@ def same_mesh(plan: PadMesh, other: PadMesh) -> bool:
     """Whether two frames are solved on one mesh."""
     own, its = plan.plan, other.plan
     return np.array_equal(own.arc, its.arc) and np.array_equal(own.axial, its.axial)
-
-
-def _at_rest(plan: PadMesh) -> State:
-    zero = jnp.zeros(1)
-    return State(jnp.zeros((*NetTopology(*plan.plan.axes).free.shape, 1)), zero, zero)

@@ -14,7 +14,7 @@ from suas_jax.acquisition.log.log_file import LogWriter, log_header
 from suas_jax.config import GeometrySpec, LoadSpec, SceneSpec, continuous_inputs, load_scene
 from suas_jax.files.writing import written
 from suas_jax.sensing.converter import Converter, Sample
-from suas_jax.sensing.taxels import gains_of, taxel_names
+from suas_jax.sensing.taxels import by_taxel, taxel_names
 from suas_jax.simulation.capacitances import capacitances, static_state
 from suas_jax.simulation.load_path import load_path
 
@@ -170,7 +170,8 @@ def simulate_log(
         untold = str(error)
     # A channel's gain is the converter's: the film's capacitance is without it.
     assert scene.electrodes is not None  # or there would be no converter
-    gain = np.asarray(gains_of(scene.electrodes, continuous_inputs(scene))).reshape(-1)
+    given = by_taxel(scene.electrodes, continuous_inputs(scene), "gain", 1.0)
+    gain = np.asarray(given).reshape(-1)
     sample = converter.sample(capacitance * gain, time, random)
     found = list(readings(scene, time, sample, faults or LogFaults(), random))
     origin = f"seed {seed}, {rate:g} Hz, {converter}"

@@ -73,7 +73,27 @@ class AbstractShape(eqx.Module):
         return 0.0
 
 
-class Round(AbstractShape):
+class AbstractRound(AbstractShape):
+    """A surface with a round tip.
+
+    Attributes:
+        radius: of the tip [m].
+    """
+
+    radius: eqx.AbstractVar[Lanes]
+
+    @property
+    def centre(self) -> Lanes:
+        """The middle of the tip."""
+        return self.radius
+
+    @property
+    def curvature(self) -> Lanes:
+        """See the base class."""
+        return 1 / self.radius
+
+
+class Round(AbstractRound):
     """A sphere, or a cylinder: what lies within a radius of a point, or of a line."""
 
     radius: Lanes  # [m]
@@ -104,16 +124,6 @@ class Round(AbstractShape):
         left = jnp.sqrt(jnp.where(inside, square - beside, 1.0))
         return jnp.where(inside, beside / (self.radius + left), jnp.inf)
 
-    @property
-    def centre(self) -> Lanes:
-        """The middle."""
-        return self.radius
-
-    @property
-    def curvature(self) -> Lanes:
-        """See the base class."""
-        return 1 / self.radius
-
 
 class Plate(AbstractShape):
     """A plane across the approach."""
@@ -127,7 +137,7 @@ class Plate(AbstractShape):
         return jnp.zeros_like(across[0])
 
 
-class Wedge(AbstractShape):
+class Wedge(AbstractRound):
     """Two planes that meet in a round tip."""
 
     radius: Lanes  # of the tip [m]
@@ -148,16 +158,6 @@ class Wedge(AbstractShape):
         flank = self.radius - (self.radius - beside * jnp.sin(steep)) / jnp.cos(steep)
         tip = Round(self.radius, endless=True).height(across)
         return jnp.where(beside <= self.radius * jnp.sin(steep), tip, flank)
-
-    @property
-    def centre(self) -> Lanes:
-        """The middle of the tip."""
-        return self.radius
-
-    @property
-    def curvature(self) -> Lanes:
-        """See the base class."""
-        return 1 / self.radius
 
 
 class Box(AbstractShape):

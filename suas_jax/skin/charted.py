@@ -41,9 +41,9 @@ class AbstractCurve(eqx.Module):
     """The inner face of a section by a parameter, from the left clamp to the right one."""
 
     @property
-    @abc.abstractmethod
     def symmetric(self) -> bool:
         """Whether the left half is the mirror image of the right one."""
+        return True
 
     @classmethod
     @abc.abstractmethod
@@ -83,11 +83,6 @@ class AbstractArc(AbstractCurve):
 
     last: eqx.AbstractVar[Lanes]
 
-    @property
-    def symmetric(self) -> bool:
-        """Always."""
-        return True
-
     def edges(self) -> Float[Array, "edge lane"]:
         """The clamps [rad]."""
         return jnp.stack([-self.last, self.last])
@@ -115,7 +110,7 @@ class ChartedSection(AbstractSection):
     table: Float[Array, "piece field power lane"]
     # which ends of pieces the curvature jumps at
     kinks: tuple[int, ...] = eqx.field(static=True)
-    # whether the right half is the mirror image of the left one
+    # whether curve and thickness both are their own mirror images
     mirrored: bool = eqx.field(static=True)
 
     @classmethod
@@ -150,10 +145,10 @@ class ChartedSection(AbstractSection):
 
         arc = lengths(speed * step / 2)
         length = arc[-1, -1]
-        mirrored = curve.symmetric
+        symmetric = curve.symmetric
         if isinstance(thickness, Along):
             thick, mean = thickness(arc / length), thickness.mean()
-            mirrored = mirrored and thickness.mirrored
+            symmetric = symmetric and thickness.mirrored
         else:
             thick, mean = jnp.broadcast_to(thickness, arc.shape), thickness
         mid = place + thick / 2 * outward(direction)
@@ -177,12 +172,12 @@ class ChartedSection(AbstractSection):
             ends=ends,
             table=jnp.moveaxis(powers, 2, 0),
             kinks=tuple(each * k for k in curve.kinks),
-            mirrored=mirrored,
+            mirrored=symmetric,
         )
 
     @property
     def symmetric(self) -> bool:
-        """That of curve and thickness."""
+        """See the base class."""
         return self.mirrored
 
     @property

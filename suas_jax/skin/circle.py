@@ -15,11 +15,6 @@ class Circle(AbstractSection):
     half_angle: Lanes  # from the symmetry axis to a clamped edge [rad]
 
     @property
-    def symmetric(self) -> bool:
-        """It is."""
-        return True
-
-    @property
     def size(self) -> Lanes:
         """Radius of the mid-line [m]."""
         return self.inner_radius + self.mean_thickness / 2

@@ -39,37 +39,28 @@ class PadLoad(eqx.Module):
         cls,
         spec: LineLoadSpec | PatchLoadSpec,  # says which shape and kind of direction
         angle: Lanes,  # of its centre, as sections define it [rad]
-        value: Callable[[str], ArrayLike],
+        value: Callable[[str], Lanes],
         width: ArrayLike,  # of the pad, the length of a line that states none [m]
     ) -> "PadLoad":
         """A load of a scene.
 
-        `value`: gives the load's numbers by key (``axial``, ``size.0`` ...) [SI].
+        `value`: gives the load's numbers by key (``axial``, ``size.0`` ...), with a lane axis
+        [SI].
         """
 
-        def lane(x: ArrayLike) -> Lanes:
-            return jnp.asarray(x, float)[..., None]
-
         def given(name: str) -> Lanes | None:
-            return None if getattr(spec, name, None) is None else lane(value(name))
+            return None if getattr(spec, name, None) is None else value(name)
 
         arc, length = given("spread"), given("length")
         if isinstance(spec, PatchLoadSpec) and spec.size is not None:
-            arc, length = lane(value("size.0")), lane(value("size.1"))
+            arc, length = value("size.0"), value("size.1")
         elif isinstance(spec, LineLoadSpec) and length is None:
             length = jnp.atleast_1d(jnp.asarray(width, float))
-        turn = 0.0 if isinstance(spec.direction, str) else value("direction")
-        return cls(
-            angle,
-            lane(value("axial")),
-            lane(value("force")),
-            lane(turn),
-            lane(value("tilt")),
-            arc,
-            length,
-            given("diameter"),
-            vertical=spec.direction == "vertical",
-        )
+        turn = jnp.zeros(1) if isinstance(spec.direction, str) else value("direction")
+        place, force, tilt = value("axial"), value("force"), value("tilt")
+        shape = arc, length, given("diameter")
+        down = spec.direction == "vertical"
+        return cls(angle, place, force, turn, tilt, *shape, vertical=down)
 
     def __check_init__(self) -> None:
         """Reject a shape that is none.

@@ -81,42 +81,28 @@ def check_section(geometry: SkinGeometry) -> None:
 
 
 def _sizes(at: Samples) -> list[tuple[str, str]]:
-    found = []
-    for key, values in (("geometry.thickness", at.thickness), ("geometry.oil_gap", at.gap)):
-        if not values.min() > 0:
-            found.append(
-                (
-                    key,
-                    f"is not above zero {_where(at, np.argmin(values))}, where the curve "
-                    "through the table's values undershoots; add values there",
-                )
-            )
+    tables = ("geometry.thickness", at.thickness), ("geometry.oil_gap", at.gap)
+    found = [
+        (
+            key,
+            f"is not above zero {_where(at, np.argmin(values))}, where the curve through the "
+            "table's values undershoots; add values there",
+        )
+        for key, values in tables
+        if not values.min() > 0
+    ]
     if found:
         return found
-    folds = at.curvature * at.gap
-    if folds.max() >= 1:
-        k = int(np.argmax(folds))
-        radius = format_quantity(1 / at.curvature[k], "length")
-        gap = format_quantity(at.gap[k], "length")
-        found.append(
-            (
-                "geometry.oil_gap",
-                f"is {gap} {_where(at, k)}, where the inner face is rounded by "
-                f"{radius} alone: the wall would have a corner there; make the radius larger",
-            )
-        )
-    thick = -at.curvature * at.thickness
-    if thick.max() >= 1:
-        k = int(np.argmax(thick))
-        radius = format_quantity(-1 / at.curvature[k], "length")
-        size = format_quantity(at.thickness[k], "length")
-        found.append(
-            (
-                "geometry.thickness",
-                f"is {size} {_where(at, k)}, where it is hollow by "
-                f"{radius} alone: the outer face would have a corner there; make it larger",
-            )
-        )
+    sharp = (
+        (at.curvature, *tables[1], "the inner face is rounded by", "the wall", "the radius"),
+        (-at.curvature, *tables[0], "it is hollow by", "the outer face", "it"),
+    )
+    for bend, key, size, how, face, what in sharp:
+        if (bend * size).max() >= 1:
+            k = int(np.argmax(bend * size))
+            own, radius = (format_quantity(x, "length") for x in (size[k], 1 / bend[k]))
+            text = f"is {own} {_where(at, k)}, where {how} {radius} alone: {face} would have a"
+            found.append((key, f"{text} corner there; make {what} larger"))
     return found
 
 

@@ -165,8 +165,7 @@ def water_rise(spec: SkinSpec) -> float:
     environment = spec.environment
     if environment is None or environment.depth is None:
         return 0.0
-    head = environment.specific_weight * environment.depth
-    return head + environment.atmospheric_pressure - spec.reference.pressure
+    return environment.ambient_pressure - spec.reference.pressure
 
 
 def unloaded_depth(environment: EnvironmentSpec, reference: ReferenceSpec) -> float:

@@ -61,9 +61,9 @@ class AbstractSection(eqx.Module):
     half_angle: eqx.AbstractVar[Lanes]
 
     @property
-    @abc.abstractmethod
     def symmetric(self) -> bool:
         """Whether the left half is the mirror image of the right one."""
+        return True
 
     @property
     @abc.abstractmethod

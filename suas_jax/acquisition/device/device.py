@@ -17,7 +17,7 @@ from pathlib import Path
 
 from suas_jax.acquisition.device.faults import Faults, Injector
 from suas_jax.acquisition.frames.reading import Reading
-from suas_jax.acquisition.frames.registry import ENCODERS
+from suas_jax.acquisition.frames.registry import encoder
 from suas_jax.acquisition.log.log_file import SoLog, read_log
 from suas_jax.acquisition.stream import set_by_signal
 from suas_jax.acquisition.terminal import say
@@ -85,12 +85,8 @@ class Device:
     def __init__(
         self, format_name: str, faults: Faults | None = None, link: Path | None = None
     ) -> None:
-        if format_name not in ENCODERS:
-            raise ValueError(
-                f'--format "{format_name}": allowed are {", ".join(sorted(ENCODERS))}'
-            )
         self.played = Played()
-        self._encode = ENCODERS[format_name]
+        self._encode = encoder(format_name)
         self._faults = Faults() if faults is None else faults
         self._injector = Injector(self._faults)
         self._link = link
@@ -247,10 +243,7 @@ class LiveOptions:
     as_json: bool = False  # print the port, and at the end what was played, as JSON lines
 
     def __post_init__(self) -> None:
-        if self.format_name not in ENCODERS:
-            raise ValueError(
-                f'--format "{self.format_name}": allowed are {", ".join(sorted(ENCODERS))}'
-            )
+        encoder(self.format_name)
         if not 0 < self.speed < float("inf"):
             raise ValueError(f"--speed {self.speed:g}: a number above zero is needed")
 

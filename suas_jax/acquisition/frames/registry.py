@@ -18,6 +18,13 @@ ENCODERS: dict[str, Callable[[Reading], bytes]] = {
 """What a device sends for a reading, by the name of the format's variant."""
 
 
+def encoder(variant: str) -> Callable[[Reading], bytes]:
+    """What a device of a format's variant sends. Raises ValueError: no such variant."""
+    if variant not in ENCODERS:
+        raise ValueError(f'--format "{variant}": allowed are {", ".join(sorted(ENCODERS))}')
+    return ENCODERS[variant]
+
+
 def frame_format(name: str) -> FrameFormat:
     """The format of a name. Raises ValueError: no such format."""
     if name not in FORMATS:

@@ -1,7 +1,5 @@
 """The Gent law: its constants."""
 
-from __future__ import annotations
-
 from typing import Annotated, ClassVar, Literal
 
 from suas_jax.config.fields import file_key

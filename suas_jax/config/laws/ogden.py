@@ -1,7 +1,5 @@
 """The Ogden law: its constants, in either of the two conventions that circulate."""
 
-from __future__ import annotations
-
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import ValidationInfo, field_validator

@@ -1,7 +1,5 @@
 """Oil with air in it: its constants."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from suas_jax.config.fields import PositivePressure, file_key, quantity

@@ -1,7 +1,5 @@
 """Oil with a bulk modulus: its constant."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from suas_jax.config.fields import file_key

@@ -1,7 +1,5 @@
 """Oil that keeps its volume."""
 
-from __future__ import annotations
-
 from typing import ClassVar, Literal
 
 from suas_jax.config.fields import file_key

@@ -1,7 +1,5 @@
 """An arc of a circle."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Literal, Self
 

@@ -1,7 +1,5 @@
 """An arc of an ellipse."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Any, Literal
 

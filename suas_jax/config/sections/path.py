@@ -1,7 +1,5 @@
 """Lines and arcs with common tangents."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, ClassVar, Literal, Self
 

@@ -1,7 +1,5 @@
 """A smooth curve through points."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import Annotated, ClassVar, Literal

@@ -1,6 +1,7 @@
 """The Arruda-Boyce eight-chain law, as the series that finite-element codes use."""
 
-from jaxtyping import Array, ArrayLike, Float
+import equinox as eqx
+from jaxtyping import Array, Float
 
 from suas_jax.config.laws.arruda_boyce import ArrudaBoyceSpec
 from suas_jax.constitutive.base import AbstractLaw, constant
@@ -40,11 +41,8 @@ class ArrudaBoyce(AbstractLaw):
 
     spec = ArrudaBoyceSpec
 
-    mu: Float[Array, "*lanes"]
-    lambda_m: Float[Array, "*lanes"]
-
-    def __init__(self, mu: ArrayLike, lambda_m: ArrayLike) -> None:
-        self.mu, self.lambda_m = constant(mu), constant(lambda_m)
+    mu: Float[Array, "*lanes"] = eqx.field(converter=constant)
+    lambda_m: Float[Array, "*lanes"] = eqx.field(converter=constant)
 
     def energy(self, deformation: AbstractDeformation) -> Float[Array, "..."]:
         """Ψ = μ Σ C_i λ_m^(2 − 2i) (I₁^i − 3^i) [J/m³]."""

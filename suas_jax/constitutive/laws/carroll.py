@@ -1,7 +1,8 @@
 """Carroll's law."""
 
+import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from suas_jax.config.laws.carroll import CarrollSpec
 from suas_jax.constitutive.base import AbstractLaw, constant
@@ -32,12 +33,9 @@ class Carroll(AbstractLaw):
 
     spec = CarrollSpec
 
-    A: Float[Array, "*lanes"]
-    B: Float[Array, "*lanes"]
-    C: Float[Array, "*lanes"]
-
-    def __init__(self, A: ArrayLike, B: ArrayLike, C: ArrayLike) -> None:
-        self.A, self.B, self.C = constant(A), constant(B), constant(C)
+    A: Float[Array, "*lanes"] = eqx.field(converter=constant)
+    B: Float[Array, "*lanes"] = eqx.field(converter=constant)
+    C: Float[Array, "*lanes"] = eqx.field(converter=constant)
 
     def energy(self, deformation: AbstractDeformation) -> Float[Array, "..."]:
         """Ψ = A (I₁ − 3) + B (I₁⁴ − 81) + C (√I₂ − √3) [J/m³]."""

@@ -1,7 +1,8 @@
 """The Gent law."""
 
+import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from suas_jax.config.laws.gent import GentSpec
 from suas_jax.constitutive.base import AbstractLaw, constant
@@ -30,11 +31,8 @@ class Gent(AbstractLaw):
     spec = GentSpec
     has_limit = True
 
-    mu: Float[Array, "*lanes"]
-    Jm: Float[Array, "*lanes"]
-
-    def __init__(self, mu: ArrayLike, Jm: ArrayLike) -> None:
-        self.mu, self.Jm = constant(mu), constant(Jm)
+    mu: Float[Array, "*lanes"] = eqx.field(converter=constant)
+    Jm: Float[Array, "*lanes"] = eqx.field(converter=constant)
 
     def energy(self, deformation: AbstractDeformation) -> Float[Array, "..."]:
         """Ψ = −μ J_m/2 log(1 − (I₁ − 3)/J_m) [J/m³]."""

@@ -1,6 +1,7 @@
 """The Mooney-Rivlin law, in the three-constant form used for the skin's EPDM."""
 
-from jaxtyping import Array, ArrayLike, Float
+import equinox as eqx
+from jaxtyping import Array, Float
 
 from suas_jax.config.laws.mooney_rivlin import MooneyRivlinSpec
 from suas_jax.constitutive.base import AbstractLaw, constant
@@ -31,12 +32,9 @@ class MooneyRivlin(AbstractLaw):
 
     spec = MooneyRivlinSpec
 
-    C1: Float[Array, "*lanes"]
-    C2: Float[Array, "*lanes"]
-    C3: Float[Array, "*lanes"]
-
-    def __init__(self, C1: ArrayLike, C2: ArrayLike = 0.0, C3: ArrayLike = 0.0) -> None:
-        self.C1, self.C2, self.C3 = constant(C1), constant(C2), constant(C3)
+    C1: Float[Array, "*lanes"] = eqx.field(converter=constant)
+    C2: Float[Array, "*lanes"] = eqx.field(converter=constant, default=0.0)
+    C3: Float[Array, "*lanes"] = eqx.field(converter=constant, default=0.0)
 
     def energy(self, deformation: AbstractDeformation) -> Float[Array, "..."]:
         """Ψ = C₁ (I₁ − 3) + C₂ (I₂ − 3) + C₃ (I₂ − 3)² [J/m³]."""

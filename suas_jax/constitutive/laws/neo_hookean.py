@@ -1,6 +1,7 @@
 """The neo-Hookean law."""
 
-from jaxtyping import Array, ArrayLike, Float
+import equinox as eqx
+from jaxtyping import Array, Float
 
 from suas_jax.config.laws.neo_hookean import NeoHookeanSpec
 from suas_jax.constitutive.base import AbstractLaw, constant
@@ -24,10 +25,7 @@ class NeoHookean(AbstractLaw):
 
     spec = NeoHookeanSpec
 
-    mu: Float[Array, "*lanes"]
-
-    def __init__(self, mu: ArrayLike) -> None:
-        self.mu = constant(mu)
+    mu: Float[Array, "*lanes"] = eqx.field(converter=constant)
 
     def energy(self, deformation: AbstractDeformation) -> Float[Array, "..."]:
         """Ψ = μ/2 (I₁ − 3) [J/m³]."""

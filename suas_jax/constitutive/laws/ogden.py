@@ -1,8 +1,10 @@
 """The Ogden law, and the two conventions in which its constants are published."""
 
+import functools
 from collections.abc import Callable
 from typing import Any, ClassVar, Self
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -39,11 +41,8 @@ class Ogden(AbstractLaw):
     spec = OgdenSpec
     in_stretches: ClassVar[bool] = True
 
-    mu: Float[Array, " terms *lanes"]
-    alpha: Float[Array, " terms *lanes"]
-
-    def __init__(self, mu: Constants, alpha: Constants) -> None:
-        self.mu, self.alpha = constants(mu), constants(alpha)
+    mu: Float[Array, " terms *lanes"] = eqx.field(converter=constants)
+    alpha: Float[Array, " terms *lanes"] = eqx.field(converter=constants)
 
     @classmethod
     def of_material(cls, material: LawSpec, value: Callable[[str], Any]) -> Self:
@@ -77,11 +76,12 @@ class Ogden(AbstractLaw):
             raise ValueError(
                 f"Ogden law: unknown convention {convention!r}; it is one of {CONVENTIONS}"
             )
-        if convention == "mu/alpha":
-            return cls(mu, alpha)
         mus, alphas = constants(mu), constants(alpha)
+        if convention == "mu/alpha":
+            return cls(mus, alphas)
         _check_terms(mus, alphas, sign_of="mu")
-        return cls([2.0 * m / a for m, a in zip(mus, alphas, strict=True)], alphas)
+        terms = zip(mus, alphas, strict=True)
+        return cls(constants([2.0 * m / a for m, a in terms]), alphas)
 
     def energy(self, deformation: AbstractDeformation) -> Float[Array, "..."]:
         """Ψ = Σ μ_p/α_p (λ₁^α_p + λ₂^α_p + λ₃^α_p − 3) [J/m³]."""
@@ -89,20 +89,15 @@ class Ogden(AbstractLaw):
         # no array larger than the deformation itself is formed.
         sums = deformation.power_sums_minus_3(list(self.alpha))
         terms = zip(self.mu, self.alpha, sums, strict=True)
-        return _total([mu / alpha * power_sum for mu, alpha, power_sum in terms])
+        return functools.reduce(
+            jnp.add, [mu / alpha * power_sum for mu, alpha, power_sum in terms]
+        )
 
     @property
     def shear_modulus(self) -> Float[Array, "*lanes"]:
         """Small-strain shear modulus μ = ½ Σ μ_p α_p [Pa] (Eq. 12)."""
         terms = zip(self.mu, self.alpha, strict=True)
-        return 0.5 * _total([mu * alpha for mu, alpha in terms])
-
-
-def _total(terms: list[Array]) -> Array:
-    total = terms[0]
-    for term in terms[1:]:
-        total = total + term
-    return total
+        return 0.5 * functools.reduce(jnp.add, [mu * alpha for mu, alpha in terms])
 
 
 def _check_terms(mu: Array, alpha: Array, sign_of: str = "mu*alpha") -> None:

@@ -1,6 +1,7 @@
 """The general polynomial law in the invariants I₁ and I₂."""
 
-from jaxtyping import Array, ArrayLike, Float
+import equinox as eqx
+from jaxtyping import Array, Float
 
 from suas_jax.config.laws.polynomial import PolynomialSpec
 from suas_jax.constitutive.base import AbstractLaw, constant
@@ -27,32 +28,15 @@ class Polynomial(AbstractLaw):
 
     spec = PolynomialSpec
 
-    C10: Float[Array, "*lanes"]
-    C01: Float[Array, "*lanes"]
-    C20: Float[Array, "*lanes"]
-    C11: Float[Array, "*lanes"]
-    C02: Float[Array, "*lanes"]
-    C30: Float[Array, "*lanes"]
-    C21: Float[Array, "*lanes"]
-    C12: Float[Array, "*lanes"]
-    C03: Float[Array, "*lanes"]
-
-    def __init__(
-        self,
-        C10: ArrayLike,
-        C01: ArrayLike = 0.0,
-        C20: ArrayLike = 0.0,
-        C11: ArrayLike = 0.0,
-        C02: ArrayLike = 0.0,
-        C30: ArrayLike = 0.0,
-        C21: ArrayLike = 0.0,
-        C12: ArrayLike = 0.0,
-        C03: ArrayLike = 0.0,
-    ) -> None:
-        self.C10, self.C01 = constant(C10), constant(C01)
-        self.C20, self.C11, self.C02 = constant(C20), constant(C11), constant(C02)
-        self.C30, self.C21 = constant(C30), constant(C21)
-        self.C12, self.C03 = constant(C12), constant(C03)
+    C10: Float[Array, "*lanes"] = eqx.field(converter=constant)
+    C01: Float[Array, "*lanes"] = eqx.field(converter=constant, default=0.0)
+    C20: Float[Array, "*lanes"] = eqx.field(converter=constant, default=0.0)
+    C11: Float[Array, "*lanes"] = eqx.field(converter=constant, default=0.0)
+    C02: Float[Array, "*lanes"] = eqx.field(converter=constant, default=0.0)
+    C30: Float[Array, "*lanes"] = eqx.field(converter=constant, default=0.0)
+    C21: Float[Array, "*lanes"] = eqx.field(converter=constant, default=0.0)
+    C12: Float[Array, "*lanes"] = eqx.field(converter=constant, default=0.0)
+    C03: Float[Array, "*lanes"] = eqx.field(converter=constant, default=0.0)
 
     def energy(self, deformation: AbstractDeformation) -> Float[Array, "..."]:
         """Ψ = Σ C_ij (I₁ − 3)^i (I₂ − 3)^j [J/m³]."""

@@ -1,6 +1,7 @@
 """The Yeoh law."""
 
-from jaxtyping import Array, ArrayLike, Float
+import equinox as eqx
+from jaxtyping import Array, Float
 
 from suas_jax.config.laws.yeoh import YeohSpec
 from suas_jax.constitutive.base import AbstractLaw, constant
@@ -26,12 +27,9 @@ class Yeoh(AbstractLaw):
 
     spec = YeohSpec
 
-    C1: Float[Array, "*lanes"]
-    C2: Float[Array, "*lanes"]
-    C3: Float[Array, "*lanes"]
-
-    def __init__(self, C1: ArrayLike, C2: ArrayLike = 0.0, C3: ArrayLike = 0.0) -> None:
-        self.C1, self.C2, self.C3 = constant(C1), constant(C2), constant(C3)
+    C1: Float[Array, "*lanes"] = eqx.field(converter=constant)
+    C2: Float[Array, "*lanes"] = eqx.field(converter=constant, default=0.0)
+    C3: Float[Array, "*lanes"] = eqx.field(converter=constant, default=0.0)
 
     def energy(self, deformation: AbstractDeformation) -> Float[Array, "..."]:
         """Ψ = C₁ (I₁ − 3) + C₂ (I₁ − 3)² + C₃ (I₁ − 3)³ [J/m³]."""

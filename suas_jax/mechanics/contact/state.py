@@ -5,9 +5,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from suas_jax.mechanics.contact.term import contact_pressure, push
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.skin.body import PlacedBody
 
 
 class ContactState(NamedTuple):
@@ -40,23 +38,6 @@ class BodyContact(NamedTuple):
     # of the undeformed face that a point stands for [m^2]; in plane strain per width [m]
     area: Array
     axial: Array | None = None  # reference position along the axis [m]; None in plane strain
-
-    @classmethod
-    def of(
-        cls,
-        body: PlacedBody,
-        angle: Array,  # reference angle of the points [rad]
-        position: Array,  # of the points [m]
-        rest: Array | None,  # where they were at rest [m]; None without friction
-        area: Array,  # of the undeformed face that a point stands for
-        axial: Array | None,  # see the attribute
-        shift: Array | float = 0.0,  # added to the gaps [m]
-    ) -> "BodyContact":
-        """What a face's points say about a body; a shift adds to the gaps that they see."""
-        gap = body.gap(position) + shift
-        pressure = contact_pressure(body.law, gap)
-        force = push(body, position, angle, area, shift, rest)
-        return cls(angle, position, gap, pressure, force, area, axial)
 
     @property
     def on_clamp(self) -> Bool[Array, " lane"]:

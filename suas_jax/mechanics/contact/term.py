@@ -19,8 +19,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from suas_jax.skin.body import Body, Grip, PlacedBody
-from suas_jax.skin.wall import AbstractPressureGap, Obstacle
+from suas_jax.skin.body import Body
+from suas_jax.skin.wall import AbstractPressureGap
 
 
 class Gap(NamedTuple):
@@ -92,55 +92,6 @@ def contact_terms(
     )
 
 
-def grip_of(
-    obstacle: Obstacle,
-    position: Float[Array, "component *point"],  # of the points [m]
-    area: Float[Array, "*#point"],
-) -> Grip | None:
-    """How friction holds points of a face; None without friction.
-
-    `area`: of the undeformed face that a point stands for.
-    """
-    if not isinstance(obstacle, PlacedBody) or obstacle.body.friction is None:
-        return None
-    known = obstacle.body.grip
-    return obstacle.grip(position, area) if known is None else known
-
-
-def held_terms(
-    terms: ContactTerms,  # of contact without friction
-    obstacle: Obstacle,  # what the points touch
-    moved: Callable[[Float[Array, "input *point"]], Float[Array, "component *point"]],
-    inputs: Float[Array, "input *point"],  # leading axis over the inputs
-    grip: Grip | None,  # of friction; None without
-) -> ContactTerms:
-    """Terms of contact with those of friction at a known bound.
-
-    Coulomb's law has no potential, as the bound changes with the pressure. The stiffness is
-    that at a given bound, which is symmetric.
-
-    `moved`: displacement of the points of the face by their inputs [m].
-    """
-    if grip is None:
-        return terms
-    assert isinstance(obstacle, PlacedBody)
-    body, bound, normal = obstacle, grip.bound, grip.normal
-    work = expanded(lambda z: body.work_of_slip(moved(z), normal), inputs)
-    return ContactTerms(*(a + bound * b for a, b in zip(terms, work, strict=True)))
-
-
-def held_energy(
-    obstacle: Obstacle, moved: Float[Array, "component *point"], grip: Grip | None
-) -> Float[Array, "*point"] | float:
-    """Work against friction at a known bound; zero without friction."""
-    if grip is None:
-        return 0.0
-    assert isinstance(obstacle, PlacedBody)
-    if obstacle.body.grip is None:  # of the state at hand, whose change is not work
-        grip = jax.lax.stop_gradient(grip)
-    return grip.bound * obstacle.work_of_slip(moved, grip.normal)
-
-
 def by_travel(terms: ContactTerms, body: Body) -> Float[Array, "input *point"]:
     """Derivative of the force on the points by a factor on a body's travel.
 
@@ -148,33 +99,6 @@ def by_travel(terms: ContactTerms, body: Body) -> Float[Array, "input *point"]:
     """
     rows = [-x * terms.stiffness[k] for k, x in enumerate(body.way)]
     return functools.reduce(jnp.add, rows)
-
-
-def push(
-    obstacle: Obstacle,
-    position: Float[Array, "component *point"],  # of the points [m]
-    near: Float[Array, "*#point"],
-    area: Float[Array, "*#point"],
-    shift: Array | float = 0.0,  # added to the gaps [m]
-    rest: Float[Array, "component *point"] | None = None,
-) -> Float[Array, "component *point"]:
-    """Force of points of a face on an obstacle [N], in plane strain per width [N/m].
-
-    `near`: angles close to theirs [rad]. `area`: of the undeformed face that a point stands
-    for. `rest`: where the points were at rest, from where they slide on a body [m].
-    """
-    grip = None if rest is None else grip_of(obstacle, position, area)
-
-    def energy(position: Array) -> Array:
-        gap = obstacle.gap(position, near) + shift
-        found = area * obstacle.law.energy(gap)
-        if grip is not None:
-            assert isinstance(obstacle, PlacedBody)
-            assert rest is not None
-            found = found + grip.bound * obstacle.work_of_slip(position - rest, grip.normal)
-        return jnp.sum(found)
-
-    return jax.grad(energy)(position)
 
 
 def contact_pressure(law: AbstractPressureGap, gap: Float[Array, "*point"]) -> Array:

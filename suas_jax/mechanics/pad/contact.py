@@ -16,17 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from suas_jax.mechanics.contact.face import AbstractContactFace
 from suas_jax.mechanics.contact.state import BodyContact, ContactState
-from suas_jax.mechanics.contact.term import (
-    ContactTerms,
-    by_travel,
-    contact_pressure,
-    contact_terms,
-    expanded,
-    grip_of,
-    held_energy,
-    held_terms,
-)
+from suas_jax.mechanics.contact.term import ContactTerms, by_travel, contact_terms, expanded
 from suas_jax.mechanics.pad.faces import face_displacement
 from suas_jax.mechanics.pad.mid_surface import (
     KINDS,
@@ -86,7 +78,7 @@ def _shapes(
     return np.stack(products).reshape(len(kinds), -1, 16)
 
 
-class ContactFace:
+class ContactFace(AbstractContactFace):
     """One lane's inner or outer face at its contact points [point, element]."""
 
     # kinds of derivatives that the place of a face's point depends on, by side
@@ -95,8 +87,7 @@ class ContactFace:
     def __init__(
         self,
         net: Net,
-        obstacle: Obstacle,  # what it may touch
-        side: int,  # -1 for the inner face, 1 for the outer one
+        obstacle: Obstacle,  # a wall inside, a body outside
         section: AbstractSection,  # the undeformed membrane across the axis
         qe: ElementVector,  # Bernstein coefficients of the displacement
         growth: Growth | None,  # of the membrane; None where it fits its seat
@@ -104,8 +95,8 @@ class ContactFace:
         if isinstance(obstacle, PlacedBody) and obstacle.body.grip is not None:
             grip = Grip(*(x[..., 0] for x in obstacle.body.grip))
             obstacle = dataclasses.replace(obstacle, body=obstacle.body.holding(grip))
-        self.net, self.obstacle, self.side, self.growth = net, obstacle, side, growth
-        self.section = section
+        self.net, self.obstacle, self.growth, self.section = net, obstacle, growth, section
+        self.side = side = -1 if isinstance(obstacle, Wall) else 1
         order = net.topology.ordered
         span, axial = jnp.diff(net.angles), jnp.diff(net.axial)
         long, across = order(section.size * span, axial)
@@ -122,7 +113,7 @@ class ContactFace:
         self.angle = self._spread(net.angles[:-1], span, arc=True)
         self.axial = self._spread(net.axial[:-1], axial, arc=False)
         sides = order(section.size * span, axial)
-        weights = np.outer(along_side, along_side).reshape(-1, 1)
+        weights = jnp.asarray(np.outer(along_side, along_side).reshape(-1, 1))
         half = side * section.thickness(self.angle) / 2
         face = 1 + section.curvature(self.angle) * half
         self.area = weights * jnp.outer(sides[0], sides[1]).reshape(-1) * face
@@ -159,23 +150,15 @@ class ContactFace:
 
     def gap(self) -> Float[Array, "point element"]:
         """Distance from the obstacle at all points [m]."""
-        return self.obstacle.gap(self._place(), self.angle)
+        return self.obstacle.gap(self.place(), self.angle)
 
-    def _place(self) -> Array:
+    def place(self) -> Array:
+        """See the base class."""
         return jnp.stack(staged([*self.position(self.inputs, self.angle, self.axial)]))
 
-    def _place_at_rest(self) -> Array:
+    def place_at_rest(self) -> Array:
+        """See the base class."""
         return self.position(0 * self.inputs, self.angle, self.axial)
-
-    def energy(self) -> Array:
-        """Energy of contact [J]."""
-        energy = self.area * self.obstacle.law.energy(self.gap())
-        slipped = held_energy(self.obstacle, self._place() - self._place_at_rest(), self.grip())
-        return jnp.sum(energy + slipped)
-
-    def grip(self) -> Grip | None:
-        """How friction holds the points; None without friction."""
-        return grip_of(self.obstacle, self._place(), jnp.asarray(self.area))
 
     def element_terms(self, body: Body | None = None) -> tuple[Array, Upper]:
         """First derivatives of the energy by the element unknowns, second ones as bands.
@@ -232,7 +215,7 @@ class ContactFace:
         terms = contact_terms(self.obstacle.law, gap, share * self.area[:, element])
         if grip is not None:
             grip = Grip(share * grip.bound[:, element], grip.normal[..., element])
-        return held_terms(terms, self.obstacle, moved, inputs, grip)
+        return self.with_friction(terms, moved, inputs, grip)
 
     def _forces(self, by_inputs: Array, element: Array) -> Float[Array, "3 16 chosen"]:
         force = by_inputs.reshape(len(self.powers), 3, self.count**2, -1)
@@ -257,33 +240,19 @@ class ContactFace:
         pairs = k[:, ROWS, :, :, COLUMNS]  # [slot, component, across, component, across, .]
         return jnp.transpose(pairs, (0, 5, 2, 4, 1, 3))
 
-    def state(self) -> ContactState:
-        """Where the face is, and how the wall pushes it, on a grid [arc, axial]."""
-        wall, place = self.obstacle, self._place()
-        assert isinstance(wall, Wall)
-        polar, gap = wall.seen_from(place, self.angle)
-        pressure = contact_pressure(wall.law, gap)
-        fields = (self.angle, polar, gap, pressure, self.area, place[2])
-        return ContactState(*(self._gridded(x) for x in fields))
+    def state(self, place: Array | None = None) -> ContactState:
+        """On a grid [arc, axial]; see the base class."""
+        place = self.place() if place is None else place
+        found = super().state(place)._replace(axial=place[2])
+        return jax.tree.map(self._gridded, found)
 
-    def touched(self) -> BodyContact:
-        """Where the face is, and how it pushes its body, on a grid [arc, axial]."""
-        area, body = jnp.asarray(self.area), self.obstacle
-        assert isinstance(body, PlacedBody)
-        place, rest = self._place(), self._place_at_rest()
-        found = BodyContact.of(body, self.angle, place, rest, area, self.axial)
-        return jax.tree.map(
-            lambda x: (
-                jnp.stack([self._gridded(row) for row in x])
-                if x.ndim == 3
-                else self._gridded(x)
-            ),
-            found,
-        )
+    def touched(self, shift: Array | float = 0.0) -> BodyContact:
+        """On a grid [arc, axial]; see the base class."""
+        return jax.tree.map(self._gridded, super().touched(shift)._replace(axial=self.axial))
 
-    def _gridded(self, x: Array | np.ndarray) -> Float[Array, "arc axial"]:
-        x = jnp.broadcast_to(x, self.area.shape).reshape(self.count, self.count, *self.counts)
-        x = jnp.transpose(x, (2, 0, 3, 1)).reshape(
-            self.counts[0] * self.count, self.counts[1] * self.count
-        )
-        return x if self.net.topology.along_arc else x.T
+    def _gridded(self, x: Array) -> Float[Array, "*component arc axial"]:
+        x = x.reshape(*x.shape[:-2], self.count, self.count, *self.counts)
+        x = jnp.moveaxis(x, (-2, -1), (-4, -2))
+        long, across = self.counts[0] * self.count, self.counts[1] * self.count
+        x = x.reshape(*x.shape[:-4], long, across)
+        return x if self.net.topology.along_arc else jnp.swapaxes(x, -1, -2)

@@ -30,8 +30,7 @@ from suas_jax.mechanics.pad.omitted import (
     with_sides_swapped,
 )
 from suas_jax.mechanics.pad.points import PAIRS, stress, tangent
-from suas_jax.skin.body import PlacedBody
-from suas_jax.skin.wall import Wall
+from suas_jax.skin.wall import Obstacle
 
 
 class PadLane(AbstractLane):
@@ -82,13 +81,9 @@ class PadLane(AbstractLane):
         work = pad_loads.load_work(points, spots, moved)
         return jnp.sum(areas * density), jnp.sum(areas * more), work
 
-    def inner_face(self, q: Array, wall: Wall) -> ContactFace:
-        """The inner face against a wall."""
-        return ContactFace(self.net, wall, -1, self.section, self.net.gather(q), self.growth)
-
-    def outer_face(self, q: Array, body: PlacedBody) -> ContactFace:
-        """The outer face against a body."""
-        return ContactFace(self.net, body, 1, self.section, self.net.gather(q), self.growth)
+    def face_against(self, obstacle: Obstacle, q: Array) -> ContactFace:
+        """See the base class."""
+        return ContactFace(self.net, obstacle, self.section, self.net.gather(q), self.growth)
 
     def _spots(self) -> pad_loads.Spots:
         """Where the loads act."""

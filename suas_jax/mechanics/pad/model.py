@@ -23,6 +23,7 @@ from suas_jax.mesh.pad_plan import (
     plan_pad,
 )
 from suas_jax.mesh.section import measures
+from suas_jax.numerics.array_types import Lanes
 from suas_jax.skin.body import Body
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.pad_loads import PadLoad
@@ -106,10 +107,6 @@ class PadModel(AbstractModel):
     def first(self, scene: SceneSpec) -> Counts:
         """Elements sized by the membrane's bending length and by the loads."""
         return planned(scene, None, (False, False), scale=_FIRST).elements
-
-    def first_of_sweep(self, scene: SceneSpec) -> Counts:
-        """The same as for a solve."""
-        return self.first(scene)
 
     def finer(self, counts: Counts, excess: tuple[float, ...]) -> Counts | None:
         """More elements in both directions."""
@@ -216,10 +213,10 @@ def _touched(body: BodyLoadSpec, angle: float, outer: float) -> Footprint:
 def _loads(scene: SceneSpec) -> list[PadLoad]:
     """The dead loads of a scene with their numbers."""
 
-    def value(spec: LineLoadSpec | PatchLoadSpec, name: str) -> float:
+    def value(spec: LineLoadSpec | PatchLoadSpec, name: str) -> Lanes:
         key, _, index = name.partition(".")
         found = getattr(spec, key)
-        return float(found[int(index)] if index else found)
+        return jnp.full(1, float(found[int(index)] if index else found))
 
     loads = [spec for spec in scene.loads if spec.kind != "pressure"]
     places = zip(loads, measures(scene).places, strict=True)

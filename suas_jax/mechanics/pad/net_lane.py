@@ -13,15 +13,14 @@ from suas_jax.mechanics.pad.contact import ContactFace
 from suas_jax.mechanics.pad.faces import Faces
 from suas_jax.mechanics.pad.mid_surface import Vector
 from suas_jax.mechanics.pad.net import ElementVector, Net, tables
-from suas_jax.mechanics.pad.refinement import on_other_elements
 from suas_jax.mechanics.pad.stiffness import Upper, both_ways, dense_bands, upper_bands
 from suas_jax.skin.along import Sheet
-from suas_jax.skin.body import Body, PlacedBody
+from suas_jax.skin.body import Body
 from suas_jax.skin.geometry import thickness_beyond_mean
 from suas_jax.skin.pad_loads import PadLoadPoints
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
-from suas_jax.skin.wall import Wall
+from suas_jax.skin.wall import Obstacle, Wall
 
 # Newton steps to the material point on a ray: displacements along the wall are small.
 _RAY_STEPS = 4
@@ -123,14 +122,6 @@ class AbstractLane(abc.ABC):
         """Strain energy [J]."""
         return self.energies(q)[0]
 
-    def volume_change(self, q: Array) -> Array:
-        """Enclosed volume less its value at rest [m^3]."""
-        return self.energies(q)[1]
-
-    def work(self, q: Array) -> Array:
-        """Work of the loads at unit factor [J]."""
-        return self.energies(q)[2]
-
     @abc.abstractmethod
     def energies(self, q: Array) -> tuple[Array, Array, Array]:
         """Potential of the membrane, volume change and work of the loads.
@@ -139,12 +130,8 @@ class AbstractLane(abc.ABC):
         """
 
     @abc.abstractmethod
-    def inner_face(self, q: Array, wall: Wall) -> ContactFace:
-        """The inner face against a wall."""
-
-    @abc.abstractmethod
-    def outer_face(self, q: Array, body: PlacedBody) -> ContactFace:
-        """The outer face against a body."""
+    def face_against(self, obstacle: Obstacle, q: Array) -> ContactFace:
+        """The inner face against a wall, or the outer one against a body."""
 
     @abc.abstractmethod
     def sums(self, qe: ElementVector, pressure: Array, factor: Array) -> Sums:
@@ -166,14 +153,14 @@ class AbstractLane(abc.ABC):
         qe = self.net.gather(q)
         internal, gradient, load, upper, volume = self.sums(qe, pressure, factor)
         if wall is not None:
-            pushes, more = self.inner_face(q, wall).element_terms()
+            pushes, more = self.face_against(wall, q).element_terms()
             internal, upper = (
                 internal + self._at_level(pushes[0], 0),
                 upper + self._within(more, 0),
             )
         contact = jnp.zeros((2, *qe.shape), qe.dtype)
         for body in bodies:
-            pushes, more = self.outer_face(q, body.placed(factor)).element_terms(body)
+            pushes, more = self.face_against(body.placed(factor), q).element_terms(body)
             contact = contact + jnp.stack([self._at_level(push, -1) for push in pushes])
             upper = upper + self._within(more, -1)
         if bodies:
@@ -239,10 +226,6 @@ class AbstractLane(abc.ABC):
         first, second = jnp.broadcast_arrays(angle, axial)
         place, _ = jax.lax.scan(step, (first, second), None, length=_RAY_STEPS)
         return position(place)[2]
-
-    def on_other_elements(self, q: Array, *, finer: bool) -> Array:
-        """The same deformation on elements half or twice as long in both directions."""
-        return on_other_elements(self.net, self.section, q, finer=finer)
 
     def _stiffness(self, blocks: Float[Array, "pair width width point"]) -> Upper:
         """Upper bands from second derivatives of a density by the pairs of kinds."""

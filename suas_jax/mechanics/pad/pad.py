@@ -6,8 +6,8 @@ stress to the last digit.
 """
 
 import dataclasses
-from collections.abc import Sequence
-from typing import ClassVar, Self
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar, Self
 
 import equinox as eqx
 import jax
@@ -20,6 +20,7 @@ from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.base import AbstractMechanics, Assembly, Displacements
 from suas_jax.mechanics.contact.state import BodyContact, ContactState
 from suas_jax.mechanics.face import AbstractFace
+from suas_jax.mechanics.pad.contact import ContactFace
 from suas_jax.mechanics.pad.faces import Faces
 from suas_jax.mechanics.pad.lane import PadLane
 from suas_jax.mechanics.pad.mirroring import (
@@ -30,6 +31,7 @@ from suas_jax.mechanics.pad.mirroring import (
 )
 from suas_jax.mechanics.pad.net import Net, NetTopology
 from suas_jax.mechanics.pad.net_lane import AbstractLane, LaneParts
+from suas_jax.mechanics.pad.refinement import on_other_elements
 from suas_jax.mechanics.pad.shape import SAMPLES, PadShape
 from suas_jax.mesh.pad_load_points import pad_load_points
 from suas_jax.mesh.pad_plan import PadPlan
@@ -42,7 +44,7 @@ from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
-from suas_jax.skin.wall import Wall
+from suas_jax.skin.wall import Obstacle, Wall
 
 
 class Pad(AbstractMechanics):
@@ -54,6 +56,9 @@ class Pad(AbstractMechanics):
 
     per_width: ClassVar[bool] = False
     corrected: ClassVar[bool] = True
+    omitted_at_wall: ClassVar[float] = 0.02  # from the solid, see docs/pad.md
+    # order four at least; the finer solution's own error is a sixteenth
+    error_shares: ClassVar[tuple[float, ...]] = (16 / 15,)
     law: AbstractLaw  # the membrane's material
     section: AbstractSection  # the undeformed membrane across the axis
     net: Net  # the control values between breakpoints along the arc and along the axis
@@ -94,40 +99,41 @@ class Pad(AbstractMechanics):
         """Energy of contact with wall and bodies [J]; see the base class."""
         energy = jnp.zeros(q.shape[-1:], q.dtype)
         if self.wall is not None:
-            energy = by_lane(
-                self, lambda pad, q: pad.one_lane().inner_face(q, pad.wall).energy(), q
-            )
+            energy = self._at_face(q, self.wall, ContactFace.energy)
         for body in self.bodies:
-            energy = energy + by_lane(
-                (self, body.placed(factor)),
-                lambda both, q: both[0].one_lane().outer_face(q, both[1]).energy(),
-                q,
-            )
+            energy = energy + self._at_face(q, body.placed(factor), ContactFace.energy)
         return energy
+
+    def _at_face(
+        self, q: StationVector, obstacle: Obstacle, asked: Callable[[ContactFace], Any]
+    ) -> Any:
+        """What is asked of the inner face against a wall, of the outer one against a body."""
+
+        def one(both: tuple[Pad, Obstacle], q: Array) -> Any:
+            return asked(both[0].one_lane().face_against(both[1], q))
+
+        return by_lane((self, obstacle), one, q)
+
+    def _by_lane(self, asked: Callable[..., Any], *arguments: Array) -> Any:
+        """What is asked of each lane alone, with its own arguments."""
+        return by_lane(self, lambda pad, *own: asked(pad.one_lane(), *own), *arguments)
 
     def touched(
         self, q: StationVector, body: PlacedBody, shift: Array | float = 0.0
     ) -> BodyContact:
         """The outer face against a body [arc, axial, lane]; see the base class."""
         del shift  # there is none
-        return by_lane(
-            (self, body),
-            lambda both, q: both[0].one_lane().outer_face(q, both[1]).touched(),
-            q,
-        )
+        return self._at_face(q, body, ContactFace.touched)
 
     def grip(self, q: StationVector, body: PlacedBody) -> Grip | None:
         """See the base class."""
         if body.body.friction is None:
             return None
-        return by_lane(
-            (self, body), lambda both, q: both[0].one_lane().outer_face(q, both[1]).grip(), q
-        )
+        return self._at_face(q, body, ContactFace.grip)
 
     def contact(self, q: StationVector, wall: Wall) -> ContactState:
         """The inner face against a wall [arc, axial, lane]; see the base class."""
-        held = self.with_wall(wall)
-        return by_lane(held, lambda pad, q: pad.one_lane().inner_face(q, pad.wall).state(), q)
+        return self._at_face(q, wall, ContactFace.state)
 
     def displacement_size(self, q: StationVector) -> Lanes:
         """Largest component of a control value's displacement [m]."""
@@ -140,12 +146,6 @@ class Pad(AbstractMechanics):
             response = Response(response.share, response.rest[..., 0])
         return PadLane(self._lane_parts(), response)
 
-    def _shell_lane(self) -> PadLane:
-        """The same of a shell, which knows what it leaves out."""
-        lane = self.one_lane()
-        assert isinstance(lane, PadLane)
-        return lane
-
     def _lane_parts(self) -> LaneParts:
         points = jax.tree.map(lambda x: x[..., 0], self.points)
         quadrature = (self.gauss, self.layers)
@@ -156,29 +156,32 @@ class Pad(AbstractMechanics):
 
     def deviator(self, q: StationVector) -> Float[Array, "4 layer point lane"]:
         """Instantaneous stress that the material remembers; see `fibres.deviator`."""
-        return by_lane(self, lambda pad, q: pad._shell_lane().deviator(q), q)
+        return self._by_lane(PadLane.deviator, q)
 
     def strain_energy(self, q: StationVector) -> Lanes:
         """Strain energy [J]."""
-        return by_lane(self, lambda pad, q: pad.one_lane().strain_energy(q), q)
+        return self._by_lane(lambda lane, q: lane.strain_energy(q), q)
+
+    def _energies(self, q: StationVector) -> tuple[Lanes, Lanes, Lanes]:
+        """See `AbstractLane.energies`."""
+        return self._by_lane(lambda lane, q: lane.energies(q), q)
 
     def volume_change(self, q: StationVector) -> Lanes:
         """Enclosed volume less its value at rest [m^3]."""
-        return by_lane(self, lambda pad, q: pad.one_lane().volume_change(q), q)
+        return self._energies(q)[1]
 
     def work(self, q: StationVector) -> Lanes:
         """Work of the loads, which act at the rigid-normal point r + (t/2) n [J]."""
-        return by_lane(self, lambda pad, q: pad.one_lane().work(q), q)
+        return self._energies(q)[2]
 
     def assemble(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Assembly:
         """Residual, tangent and border at a trial state; see the base class."""
-        residual, bands, gradient, load, volume, *contact = by_lane(
-            self,
-            lambda pad, *given: pad.one_lane().assemble(*given, pad.wall, pad.bodies),
-            q,
-            pressure,
-            factor,
-        )
+
+        def one(pad: Pad, q: Array, pressure: Array, factor: Array) -> tuple[Array, ...]:
+            return pad.one_lane().assemble(q, pressure, factor, pad.wall, pad.bodies)
+
+        found = by_lane(self, one, q, pressure, factor)
+        residual, bands, gradient, load, volume, *contact = found
         operator = BlockBanded(
             jnp.moveaxis(bands, -1, 0),
             self.topology.free_by_station,
@@ -192,7 +195,7 @@ class Pad(AbstractMechanics):
         """Residual and volume change: derivatives of the potential; see the base class."""
 
         def potential(q: StationVector) -> tuple[Array, Lanes]:
-            energy, more, work = by_lane(self, lambda pad, q: pad.one_lane().energies(q), q)
+            energy, more, work = self._energies(q)
             stored = energy + self.contact_energy(q, factor)
             return jnp.sum(stored - pressure * more - factor * work), more
 
@@ -201,8 +204,7 @@ class Pad(AbstractMechanics):
 
     def stored_energy(self, q: StationVector) -> Lanes:
         """Strain energy, less that of shear: q has the displacement by shear in it [J]."""
-        relaxed = by_lane(self, lambda pad, q: pad._shell_lane().relaxed_energy(q), q)
-        return self.strain_energy(q) - relaxed
+        return self.strain_energy(q) - self._by_lane(PadLane.relaxed_energy, q)
 
     @classmethod
     def build(
@@ -283,7 +285,7 @@ class Pad(AbstractMechanics):
         `angle`: reference angles, within the modelled part [rad]. `axial`: reference positions
         along the axis, likewise [m].
         """
-        return by_lane(self, lambda pad, *given: pad.one_lane().faces(*given), q, angle, axial)
+        return self._by_lane(lambda lane, *given: lane.faces(*given), q, angle, axial)
 
     def sampled(self, q: StationVector, samples: int) -> Faces:
         """The deformed pad on a grid: evenly spaced points of every element.
@@ -314,9 +316,7 @@ class Pad(AbstractMechanics):
         `angle`: of the rays, normals of the undeformed section [rad]. `axial`: their current
         positions along the axis [m].
         """
-        return by_lane(
-            self, lambda pad, *given: pad.one_lane().height_at(*given), q, angle, axial
-        )
+        return self._by_lane(AbstractLane.height_at, q, angle, axial)
 
     def shape(self, q: StationVector) -> PadShape:
         """The deformed pad, sampled; see the base class."""
@@ -341,31 +341,19 @@ class Pad(AbstractMechanics):
         return self._on_other_elements(q, finer=True)
 
     def _on_other_elements(self, q: StationVector, *, finer: bool) -> StationVector:
-        def moved(pad: Self, q: Array) -> Array:
-            return pad.one_lane().on_other_elements(q, finer=finer)
+        def moved(lane: AbstractLane, q: Array) -> Array:
+            return on_other_elements(lane.net, lane.section, q, finer=finer)
 
-        return by_lane(self, moved, q)
+        return self._by_lane(moved, q)
 
     def omitted_energy(self, q: StationVector, factor: Lanes) -> Lanes:
         """Energy of shear, clamps and of loads where the membrane thins; see `omitted` [J]."""
-        return by_lane(
-            self, lambda pad, *given: pad._shell_lane().omitted_energy(*given), q, factor
-        )
+        return self._by_lane(PadLane.omitted_energy, q, factor)
 
     def omitted_gradient(self, q: StationVector, factor: Lanes) -> StationVector | None:
         """Derivative of the omitted energy by the unknowns that are free; see the base."""
         free = self.topology.free[..., None]
         return jax.grad(lambda q: jnp.sum(self.omitted_energy(q, factor)))(q) * free
-
-    @property
-    def omitted_at_wall(self) -> float:
-        """See the base class; from the solid, see docs/pad_method.md."""
-        return 0.02
-
-    @property
-    def error_shares(self) -> tuple[float, ...]:
-        """Order four at least; the finer solution's own error is a sixteenth."""
-        return (16 / 15,)
 
 
 class PadFace(AbstractFace):

@@ -21,9 +21,8 @@ from suas_jax.mechanics.pad.net_lane import AbstractLane, Kinds, Sums
 from suas_jax.mechanics.pad_solid import inner_volume, points
 from suas_jax.mechanics.pad_solid.thickness import Thickness, shapes_at, thickness
 from suas_jax.numerics.quadrature import gauss_legendre
-from suas_jax.skin.body import PlacedBody
 from suas_jax.skin.section import AbstractSection
-from suas_jax.skin.wall import Wall
+from suas_jax.skin.wall import Obstacle, Wall
 
 # The displacement, its derivatives by arc length and along the axis.
 KINDS = ((0, 0), (1, 0), (0, 1))
@@ -120,17 +119,10 @@ class SolidLane(AbstractLane):
         first = 3 * (index % (self.degree + 1))
         return qe[first : first + 3]
 
-    def inner_face(self, q: Array, wall: Wall) -> "SolidFace":
-        """The inner face against a wall."""
-        return self._face(q, wall, 0)
-
-    def outer_face(self, q: Array, body: PlacedBody) -> "SolidFace":
-        """The outer face against a body."""
-        return self._face(q, body, -1)
-
-    def _face(self, q: Array, obstacle: Wall | PlacedBody, index: int) -> "SolidFace":
-        qe = self._level(self.net.gather(q), index)
-        return SolidFace(self.net, obstacle, 1 if index else -1, self.section, qe, self.growth)
+    def face_against(self, obstacle: Obstacle, q: Array) -> "SolidFace":
+        """See the base class."""
+        qe = self._level(self.net.gather(q), 0 if isinstance(obstacle, Wall) else -1)
+        return SolidFace(self.net, obstacle, self.section, qe, self.growth)
 
     def sums(self, qe: ElementVector, pressure: Array, factor: Array) -> Sums:
         """See the base class."""

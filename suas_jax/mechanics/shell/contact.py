@@ -17,22 +17,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from suas_jax.mechanics.contact.state import BodyContact, ContactState
-from suas_jax.mechanics.contact.term import (
-    ContactTerms,
-    Gap,
-    contact_pressure,
-    contact_terms,
-    grip_of,
-    held_energy,
-    held_terms,
-)
+from suas_jax.mechanics.contact.face import AbstractContactFace
+from suas_jax.mechanics.contact.term import ContactTerms, Gap, contact_pressure, contact_terms
 from suas_jax.mechanics.shell.points import mix
 from suas_jax.mechanics.shell.shape import carried, reach, turn
-from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.hermite import hermite
 from suas_jax.numerics.jet import second_order
-from suas_jax.skin.body import Grip, PlacedBody
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Obstacle, Wall
@@ -68,7 +58,7 @@ class _Rule(NamedTuple):
 _RULES = {side: _Rule.of(side) for side in (-1, 1)}
 
 
-class ContactFace:
+class ContactFace(AbstractContactFace):
     """A face of a shell at the contact points of its elements.
 
     `elements`: angles where they start and which they span [rad]. `there`: one for every
@@ -77,20 +67,21 @@ class ContactFace:
 
     def __init__(
         self,
-        obstacle: Obstacle,  # what it may touch
-        side: int,  # -1 for the inner face, 1 for the outer one
+        obstacle: Obstacle,  # a wall inside, a body outside
         section: AbstractSection,
         elements: tuple[Float[Array, "element #lane"], Float[Array, "element #lane"]],
         qe: ElementVector,  # element unknowns [shape, component]
-        growth: Growth | None = None,  # of the membrane; None where it fits its seat
+        growth: Growth | None,  # of the membrane; None where it fits its seat
         there: Float[Array, "element #lane"] | float = 1.0,
     ) -> None:
         self.elements, self.qe, self.growth = elements, qe, growth
         start, span = elements
         length = section.size * span
-        self.obstacle, self.side, self.section = obstacle, side, section
-        self.xi, weights, self.shapes = _RULES[side]
-        self.at = section.frame(start + self.xi[:, None, None] * span)
+        self.obstacle, self.section = obstacle, section
+        self.side = -1 if isinstance(obstacle, Wall) else 1  # inner or outer face
+        self.xi, weights, self.shapes = _RULES[self.side]
+        self.angle = start + self.xi[:, None, None] * span
+        self.at = section.frame(self.angle)
         # Derivatives by arc length from those by the local coordinate [order].
         one = jnp.ones_like(length)
         self.power = jnp.stack([one, 1 / length, 1 / length**2])
@@ -105,7 +96,15 @@ class ContactFace:
         # Of the undeformed face, which a unit of width covers [m].
         face = 1 + self.at.curvature * self._offset
         self.area = jnp.asarray(weights)[:, None, None] * face * length * there
-        self.rest = section.mid_line(self.at.angle)
+        self.rest = section.mid_line(self.angle)
+
+    def place(self) -> Array:
+        """See the base class."""
+        return self.position(self.inputs)
+
+    def place_at_rest(self) -> Array:
+        """See the base class."""
+        return self.position(jnp.zeros_like(self.inputs))
 
     @property
     def _offset(self) -> Array:
@@ -137,7 +136,7 @@ class ContactFace:
 
     def gap(self, position: Float[Array, "2 *point"]) -> Float[Array, "*point"]:
         """Distance of places near the contact points from the obstacle [m]."""
-        return self.obstacle.gap(position, self.at.angle)
+        return self.obstacle.gap(position, self.angle)
 
     def _expanded_gap(self) -> Gap:
         """The gap and its derivatives by the inputs.
@@ -186,7 +185,7 @@ class ContactFace:
     def terms(self) -> ContactTerms:
         """Contact at every point, by its inputs."""
         terms = contact_terms(self.obstacle.law, self._expanded_gap(), self.area)
-        return held_terms(terms, self.obstacle, self.moved, self.inputs, self.grip())
+        return self.with_friction(terms, self.moved, self.inputs, self.grip())
 
     def _picked(self, select: Float[Array, "place element lane"]) -> "ContactFace":
         """Some of the elements, a row of ones and zeros for each."""
@@ -197,9 +196,7 @@ class ContactFace:
         start, span = (jnp.sum(select * x, 1) for x in self.elements)
         qe = jnp.sum(self.qe[:, :, None] * select, 3)
         chosen = start, span
-        return ContactFace(
-            self.obstacle, self.side, self.section, chosen, qe, self.growth, there
-        )
+        return ContactFace(self.obstacle, self.section, chosen, qe, self.growth, there)
 
     def assembled(self) -> tuple[ElementVector, ElementMatrix]:
         """Element forces and matrices, worked out for the elements that touch.
@@ -207,7 +204,7 @@ class ContactFace:
         They are few, `_AT_ONCE` in turn: all of them take ten times as long as all else that is
         assembled. Without derivatives in reverse mode; see `push`.
         """
-        touching = jnp.any(self.gap(self.position(self.inputs)) < 0, 0)
+        touching = jnp.any(self.gap(self.place()) < 0, 0)
         place = jnp.cumsum(touching, 0) - 1
         rounds = -(-jnp.max(jnp.sum(touching, 0)) // _AT_ONCE)
 
@@ -239,20 +236,9 @@ class ContactFace:
 
         return self.forces(jax.grad(energy)(self.inputs))
 
-    def energy(self) -> Lanes:
-        """Energy of contact per width, and work against friction at its bound [J/m]."""
-        gap = self.gap(self.position(self.inputs))
-        energy = self.area * self.obstacle.law.energy(gap)
-        slipped = held_energy(self.obstacle, self.moved(self.inputs), self.grip())
-        return jnp.sum(energy + slipped, (0, 1))
-
     def moved(self, z: Float[Array, "input *point"]) -> Float[Array, "2 *point"]:
         """Displacements of the points of the face [m]."""
-        return self.position(z) - self.position(jnp.zeros_like(z))
-
-    def grip(self) -> Grip | None:
-        """How friction holds the points; None without friction."""
-        return grip_of(self.obstacle, self.position(self.inputs), self.area)
+        return self.position(z) - self.place_at_rest()
 
     def forces(self, by_inputs: Float[Array, "input point element lane"]) -> ElementVector:
         """Element forces from derivatives by the inputs."""
@@ -271,11 +257,6 @@ class ContactFace:
         products = np.einsum("gon,gpm->nmgop", self.shapes, self.shapes).reshape(16, -1)
         return mix(products, stiffness).reshape(4, 4, 2, 2, *tail)
 
-    def touched(self, body: PlacedBody, shift: Array | float) -> BodyContact:
-        """Where the face is, and how it pushes a body."""
-        position, rest = self.position(self.inputs), self.position(0 * self.inputs)
-        return BodyContact.of(body, self.at.angle, position, rest, self.area, None, shift)
-
     def shares(self, z: Float[Array, "input point element lane"]) -> Array:
         """Force of every point, along its own normal, by its inputs [N/m]."""
         return self.area * contact_pressure(self.obstacle.law, self.gap(self.position(z)))
@@ -285,19 +266,11 @@ class ContactFace:
         (by_inputs,) = jax.vjp(self.shares, self.inputs)[1](by_share)
         return self.forces(by_inputs)
 
-    def state(self, change: Float[Array, "6 point element lane"] | None = None) -> ContactState:
-        """Where the face is, and how the wall pushes it.
+    def carried(self, change: Float[Array, "6 point element lane"]) -> Array:
+        """Places of the points after a small change of the inputs that moves and turns normals.
 
-        `change`: small change of the inputs that moves and turns normals, see `shifted`.
+        See `shifted`.
         """
-        place = self.position(self.inputs)
-        if change is not None:
-            t, z = self.at.tangent, self.inputs
-            angle = turn((t[0] + z[2], t[1] + z[3]), (change[2], change[3]))
-            middle = self.rest + z[:2]
-            place = place + carried(place - middle, change[:2], angle)
-        wall = self.obstacle
-        assert isinstance(wall, Wall)
-        polar, gap = wall.seen_from(place, self.at.angle)
-        pressure = contact_pressure(wall.law, gap)
-        return ContactState(self.at.angle, polar, gap, pressure, self.area)
+        place, t, z = self.place(), self.at.tangent, self.inputs
+        angle = turn((t[0] + z[2], t[1] + z[3]), (change[2], change[3]))
+        return place + carried(place - self.rest - z[:2], change[:2], angle)

@@ -20,12 +20,8 @@ _STRICT = 2e-3  # tolerance that the smallest meshes rarely meet
 class ShellPlan(AbstractArcPlan):
     """Elements along the arc."""
 
+    model: ClassVar[str] = "shell"
     arc: MeshPlan  # where they lie
-
-    @property
-    def model(self) -> str:
-        """See the base class."""
-        return ShellModel.name
 
     @property
     def counts(self) -> Counts:

@@ -58,6 +58,10 @@ class Resultants(NamedTuple):
     normal: Float[Array, "gauss element lane"]
     moment: Float[Array, "gauss element lane"]
 
+    def lines(self, xi: np.ndarray, weights: np.ndarray) -> list["LinesOverElements"]:
+        """Both as lines over elements. `xi`, `weights`: the rule of the Gauss points."""
+        return [LinesOverElements.through(x, xi, weights) for x in self]
+
 
 def resultants(points: Points, first: tuple[Array, Array]) -> Resultants:
     """Normal force and moment from the energy's derivatives by A = l^2 - 1, b = k l - 1/R.
@@ -108,9 +112,7 @@ class LinesOverElements(NamedTuple):
 
 
 def relaxed_energy(
-    at: Resultants,  # resultants at the Gauss points
-    xi: np.ndarray,  # local coordinates of the Gauss points
-    weights: np.ndarray,  # of the Gauss points
+    lines: list[LinesOverElements],  # normal force and moment
     lengths: Float[Array, "element #lane"],
     thickness: Float[Array, "#gauss #element #lane"],
     modulus: Lanes,  # small-strain shear modulus [Pa]
@@ -121,7 +123,7 @@ def relaxed_energy(
 
     `lengths`: of the elements [m]. `thickness`: of the membrane at the Gauss points [m].
     """
-    normal, moment = (LinesOverElements.through(x, xi, weights) for x in at)
+    normal, moment = lines
     shear = moment.rise / lengths
     total = SHEAR * jnp.sum(lengths * shear**2 / jnp.mean(thickness, 0), 0)
     # Outwards along the arc Q changes its sign with the side of the clamp.
@@ -138,39 +140,11 @@ def relaxed_energy(
     return total / modulus
 
 
-def thinning_work(
-    at: Resultants,  # resultants at the Gauss points
-    xi: np.ndarray,  # local coordinates of the Gauss points
-    weights: np.ndarray,  # of the Gauss points
-    points: LoadPoints,  # where the loads act
-    inward: Float[Array, "point lane"],  # radial components of the loads, per width [N/m]
-    thickness: Float[Array, "#point #lane"],
-    modulus: Lanes,  # small-strain shear modulus [Pa]
-) -> Lanes:
-    """The part of E that loads do where the membrane thins beneath them [J/m].
+def thinning(normal: Array, moment: Array, thickness: Array, modulus: Lanes) -> Array:
+    """How far the outer half of the membrane thins under resultants [m].
 
-    `thickness`: of the membrane under the points [m].
+    Loads beneath which it thins do that much work, bodies go that much further.
     """
-    normal, moment = (LinesOverElements.through(x, xi, weights).at_points(points) for x in at)
-    thinning = _LOAD_NORMAL * normal + _LOAD_MOMENT * moment / thickness
-    return jnp.sum(inward * thinning, 0) / modulus
-
-
-def thinning(
-    at: Resultants,  # resultants at the Gauss points
-    xi: np.ndarray,  # local coordinates of the Gauss points
-    weights: np.ndarray,  # of the Gauss points
-    points: np.ndarray,  # local coordinates of the points
-    thickness: Float[Array, "#point #element #lane"],
-    modulus: Lanes,  # small-strain shear modulus [Pa]
-) -> Float[Array, "point element lane"]:
-    """How far the outer half of the membrane thins, at points of every element [m].
-
-    The same as in `thinning_work`: what a body beneath which the membrane thins goes further.
-
-    `thickness`: of the membrane there [m].
-    """
-    normal, moment = (LinesOverElements.through(x, xi, weights).along(points) for x in at)
     return (_LOAD_NORMAL * normal + _LOAD_MOMENT * moment / thickness) / modulus
 
 

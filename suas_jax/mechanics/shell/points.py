@@ -48,8 +48,8 @@ class Points(NamedTuple):
     """Kinematics: r' and r'' of the current mid-line r(s), and the two strains."""
 
     r: tuple[tuple[Array, Array], tuple[Array, Array]]  # [order][component]
-    stretch: Float[Array, "gauss element lane"]  # A = a - 1
-    curvature: Float[Array, "gauss element lane"]  # b = c/a - 1/R
+    stretch: Float[Array, "point element lane"]  # A = a - 1
+    curvature: Float[Array, "point element lane"]  # b = c/a - 1/R
 
 
 class Moments(NamedTuple):
@@ -60,17 +60,13 @@ class Moments(NamedTuple):
 
 
 def kinematics(
-    d: Float[Array, "gauss order component element lane"],
-    at: Frame,  # the undeformed mid-line at the Gauss points
-    length: Float[Array, "element #lane"],
+    u1: tuple[Array, Array],  # derivative of the displacement by arc length
+    u2: tuple[Array, Array],  # second one [1/m]
+    at: Frame,  # the undeformed mid-line
 ) -> Points:
-    """Strains from displacement.
-
-    `d`: first and second derivative of the displacement by xi. `length`: of the elements [m].
-    """
+    """Strains from displacement."""
     t, n, k = at.tangent, at.normal, at.curvature
-    u1, u2 = d[:, 0] / length, d[:, 1] / length**2
-    x1, y1, x2, y2 = u1[:, 0], u1[:, 1], u2[:, 0], u2[:, 1]
+    (x1, y1), (x2, y2) = u1, u2
     along = t[0] * x1 + t[1] * y1
     stretch = 2 * along + x1**2 + y1**2
     turning = along * k - (n[0] * x2 + n[1] * y2) + (x2 * y1 - y2 * x1)

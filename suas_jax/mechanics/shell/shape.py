@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.mechanics.base import Profile
-from suas_jax.mechanics.shell.points import mix
+from suas_jax.mechanics.shell.points import kinematics, mix
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.hermite import hermite
 from suas_jax.skin.prestress import Growth
@@ -63,16 +63,11 @@ def at(
     first, last = jnp.sum(pick * start, 0), jnp.sum(pick * end, 0)
     xi = ((angle - first) / (last - first))[None, None]
     here = jnp.sum(qe * pick, 2)[:, :, None, None]
-    frame = section.frame(angle[None, None])
-    return _interpolated(frame, xi, here, section.size * (last - first))
-
-
-def _interpolated(frame: Frame, xi: Array | np.ndarray, qe: Array, length: Array) -> MidLine:
-    derivatives = []
+    length, derivatives = section.size * (last - first), []
     for order in range(3):
-        value = jnp.sum(jnp.stack(hermite(xi, order))[:, None] * qe, 0) / length**order
+        value = jnp.sum(jnp.stack(hermite(xi, order))[:, None] * here, 0) / length**order
         derivatives.append((value[0], value[1]))
-    return MidLine(frame, *derivatives)
+    return MidLine(section.frame(angle[None, None]), *derivatives)
 
 
 def lever(offset: Array, curvature: Array, growth: Growth | None = None) -> Array:
@@ -98,19 +93,6 @@ def reach(
     return 2 * m / size / (1 + root)
 
 
-def fibre_position(
-    r1: tuple[Array, Array],  # tangent r'(s) of the current mid-line
-    r2: tuple[Array, Array],  # r''(s)
-    offset: Array,  # of the fibre at rest, outwards [m]
-    curvature: Array,  # of the undeformed mid-line [1/m]
-    growth: Growth | None,  # of the membrane; None where it fits its seat
-) -> Float[Array, "2 ..."]:
-    """Position of a fibre from the current mid-line, along the normal [m]; see `reach`."""
-    (x1, y1), (x2, y2) = r1, r2
-    far = reach(x1**2 + y1**2, x2 * y1 - y2 * x1, offset, curvature, growth)
-    return far * jnp.stack([-y1, x1])
-
-
 def recovered(
     line: MidLine,  # the mid-line
     section: AbstractSection,
@@ -121,21 +103,13 @@ def recovered(
 
     `energy`: strain energy per area of the mid-surface, from the two strains [J/m^2].
     """
-    t, n, k, thickness = line.at.tangent, line.at.normal, line.at.curvature, line.at.thickness
-    x1, y1 = t[0] + line.u1[0], t[1] + line.u1[1]
-    x2, y2 = line.u2[0] - n[0] * k, line.u2[1] - n[1] * k
-    along = t[0] * line.u1[0] + t[1] * line.u1[1]
-    stretch = 2 * along + line.u1[0] ** 2 + line.u1[1] ** 2
-    bending = (
-        along * k
-        - (n[0] * line.u2[0] + n[1] * line.u2[1])
-        + (line.u2[0] * line.u1[1] - line.u2[1] * line.u1[0])
-    )
-    curvature = (bending - stretch * k) / (1 + stretch)
+    n, k, thickness = line.at.normal, line.at.curvature, line.at.thickness
+    ((x1, y1), (x2, y2)), stretch, curvature = kinematics(line.u1, line.u2, line.at)
+    size, curl = x1**2 + y1**2, x2 * y1 - y2 * x1
 
     def face(offset: Array) -> tuple[Float[Array, "2 ..."], Array]:
         """Displacement and hoop stretch of the fibre at a reference offset."""
-        moved = fibre_position((x1, y1), (x2, y2), offset, k, growth) - offset * n
+        moved = reach(size, curl, offset, k, growth) * jnp.stack([-y1, x1]) - offset * n
         m = lever(offset, k, growth)
         green = stretch + 2 * m * curvature
         if growth is not None:

@@ -44,11 +44,11 @@ from suas_jax.mechanics.shell.omitted import (
     resultants_transposed,
     strip,
     thinning,
-    thinning_work,
 )
 from suas_jax.mechanics.shell.points import (
     Moments,
     Points,
+    Tables,
     element_tables,
     kinematics,
     mix,
@@ -71,7 +71,7 @@ from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection, Frame
-from suas_jax.skin.wall import Wall
+from suas_jax.skin.wall import Obstacle, Wall
 
 
 class Shell(AbstractPlaneStrain):
@@ -83,6 +83,8 @@ class Shell(AbstractPlaneStrain):
     """
 
     corrected: ClassVar[bool] = True
+    # order four where the mesh resolves all layers, less on the coarsest meshes
+    error_shares: ClassVar[tuple[float, ...]] = (6 / 5,)
     law: AbstractLaw  # the membrane's material
     section: AbstractSection  # the undeformed membrane
     # of the stations from the symmetry axis [rad]
@@ -147,8 +149,19 @@ class Shell(AbstractPlaneStrain):
         self, xi: np.ndarray, d: Float[Array, "point*order component element lane"]
     ) -> Points:
         """Kinematics at local coordinates from displacement derivatives by xi there."""
-        d = d.reshape(len(xi), 2, *d.shape[1:])
-        return kinematics(d, self.elements.reference(xi), self.elements.lengths)
+        d, lengths = d.reshape(len(xi), 2, *d.shape[1:]), self.elements.lengths
+        u1, u2 = d[:, 0] / lengths, d[:, 1] / lengths**2
+        at = self.elements.reference(xi)
+        return kinematics((u1[:, 0], u1[:, 1]), (u2[:, 0], u2[:, 1]), at)
+
+    @property
+    def _tables(self) -> Tables:
+        return element_tables(self.gauss)
+
+    def _kinematics(self, q: StationVector) -> Points:
+        """At the Gauss points."""
+        tables = self._tables
+        return self._points(tables.xi, mix(tables.derivatives, self.elements.gather(q)))
 
     def fibres(self, at: Frame) -> Fibres:
         """The material through the thickness."""
@@ -166,47 +179,37 @@ class Shell(AbstractPlaneStrain):
 
     def deviator(self, q: StationVector) -> Float[Array, "2 layer gauss element lane"]:
         """Instantaneous stress that the material remembers; see `Fibres.deviator`."""
-        tables = element_tables(self.gauss)
-        points = self._points(tables.xi, mix(tables.derivatives, self.elements.gather(q)))
+        points = self._kinematics(q)
         return self._material.deviator(points.stretch, points.curvature)
 
     @property
     def _at_gauss(self) -> Frame:
-        return self.elements.reference(element_tables(self.gauss).xi)
+        return self.elements.reference(self._tables.xi)
 
     def strain_energy(self, q: StationVector) -> Lanes:
         """Strain energy per width [J/m]."""
-        tables = element_tables(self.gauss)
-        points = self._points(tables.xi, mix(tables.derivatives, self.elements.gather(q)))
+        points = self._kinematics(q)
         density = self._material.energy(points.stretch, points.curvature)
-        weights = tables.weights[:, None, None] * self.elements.lengths
+        weights = self._tables.weights[:, None, None] * self.elements.lengths
         return jnp.sum(weights * density, (0, 1))
 
+    def _lines(self, at: Resultants) -> list[LinesOverElements]:
+        return at.lines(self._tables.xi, self._tables.weights)
+
     def _relaxed_energy(self, at: Resultants) -> Lanes:
-        tables, modulus = element_tables(self.gauss), self._shear_modulus
-        gauss = tables.xi, tables.weights
-        clamped = True, not self.symmetric
-        return relaxed_energy(
-            at,
-            *gauss,
-            self.elements.lengths,
-            self._at_gauss.thickness,
-            modulus,
-            clamped,
-            self.growth,
-        )
+        lengths, thickness = self.elements.lengths, self._at_gauss.thickness
+        material = self._shear_modulus, (True, not self.symmetric), self.growth
+        return relaxed_energy(self._lines(at), lengths, thickness, *material)
 
     def _omitted_energy(self, at: Resultants, factor: Lanes) -> Lanes:
-        tables, modulus = element_tables(self.gauss), self._shear_modulus
         loaded = self.section.frame(places(self.points, self.angles))
         inward = -factor * jnp.sum(self.points.force * loaded.normal, 0)
-        gauss = tables.xi, tables.weights
-        work = thinning_work(at, *gauss, self.points, inward, loaded.thickness, modulus)
-        return self._relaxed_energy(at) + work
+        normal, moment = (line.at_points(self.points) for line in self._lines(at))
+        thinned = thinning(normal, moment, loaded.thickness, self._shear_modulus)
+        return self._relaxed_energy(at) + jnp.sum(inward * thinned, 0)
 
     def _at_gauss_points(self, q: StationVector) -> tuple[Points, Moments]:
-        tables = element_tables(self.gauss)
-        points = self._points(tables.xi, mix(tables.derivatives, self.elements.gather(q)))
+        points = self._kinematics(q)
         return points, self._material.moments(points.stretch, points.curvature)
 
     def omitted_energy(self, q: StationVector, factor: Lanes) -> Lanes:
@@ -222,11 +225,11 @@ class Shell(AbstractPlaneStrain):
 
         The derivative by the resultants, then the chain rule that makes forces of stresses.
         """
-        tables = element_tables(self.gauss)
+        tables = self._tables
         points, moments = self._at_gauss_points(q)
         at = resultants(points, moments.first)
         qe = self.elements.gather(q)
-        faces = [self._outer_face(qe, body.placed(factor)) for body in self.bodies]
+        faces = [self._face_against(body.placed(factor), qe) for body in self.bodies]
 
         def energy(at: Resultants) -> Array:
             work = [jnp.sum(f.shares(f.inputs) * self._thinned(f, at)) for f in faces]
@@ -271,13 +274,13 @@ class Shell(AbstractPlaneStrain):
     def volume_change(self, q: StationVector) -> Lanes:
         """Enclosed volume less its value at rest, per width [m^2]."""
         qe = self.elements.gather(q)
-        return self._enclosed(qe, mix(element_tables(self.gauss).area, qe))[0]
+        return self._enclosed(qe, mix(self._tables.area, qe))[0]
 
     def _enclosed(self, qe: Array, product: Array) -> tuple[Lanes, Array]:
         """Enclosed volume less its value at rest, and its gradient; see `Elements.volume`."""
         volume, gradient = self.elements.volume(qe, product)
         if self.growth is not None:  # the lower half of a membrane that grows takes room
-            at, weights = self._at_gauss, element_tables(self.gauss).weights
+            at, weights = self._at_gauss, self._tables.weights
             half = at.thickness / 2 * (1 - at.thickness * at.curvature / 4)
             lower = jnp.sum(weights[:, None, None] * self.elements.lengths * half, (0, 1))
             volume = volume - (self.growth.volume - 1) * lower
@@ -287,34 +290,27 @@ class Shell(AbstractPlaneStrain):
         """Work of the loads, which act at the rigid-normal point r + (t/2) n [J/m]."""
         return load_work(self.points, self._loaded(self.elements.gather(q)))
 
-    @property
-    def _spans(self) -> tuple[Array, Array]:
-        """Angles where elements start, and which they span [rad]."""
-        return self.angles[:-1], self.angles[1:] - self.angles[:-1]
-
     def _gathered(self, q: StationVector) -> Array:
         return self.elements.gather(q)
 
-    def _inner_face(self, u: Array, wall: Wall) -> ContactFace:
-        return ContactFace(wall, -1, self.section, self._spans, u, self.growth)
-
-    def _outer_face(self, u: Array, body: PlacedBody) -> ContactFace:
-        return ContactFace(body, 1, self.section, self._spans, u)
+    def _face_against(self, obstacle: Obstacle, u: Array) -> ContactFace:
+        spans = self.angles[:-1], self.angles[1:] - self.angles[:-1]
+        return ContactFace(obstacle, self.section, spans, u, self.growth)
 
     def gap_shift(self, q: StationVector, body: PlacedBody) -> Array:
         """By thinning, and by indentation beneath the body; see the base class."""
         points, moments = self._at_gauss_points(q)
-        face = self._outer_face(self.elements.gather(q), body)
+        face = self._face_against(body, self.elements.gather(q))
         thinned = self._thinned(face, resultants(points, moments.first))
         return thinned + self._indentation(face, points, body)
 
     def strip(self, q: StationVector, body: PlacedBody) -> Strip:
         """See the base class."""
         points, _ = self._at_gauss_points(q)
-        return self._strip(self._outer_face(self.elements.gather(q), body), points, body)
+        return self._strip(self._face_against(body, self.elements.gather(q)), points, body)
 
     def _strip(self, face: ContactFace, points: Points, body: PlacedBody) -> Strip:
-        tables = element_tables(self.gauss)
+        tables = self._tables
         bend = points.curvature + self._at_gauss.curvature
         line = LinesOverElements.through(bend, tables.xi, tables.weights)
         return strip(face, line.along(face.xi), body, self._shear_modulus)
@@ -324,26 +320,24 @@ class Shell(AbstractPlaneStrain):
         return indentation(face, touched, self._shear_modulus)
 
     def _thinned(self, face: ContactFace, at: Resultants) -> Array:
-        tables, modulus = element_tables(self.gauss), self._shear_modulus
-        gauss = tables.xi, tables.weights
-        return thinning(at, *gauss, face.xi, face.at.thickness, modulus)
+        normal, moment = (line.along(face.xi) for line in self._lines(at))
+        return thinning(normal, moment, face.at.thickness, self._shear_modulus)
 
     def contact(self, q: StationVector, wall: Wall) -> ContactState:
         """The inner face against a wall; see the base class."""
         own = q if self.equilibrium is None else self.equilibrium
-        face = self._inner_face(self.elements.gather(own), wall)
+        face = self._face_against(wall, self.elements.gather(own))
         if self.equilibrium is None:
             return face.state()
-        return face.state(
-            self._inner_face(self.elements.gather(q - self.equilibrium), wall).inputs
-        )
+        change = self._face_against(wall, self.elements.gather(q - self.equilibrium))
+        return face.state(face.carried(change.inputs))
 
     def _loaded(self, qe: Array) -> Loaded:
         return under(self.points, qe, self.angles, self.section)
 
     def assemble(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Assembly:
         """Residual, tangent and border at a trial state; see the base class."""
-        tables = element_tables(self.gauss)
+        tables = self._tables
         qe = self.elements.gather(q)
         rows = mix(np.concatenate([tables.derivatives, tables.area]), qe)
         points = self._points(tables.xi, rows[:-4])
@@ -354,17 +348,16 @@ class Shell(AbstractPlaneStrain):
         stiffness = mix(tables.stiffness, tangents.reshape(-1, *tangents.shape[3:]))
         stiffness = full_blocks(stiffness.reshape(4, 4, *stiffness.shape[1:]))
         if self.wall is not None:
-            forces, matrices = self._inner_face(qe, self.wall).assembled()
+            forces, matrices = self._face_against(self.wall, qe).assembled()
             internal, stiffness = internal + forces, stiffness + matrices
-        contact = travel = None
+        contact, travel = jnp.zeros_like(qe), jnp.zeros_like(qe)
         for body in self.bodies:
-            face = self._outer_face(qe, body.placed(factor))
+            face = self._face_against(body.placed(factor), qe)
             terms = face.terms()
             pushes, pulls = face.forces(terms.force), face.forces(by_travel(terms, body))
-            contact = pushes if contact is None else contact + pushes
-            travel = -pulls if travel is None else travel - pulls
+            contact, travel = contact + pushes, travel - pulls
             stiffness = stiffness + face.matrix(terms)
-        if contact is not None:
+        if self.bodies:
             internal = internal + contact
         volume, gradient = self._enclosed(qe, rows[-4:])
         load, load_stiffness = load_terms(self.points, self._loaded(qe))
@@ -380,7 +373,7 @@ class Shell(AbstractPlaneStrain):
             self.elements.scatter(gradient),
             self.elements.scatter(load),
             volume,
-            *(None if x is None else self.elements.scatter(x) for x in (travel, contact)),
+            *(self.elements.scatter(x) for x in (travel, contact) if self.bodies),
         )
 
     def imbalance(
@@ -390,7 +383,7 @@ class Shell(AbstractPlaneStrain):
         free = self.with_wall(None).assemble(q, pressure, factor)
         if self.wall is None:
             return free.residual, free.volume_change
-        pushes = self._inner_face(self.elements.gather(q), self.wall).push()
+        pushes = self._face_against(self.wall, self.elements.gather(q)).push()
         return free.residual + self.elements.scatter(pushes), free.volume_change
 
     def profile(self, q: StationVector, samples: int) -> Profile:
@@ -420,11 +413,6 @@ class Shell(AbstractPlaneStrain):
         """The same deformation on elements half as long; see the base class."""
         del counts  # there is one
         return prolonged(q, self.elements.gather(q), self.elements.lengths)
-
-    @property
-    def error_shares(self) -> tuple[float, ...]:
-        """Order four where the mesh resolves all layers, less on the coarsest meshes."""
-        return (6 / 5,)
 
     def displacement_size(self, q: StationVector) -> Lanes:
         """Largest component of a station's displacement [m]."""

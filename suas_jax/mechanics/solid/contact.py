@@ -7,21 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from suas_jax.mechanics.contact.state import BodyContact, ContactState
-from suas_jax.mechanics.contact.term import (
-    ContactTerms,
-    contact_pressure,
-    contact_terms,
-    expanded,
-    grip_of,
-    held_energy,
-    held_terms,
-)
+from suas_jax.mechanics.contact.face import AbstractContactFace
+from suas_jax.mechanics.contact.term import ContactTerms, contact_terms, expanded
 from suas_jax.mechanics.solid.element import NODES, quadratic
 from suas_jax.mechanics.solid.layout import FaceValues
-from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.quadrature import gauss_legendre
-from suas_jax.skin.body import Grip, PlacedBody
 from suas_jax.skin.wall import Obstacle, Wall
 
 # Points on an edge of the inner face: enough that a zone shorter than an edge is seen, and that
@@ -58,48 +48,41 @@ def _in_element(face: int) -> Float[np.ndarray, "9 3"]:
     return table
 
 
-class ContactFace:
+class ContactFace(AbstractContactFace):
     """A face of a solid at the contact points of its edges. `angles`: of the stations [rad]."""
 
     def __init__(
         self,
-        obstacle: Obstacle,  # what it may touch
-        face: int,  # position across an element, 0 for the inner face and 2 for the outer one
+        obstacle: Obstacle,  # a wall inside, a body outside
         angles: Float[Array, "station #lane"],
         length: Callable[[Array], Array],  # of the undeformed face per angle [m]
         rest: FaceValues,  # positions of the edges' nodes at rest, left, middle, right [m]
         moved: FaceValues,  # their displacements [m]
     ) -> None:
-        self.obstacle, self.face = obstacle, face
+        self.obstacle = obstacle
+        self.face = 0 if isinstance(obstacle, Wall) else 2  # position across an element
         span = angles[1:] - angles[:-1]
-        xi, weights, self.shapes = _RULES[face]
+        xi, weights, self.shapes = _RULES[self.face]
         self.angle = angles[:-1] + (xi[:, None, None] + 1) / 2 * span
         self.area = jnp.asarray(weights)[:, None, None] * length(self.angle) * span / 2
         self.rest, self.moved = (
             jnp.einsum("ag,acel->cgel", self.shapes, x) for x in (rest, moved)
         )
-        self.position = self.rest + self.moved
 
-    def _gap(self, position: Array) -> Array:
-        return self.obstacle.gap(position, self.angle)
+    def place(self) -> Array:
+        """See the base class."""
+        return self.rest + self.moved
 
-    def energy(self) -> Lanes:
-        """Energy of contact per width [J/m]."""
-        energy = self.area * self.obstacle.law.energy(self._gap(self.position))
-        slipped = held_energy(self.obstacle, self.moved, self.grip())
-        return jnp.sum(energy + slipped, (0, 1))
-
-    def grip(self) -> Grip | None:
-        """How friction holds the points; None without friction."""
-        return grip_of(self.obstacle, self.position, self.area)
+    def place_at_rest(self) -> Array:
+        """See the base class."""
+        return self.rest
 
     def terms(self) -> ContactTerms:
         """Contact at every point, by its position."""
-        gap = expanded(self._gap, self.position)
+        place = self.place()
+        gap = expanded(lambda x: self.obstacle.gap(x, self.angle), place)
         terms = contact_terms(self.obstacle.law, gap, self.area)
-        return held_terms(
-            terms, self.obstacle, lambda x: x - self.rest, self.position, self.grip()
-        )
+        return self.with_friction(terms, lambda x: x - self.rest, place, self.grip())
 
     def forces(self, by_position: Float[Array, "2 point element lane"]) -> FaceValues:
         """Forces of the edges' nodes from derivatives by the points' positions."""
@@ -112,16 +95,3 @@ class ContactFace:
         stiffness = jnp.einsum("abg,igel->abiel", products, jnp.stack([xx, yy, xy]))
         nodes = _in_element(self.face)
         return jnp.einsum("na,mb,abiel->nmiel", nodes, nodes, stiffness)
-
-    def touched(self, body: PlacedBody, shift: Array | float) -> BodyContact:
-        """Where the face is, and how it pushes a body."""
-        position, rest = self.position, self.rest
-        return BodyContact.of(body, self.angle, position, rest, self.area, None, shift)
-
-    def state(self) -> ContactState:
-        """Where the face is, and how the wall pushes it."""
-        wall = self.obstacle
-        assert isinstance(wall, Wall)
-        polar, gap = wall.seen_from(self.position, self.angle)
-        pressure = contact_pressure(wall.law, gap)
-        return ContactState(self.angle, polar, gap, pressure, self.area)

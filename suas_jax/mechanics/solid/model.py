@@ -74,13 +74,9 @@ _ORDER, _ORDER_ACROSS = 2.2, 2.0
 class SolidPlan(AbstractArcPlan):
     """Elements along the arc and through the thickness."""
 
+    model: ClassVar[str] = "solid"
     arc: MeshPlan  # where they lie along the arc
     layers: int = eqx.field(static=True)  # how many through the thickness
-
-    @property
-    def model(self) -> str:
-        """See the base class."""
-        return SolidModel.name
 
     @property
     def counts(self) -> Counts:
@@ -126,10 +122,6 @@ class SolidModel(AbstractModel):
         if scene.rtol > _STRICT:
             return (max(128, least), 4 if thick else 2)
         return (max(384, least), 6 if thick else 4)
-
-    def first_of_sweep(self, scene: SceneSpec) -> Counts:
-        """The same as for a solve."""
-        return self.first(scene)
 
     def finer(self, counts: Counts, excess: tuple[float, ...]) -> Counts | None:
         """The cheapest finer mesh whose error should be as allowed, or the finest.

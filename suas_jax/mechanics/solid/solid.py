@@ -48,12 +48,12 @@ from suas_jax.mechanics.solid.shape import (
 )
 from suas_jax.mechanics.solid.tangent import ElementTangent
 from suas_jax.numerics.array_types import Lanes, StationVector
-from suas_jax.skin.body import Body, PlacedBody
+from suas_jax.skin.body import Body
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
-from suas_jax.skin.wall import Wall
+from suas_jax.skin.wall import Obstacle, Wall
 
 # Penalty on an element's change of volume in shear moduli; see `ElementTangent`.
 _PENALTY = 10.0
@@ -176,26 +176,28 @@ class Solid(AbstractPlaneStrain):
 
     def deviator(self, q: StationVector) -> Float[Array, "3 gauss layer element lane"]:
         """Instantaneous stress that the material remembers; see `remembered_stress`."""
-        return remembered_stress(self.law, kinematics(self.grid, self.layout.gather(q)[0]))
+        return remembered_stress(self.law, self._kinematics(q))
 
     def strain_energy(self, q: StationVector) -> Lanes:
         """Strain energy per width [J/m]."""
-        u, _ = self.layout.gather(q)
-        k = kinematics(self.grid, u)
-        return jnp.sum(self.grid.volume * self._energy(k), (0, 1, 2))
+        return jnp.sum(self.grid.volume * self._energy(self._kinematics(q)), (0, 1, 2))
 
     def dilatation(self, q: StationVector) -> Float[Array, "3 layer element lane"]:
         """Moments of J - 1 over every element with 1, xi and eta, relative to its area."""
-        u, _ = self.layout.gather(q)
-        change = self.grid.swelling(kinematics(self.grid, u))
-        return _moments(change) / jnp.sum(self.grid.volume, 0)
+        return self._constraint(q) / jnp.sum(self.grid.volume, 0)
 
     def potential(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Lanes:
         """The mixed potential, pressures included; see the base class."""
-        u, p = self.layout.gather(q)
-        change = self.grid.swelling(kinematics(self.grid, u))
-        constraint = jnp.sum(p * _moments(change), (0, 1, 2))
+        _, p = self.layout.gather(q)
+        constraint = jnp.sum(p * self._constraint(q), (0, 1, 2))
         return super().potential(q, pressure, factor) + constraint
+
+    def _kinematics(self, q: StationVector) -> Kinematics:
+        return kinematics(self.grid, self._gathered(q))
+
+    def _constraint(self, q: StationVector) -> Float[Array, "3 layer element lane"]:
+        """What the pressures make zero."""
+        return _moments(self.grid.swelling(self._kinematics(q)))
 
     def _at_rest(self, node: int) -> FaceValues:
         """Positions of the nodes of the inner face (0) or the outer one (-1): edge by edge."""
@@ -203,21 +205,20 @@ class Solid(AbstractPlaneStrain):
             [self.stations[:, node, :-1], self.middles[:, node], self.stations[:, node, 1:]]
         )
 
-    def _inner_face(self, u: NodeValues, wall: Wall) -> ContactFace:
-        rest, moved = self._at_rest(0), self.layout.inner_face(u)
-        return ContactFace(wall, 0, self.angles, self._inner_length, rest, moved)
-
-    def _outer_face(self, u: NodeValues, body: PlacedBody) -> ContactFace:
-        rest, moved = self._at_rest(-1), self.layout.outer_face(u)
-        length = functools.partial(self._length, side=1)
-        return ContactFace(body, 2, self.angles, length, rest, moved)
+    def _face_against(self, obstacle: Obstacle, u: NodeValues) -> ContactFace:
+        if isinstance(obstacle, Wall):
+            length, edges = self._inner_length, (self._at_rest(0), self.layout.inner_face(u))
+        else:
+            length = functools.partial(self._length, side=1)
+            edges = self._at_rest(-1), self.layout.outer_face(u)
+        return ContactFace(obstacle, self.angles, length, *edges)
 
     def _gathered(self, q: StationVector) -> NodeValues:
         return self.layout.gather(q)[0]
 
     def contact(self, q: StationVector, wall: Wall) -> ContactState:
         """The inner face against a wall; see the base class."""
-        return self._inner_face(self.layout.gather(q)[0], wall).state()
+        return self._face_against(wall, self._gathered(q)).state()
 
     def _enclosed(self, u: NodeValues) -> tuple[Lanes, FaceValues]:
         """Enclosed volume less rest, and its gradient by the inner face's nodes."""
@@ -225,8 +226,7 @@ class Solid(AbstractPlaneStrain):
 
     def volume_change(self, q: StationVector) -> Lanes:
         """Enclosed volume less its value at rest, per width [m^2]."""
-        u, _ = self.layout.gather(q)
-        return self._enclosed(u)[0]
+        return self._enclosed(self._gathered(q))[0]
 
     def work(self, q: StationVector) -> Lanes:
         """Work of the loads on the outer face [J/m]."""
@@ -244,20 +244,20 @@ class Solid(AbstractPlaneStrain):
         stiffness = mixed(TABLES.stiffness, tangent).reshape(9, 9, 3, *tail)
         coupling = mixed(TABLES.coupling, _paired(terms.cofactor))
         constraint = coupling.reshape(9, 3, 2, *tail)
-        volume, face = self._enclosed(u)
+        volume, by_face = self._enclosed(u)
         stiffness = stiffness - pressure * follower(self.layers)
         if self.wall is not None:
-            push, spring, _ = self._contact(self._inner_face(u, self.wall))
+            push, spring, _ = self._contact(self._face_against(self.wall, u))
             internal, stiffness = internal + push, stiffness + spring
         contact, travel = jnp.zeros_like(u), jnp.zeros_like(u)
         for body in self.bodies:
-            outer = self._outer_face(u, body.placed(factor))
-            push, spring, more = self._contact(outer, body)
+            face = self._face_against(body.placed(factor), u)
+            push, spring, more = self._contact(face, body)
             contact, travel = contact + push, travel - more
             stiffness = stiffness + spring
         if self.bodies:
             internal = internal + contact
-        gradient = self.layout.on_face(face, 0)
+        gradient = self.layout.on_face(by_face, 0)
         mask, none = self._mask(), jnp.zeros_like(p)
         border = self.layout.scatter(gradient, none, mask)
         residual = self.layout.scatter(internal, _moments(terms.constraint), mask)

@@ -21,6 +21,11 @@ class Path(AbstractCurve):
     # whether the right half is the mirror image of the left one
     mirrored: bool = eqx.field(static=True, default=False)
 
+    @property
+    def symmetric(self) -> bool:
+        """See the base class."""
+        return self.mirrored
+
     @classmethod
     def of(cls, spec: PathSpec, value: Callable[[str], Lanes]) -> "Path":
         """See the base class."""
@@ -43,11 +48,6 @@ class Path(AbstractCurve):
         count = self.length.shape[0]
         crown = count // 2 if self.mirrored else 0
         return tuple(k for k in range(1, count) if k != crown)
-
-    @property
-    def symmetric(self) -> bool:
-        """See the base class."""
-        return self.mirrored
 
     def edges(self) -> Float[Array, "edge lane"]:
         """Arc lengths of the ends of the pieces [m]."""

@@ -22,6 +22,11 @@ class Spline(AbstractCurve):
     # whether the right half is the mirror image of the left one
     mirrored: bool = eqx.field(static=True, default=False)
 
+    @property
+    def symmetric(self) -> bool:
+        """See the base class."""
+        return self.mirrored
+
     @classmethod
     def of(cls, spec: SplineSpec, value: Callable[[str], Lanes]) -> "Spline":
         """See the base class."""
@@ -33,11 +38,6 @@ class Spline(AbstractCurve):
         mirrored = bool(np.allclose(given, image, rtol=0, atol=_MIRRORED * width))
         chord = jnp.sqrt(jnp.sum(jnp.diff(points, axis=1) ** 2, 0))
         return cls(points, _slopes(points, chord), mirrored)
-
-    @property
-    def symmetric(self) -> bool:
-        """See the base class."""
-        return self.mirrored
 
     def edges(self) -> Float[Array, "edge lane"]:
         """Sums of the chords' lengths [m]."""

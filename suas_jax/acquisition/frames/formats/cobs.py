@@ -15,7 +15,6 @@ Before stuffing, little-endian::
 Stuffed by COBS, so that no byte is zero, and a zero byte before and after.
 """
 
-import binascii
 import struct
 
 from suas_jax.acquisition.frames.reading import FrameFormat, Reading, SplitDecoder, crc16
@@ -61,7 +60,7 @@ class CobsDecoder(SplitDecoder):
             self._refuse(frame)
             return None
         end = len(payload) - _CRC.size
-        if binascii.crc_hqx(payload[:end], 0xFFFF) != _CRC.unpack_from(payload, end)[0]:
+        if crc16(payload[:end]) != _CRC.unpack_from(payload, end)[0]:
             self._refuse(frame, crc=True)
             return None
         version, n, module, status, seq, clock = _HEAD.unpack_from(payload)
@@ -97,7 +96,7 @@ def _unstuffed(frame: bytes) -> bytes | None:
 def encode_cobs(reading: Reading) -> bytes:
     """One `cobs` frame with the zero bytes before and after it.
 
-    Shares no code with the decoder, so that each can prove the other.
+    Shares no code with the decoder but the checksum, so that each can prove the other.
     """
     clock = 0.0 if reading.t_device != reading.t_device else reading.t_device
     micros = round(clock * 1e6) % 2**32

@@ -9,7 +9,6 @@ that its module always has (a line that lost its tail, or two lines that ran tog
 and the first line after the port was opened must not be the tail of a longer one.
 """
 
-import binascii
 import math
 import re
 from collections import Counter
@@ -93,7 +92,7 @@ class TextDecoder(SplitDecoder):
             if checksum is None:
                 return None
             line = line[: checksum.start()]
-            if binascii.crc_hqx(line, 0xFFFF) != int(checksum[1], 16):
+            if crc16(line) != int(checksum[1], 16):
                 return None
         else:
             checksum = None

@@ -1,0 +1,102 @@
+"""A face of the membrane against a rigid surface: what no mechanics does by itself."""
+
+import abc
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from suas_jax.mechanics.contact.state import BodyContact, ContactState
+from suas_jax.mechanics.contact.term import ContactTerms, contact_pressure, expanded
+from suas_jax.numerics.array_types import Lanes
+from suas_jax.skin.body import Grip, PlacedBody
+from suas_jax.skin.wall import Obstacle, Wall
+
+
+class AbstractContactFace(abc.ABC):
+    """A face at the points where it may touch something.
+
+    Attributes:
+        obstacle: a wall, beneath the inner face, or a placed body, on the outer one.
+        angle: reference angles of the points [rad].
+        area: of the undeformed face that each point stands for.
+    """
+
+    obstacle: Obstacle
+    angle: Array
+    area: Array
+
+    @abc.abstractmethod
+    def place(self) -> Array:
+        """Current positions of the points, components leading [m]."""
+
+    @abc.abstractmethod
+    def place_at_rest(self) -> Array:
+        """Where they were at rest, from where they slide on a body [m]."""
+
+    def energy(self) -> Lanes:
+        """Energy of contact, and work against friction at its bound."""
+        place, grip = self.place(), self.grip()
+        energy = self.area * self.obstacle.law.energy(self.obstacle.gap(place, self.angle))
+        if grip is not None:
+            if self._body.body.grip is None:  # of the state at hand, whose change is not work
+                grip = jax.lax.stop_gradient(grip)
+            energy = energy + self._slip(place, grip)
+        return jnp.sum(energy, (0, 1))
+
+    @property
+    def _body(self) -> PlacedBody:
+        assert isinstance(self.obstacle, PlacedBody)
+        return self.obstacle
+
+    def _slip(self, place: Array, grip: Grip) -> Array:
+        """Work against friction at a known bound."""
+        moved = place - self.place_at_rest()
+        return grip.bound * self._body.work_of_slip(moved, grip.normal)
+
+    def grip(self) -> Grip | None:
+        """How friction holds the points; None without friction."""
+        if not isinstance(self.obstacle, PlacedBody) or self.obstacle.body.friction is None:
+            return None
+        known = self.obstacle.body.grip
+        return self.obstacle.grip(self.place(), self.area) if known is None else known
+
+    def with_friction(
+        self,
+        terms: ContactTerms,  # of contact without friction
+        moved: Callable[[Float[Array, "input *point"]], Float[Array, "component *point"]],
+        inputs: Float[Array, "input *point"],  # leading axis over the inputs
+        grip: Grip | None,  # of friction; None without
+    ) -> ContactTerms:
+        """Terms of contact with those of friction at a known bound.
+
+        Coulomb's law has no potential, as the bound changes with the pressure. The stiffness is
+        that at a given bound, which is symmetric.
+
+        `moved`: displacement of the points of the face by their inputs [m].
+        """
+        if grip is None:
+            return terms
+        body, bound, normal = self._body, grip.bound, grip.normal
+        work = expanded(lambda z: body.work_of_slip(moved(z), normal), inputs)
+        return ContactTerms(*(a + bound * b for a, b in zip(terms, work, strict=True)))
+
+    def touched(self, shift: Array | float = 0.0) -> BodyContact:
+        """Where the face is, and how it pushes its body. `shift`: added to the gaps [m]."""
+        body, place, grip = self._body, self.place(), self.grip()
+
+        def energy(place: Array) -> Array:
+            found = self.area * body.law.energy(body.gap(place, self.angle) + shift)
+            return jnp.sum(found if grip is None else found + self._slip(place, grip))
+
+        gap = body.gap(place) + shift
+        pressure, force = contact_pressure(body.law, gap), jax.grad(energy)(place)
+        return BodyContact(self.angle, place, gap, pressure, force, self.area)
+
+    def state(self, place: Array | None = None) -> ContactState:
+        """Where the face is, unless a place is given, and how its wall pushes it."""
+        wall, angle = self.obstacle, self.angle
+        assert isinstance(wall, Wall)
+        polar, gap = wall.seen_from(self.place() if place is None else place, angle)
+        return ContactState(angle, polar, gap, contact_pressure(wall.law, gap), self.area)
