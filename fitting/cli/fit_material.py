@@ -11,6 +11,9 @@ from fitting.cli.options import (
     Chain,
     JsonInSI,
     Plot,
+    Sample,
+    Steps,
+    Walkers,
     check_files,
     named_bounds,
     named_file,
@@ -117,13 +120,9 @@ def material(
     ] = None,
     starts: Annotated[int, option("Number of starting points.", min=1)] = 64,
     seed: Annotated[int, option("Seed of the starting points.")] = 0,
-    sample: Annotated[
-        bool, option("Sample the posterior of the constants (emcee).", "--sample")
-    ] = False,
-    walkers: Annotated[int, option("Number of walkers of the sampler, even.")] = 32,
-    steps: Annotated[
-        int, option("Largest number of steps; sampling stops when converged.", min=1)
-    ] = 20_000,
+    sample: Sample = False,
+    walkers: Walkers = 32,
+    steps: Steps = 20_000,
     moves: Annotated[
         str, option("Moves of the sampler: stretch, walk, de or de-snooker.")
     ] = "stretch",

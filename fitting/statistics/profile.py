@@ -14,6 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fitting.statistics.least_squares import Linearised
+
 _ITERATIONS = 40
 _CONSTRAINT = 1e-8
 _SEARCHES = 16
@@ -25,7 +27,6 @@ _TOLERANCE = 5e-3
 _LEAST_SIZE = 1e-3
 _STEPS_OUT = 12
 
-Linearised = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 Quantity = Callable[[np.ndarray], tuple[float, np.ndarray]]
 
 

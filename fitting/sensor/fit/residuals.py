@@ -50,24 +50,6 @@ class SensorResiduals(AbstractResiduals):
         """The constants."""
         return self.model.family
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the constants."""
-        return self.family.names
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Their SI units, "1" for a number."""
-        return self.family.units
-
-    def constants(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
-        """Constants in SI units from dimensionless parameters."""
-        return self.family.constants(theta)
-
-    def unconstrained(self, constants: Float[Array, " p"]) -> Float[Array, " p"]:
-        """Dimensionless parameters from constants."""
-        return self.family.unconstrained(constants)
-
     def predict(self, constants: Float[Array, " p"]) -> Float[Array, " n"]:
         """LoggedCounts for constants in SI units, and the constants themselves."""
         so = self.model.so(constants)[:, self.state]

@@ -11,13 +11,11 @@ from fitting.report.description import (
     Part,
     Remark,
     ReportTable,
-    print_parts,
     quantity_text,
 )
 from fitting.sensor.fit.result import SensorFit
 from fitting.sensor.model.as_built import is_gain
 from fitting.sensor.model.constants import PATHS, is_press_error
-from suas_jax.acquisition.terminal import new_console
 from suas_jax.sensing.taxels import taxel_names
 
 _MANY = 10  # channels whose gains are told together, constants whose priors have one reason
@@ -117,12 +115,7 @@ def _taxels(
     return rows
 
 
-def print_report(report: dict[str, Any], fit: SensorFit) -> None:
-    """Print what was found."""
-    print_parts(new_console(highlight=False), [*_described(report, fit)])
-
-
-def _described(report: dict[str, Any], fit: SensorFit) -> Iterator[Part]:
+def described(report: dict[str, Any], fit: SensorFit) -> Iterator[Part]:
     """The report in parts."""
     residual = report["residual"]
     yield Headline(
