@@ -58,11 +58,11 @@ CalibratedSkin = Annotated[
 Baseline = Annotated[Path | None, option("Readings at rest, from `suas baseline`.")]
 FORMAT_NAMES = model_names("suas_jax.acquisition.frames.formats")
 Format = Annotated[
-    str, option(f"Frame format: {', '.join(FORMAT_NAMES)}.", "--format", metavar="NAME")
+    str, option(f"Frames of a port: {', '.join(FORMAT_NAMES)}.", "--format", metavar="NAME")
 ]
-Baud = Annotated[int, option("Bits per second.", min=1)]
+Baud = Annotated[int, option("Bits per second of a port.", min=1)]
 LivePort = Annotated[str | None, option("Port to read, as for `suas log`.", metavar="PORT")]
-Duration = Annotated[float | None, option("Stop after this long.", min=0.0, metavar="S")]
+Duration = Annotated[float | None, option("Live: stop after this long.", min=0.0, metavar="S")]
 SkinOfLog = Annotated[
     Path | None, option("Of a log: its skin file; default: the one that its header names.")
 ]

@@ -105,8 +105,9 @@ def view(
             from fitting.view.log_source import LogSource
             from fitting.view.readings_picture import ReadingsPictures
 
-            chosen = {"taxels_only": taxels_only, "most_contacts": contacts}
-            found = log_frames(source, skin, baseline, loads, **chosen)
+            found = log_frames(
+                source, skin, baseline, loads, taxels_only=taxels_only, most_contacts=contacts
+            )
             shown = LogSource(
                 found.readings,
                 ReadingsPictures(found.spec, found.rest),
