@@ -144,8 +144,9 @@ def described(report: dict[str, Any], fit: SensorFit) -> Iterator[Part]:
         numbers = [value, error, *report["intervals"]["95"][name]]
         numbers += [known["mean"], known["sd"]] if known else []
         found, sigma, low, high, *prior = (quantity_text(x, unit, 6) for x in numbers)
-        why = "" if alike else f": {known['reason']}"
-        assumed = f"{prior[0]} +- {prior[1]}{why}" if known else "none"
+        assumed = f"{prior[0]} +- {prior[1]}" if known else "none"
+        if known and not alike:
+            assumed += f": {known['reason']}"
         rows.append((name, found, sigma, f"{low} to {high}", assumed))
     names = ("constant", "value", "standard error", "95 % interval", "prior")
     yield ReportTable("Constants", names, rows)
