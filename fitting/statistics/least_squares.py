@@ -139,8 +139,13 @@ def minimise_one_by_one(
     found = [_minimum(kept, start, evaluations) for start in np.asarray(starts, float)]
     found.sort(key=lambda run: run[1])
     theta, cost, decrease = (np.array(column) for column in zip(*found, strict=True))
-    exact = cost <= int(residuals.used.sum()) * _ROUNDING
-    return Minima(theta, cost, np.isfinite(cost) & ((decrease <= CONVERGED) | exact), decrease)
+    count = int(residuals.used.sum())
+    return Minima(theta, cost, _is_minimum(cost, decrease, count), decrease)
+
+
+def _is_minimum(cost: np.ndarray, decrease: np.ndarray, count: int) -> np.ndarray:
+    """Whether starts ended in minima, by what remains of `count` readings [lanes]."""
+    return np.isfinite(cost) & ((decrease <= CONVERGED) | (cost <= count * _ROUNDING))
 
 
 def _minimum(
