@@ -9,7 +9,7 @@ ends of the interval of this level (Venzon & Moolgavkar 1988). It follows curved
 within a constant's sign, and is open where the data never exclude the constant's limit.
 
 The constraint is one more residual, w (g(θ) - v), of a large weight w. Where the sum is least
-g falls a little short of v, but the cost is the profile's at the value that g has there.
+g falls short of v, but the cost is the profile's at the value that g has there.
 """
 
 import functools
@@ -24,7 +24,6 @@ from fitting.statistics.least_squares import Linearised, solved_by_scipy
 # Evaluations of the residuals for one value of g, over their number.
 _EVALUATIONS, _FEWEST, _MOST = 3e4, 20, 60
 _WEIGHT = 10.0  # of the constraint, in units of what a Gaussian likelihood knows of g
-_REACHED = 0.5  # of a distance: where g goes no farther, the parameters' limit is reached
 _TOLERANCE = 1e-3
 _STEPS_OUT, _STEPS_BETWEEN = 12, 16
 
@@ -65,7 +64,7 @@ def profile_end(
 
     @functools.cache
     def above(distance: float) -> float:
-        """Size over that of the end, less one; one where g does not come so far."""
+        """Size over that of the end, less one; one where there is none."""
         if distance == 0.0:
             return -1.0
         near = known[max(d for d in known if d < distance)].theta
@@ -73,7 +72,7 @@ def profile_end(
         x, cost = constrained(at, quantity, near, wanted, weight, evaluations)
         gone = side * (quantity(x)[0] - start)
         size = float(np.sqrt(max(cost - least, 0.0) / excess))
-        if not (np.isfinite(size) and gone > _REACHED * distance):
+        if not (np.isfinite(size) and np.isfinite(gone)):
             return 1.0
         known[distance] = _Point(x, gone, size)
         return size - 1.0
@@ -83,20 +82,14 @@ def profile_end(
         if (rise := above(outer)) >= 0.0:
             break
         if outer >= farthest:
-            return End(start + side * outer, True)
+            if known[outer].gone > 0.5 * farthest:
+                return End(start + side * outer, True)
+            break
         inner = outer
         outer = min(inner * max(1.02 / max(rise + 1.0, 0.25), 1.5), farthest)
-    else:
-        return End(start + side * inner, True)
-    brentq(
-        above,
-        inner,
-        outer,
-        xtol=_TOLERANCE * step,
-        rtol=_TOLERANCE,
-        maxiter=_STEPS_BETWEEN,
-        disp=False,
-    )
+    if rise > 0.0:
+        accuracy = {"xtol": _TOLERANCE * step, "rtol": _TOLERANCE, "maxiter": _STEPS_BETWEEN}
+        brentq(above, inner, outer, **accuracy, disp=False)
     last = min(known.values(), key=lambda point: abs(point.size - 1.0))
     if abs(last.size - 1.0) < 10.0 * _TOLERANCE:
         return End(start + side * last.gone, False)
