@@ -17,7 +17,6 @@ from fitting.material.fit.fit import fit_material
 from fitting.material.fit.material_posterior import sample_material
 from fitting.material.fit.problem import readings, shared_error
 from fitting.material.fit.result import MaterialFit
-from fitting.material.report.plots import plot_material
 from fitting.statistics.identifiability import uncertainty
 from fitting.statistics.posterior import Settings
 from suas_jax.config import load_scene
@@ -115,22 +114,6 @@ def test_posterior_of_the_curve(fit: MaterialFit) -> None:
     assert len(report["prior_dominated"]) == 1
     assert report["prior_dominated"][0].startswith("C2 ")
     assert report["equilibria_per_s"] > 0.0
-
-
-@pytest.mark.long  # a skin's curve; the fit of other tests in test_material_fit
-def test_figure_shows_the_law_with_its_error_beside_both_channels(fit: MaterialFit) -> None:
-    upper = plot_material(fit).axes[0]
-    (half,) = fit.half_widths()
-    law = fit.sets[0].value + fit.misfits()[0]
-    assert (half > 0.0).all()
-    assert (half < 0.05 * law).all()  # 1 % noise and ten readings each
-    bars = [box for box in upper.containers if box.has_yerr]
-    for box, channel in zip(bars, (DISPLACEMENT, PRESSURE), strict=True):
-        rows = fit.sets[0].channel == channel
-        unit = 1e-3 if channel == DISPLACEMENT else 1e3
-        middle, _, (bar,) = box
-        assert np.allclose(middle.get_ydata(), law[rows] / unit)
-        assert np.allclose(np.array(bar.get_segments())[:, 1, 1], (law + half)[rows] / unit)
 
 
 def test_skin_without_scene_or_force_is_refused(tmp_path: pathlib.Path) -> None:
