@@ -4,67 +4,31 @@ import math
 
 from suas_jax.config.quantities import DimensionName, parse_quantity
 
-# Unit spellings in column names, lower case and without blanks, to what the units library
-# calls them. Megapascals are never millipascals here.
-UNITS: dict[str, str] = {
-    "pa": "Pa",
-    "hpa": "hPa",
-    "kpa": "kPa",
-    "mpa": "MPa",
-    "gpa": "GPa",
-    "psi": "psi",
-    "lbf/in2": "psi",
-    "ksi": "ksi",
-    "bar": "bar",
-    "mbar": "mbar",
-    "atm": "atm",
-    "mmhg": "mmHg",
-    "torr": "torr",
-    "n/mm2": "N/mm^2",
-    "n/cm2": "N/cm^2",
-    "n/m2": "N/m^2",
-    "kn/m2": "kN/m^2",
-    "mn/m2": "MN/m^2",
-    "kgf/cm2": "kgf/cm^2",
-    "kg/cm2": "kgf/cm^2",
-    "kp/cm2": "kgf/cm^2",
-    "kgf/mm2": "kgf/mm^2",
-    "kg/mm2": "kgf/mm^2",
-    "gf/cm2": "gf/cm^2",
-    "n": "N",
-    "mn": "mN",
-    "kn": "kN",
-    "kgf": "kgf",
-    "kg": "kgf",
-    "gf": "gf",
-    "g": "gf",
-    "lbf": "lbf",
-    "lb": "lbf",
-    "um": "um",
-    "µm": "um",
-    "μm": "um",
-    "mm": "mm",
-    "cm": "cm",
-    "m": "m",
-    "in": "in",
-    "inch": "in",
-    "deg": "deg",
-    "degree": "deg",
-    "degrees": "deg",
-    "°": "deg",
-    "rad": "rad",
-    "%": "%",
-    "percent": "%",
-    "pct": "%",
-    "mm2": "mm^2",
-    "cm2": "cm^2",
-    "m2": "m^2",
-    "mm/mm": "",
-    "m/m": "",
-    "in/in": "",
-    "-": "",
-    "1": "",
+_PLAIN = (
+    "Pa hPa kPa MPa GPa psi ksi bar mbar atm mmHg torr N/mm^2 N/cm^2 N/m^2 kN/m^2 MN/m^2 "
+    "kgf/cm^2 kgf/mm^2 gf/cm^2 N mN kN kgf gf lbf um mm cm m in deg rad % mm^2 cm^2 m^2"
+)
+_OTHERS = {
+    "psi": "lbf/in2",
+    "kgf/cm^2": "kg/cm2 kp/cm2",
+    "kgf/mm^2": "kg/mm2",
+    "kgf": "kg",
+    "gf": "g",
+    "lbf": "lb",
+    "um": "\N{MICRO SIGN}m \N{GREEK SMALL LETTER MU}m",
+    "in": "inch",
+    "deg": "degree degrees °",
+    "%": "percent pct",
+    "": "mm/mm m/m in/in - 1",
 }
+UNITS = {unit.lower().replace("^", ""): unit for unit in _PLAIN.split()} | {
+    spelled: unit for unit, others in _OTHERS.items() for spelled in others.split()
+}
+"""What the units library calls a unit, by its spelling in names of columns.
+
+Spellings are lower case and without blanks.
+Megapascals are never millipascals here.
+"""
 
 
 def unit_size(unit: str, dimension: str) -> float:

@@ -36,7 +36,7 @@ from fitting.sensor.model.constants import SensorConstant, SensorFamily, named, 
 from fitting.sensor.model.counts import SensorModel, parts_of
 from fitting.sensor.report.skin_file import _set_as_built
 from fitting.sensor.shapes.scene_states import SceneStates
-from fitting.sensor.shapes.taxel_face import TaxelFace
+from fitting.sensor.shapes.state_programs import TaxelFace
 from suas_jax.config import UncertainQuantity, continuous_inputs, load_skin
 from suas_jax.config.input_errors import input_errors
 from suas_jax.config.schema_calibration import CalibrationSpec

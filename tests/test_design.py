@@ -32,6 +32,7 @@ class Problem:
     def __init__(self, starts: int = 3) -> None:
         variables = tuple(Variable(name, (name,), 0.0, 1.0, False) for name in "xy")
         none: Any = None
+        self.asked: list[Any] = []
         limits = (Limit("range_N", 1.0, False),)
         goal = "force_resolution_N"
         self.want: Any = _Want(
@@ -40,6 +41,7 @@ class Problem:
 
     def __call__(self, x: Any) -> Outcome:
         """Figures and slopes."""
+        self.asked.append(x)
         centre = np.array([0.8, 0.6])
         goal = np.sum((x - centre) ** 2) + 1 + np.arange(2.0)
         return Outcome(
@@ -81,7 +83,10 @@ def test_searches_of_workers_are_those_of_this_process() -> None:
 def test_front_between_two_goals_is_the_closed_form() -> None:
     problem = Problem()
     problem.want = dataclasses.replace(problem.want, limits=(), front=Front("range_N", 4))
-    points = front(problem, search(problem))  # type: ignore[arg-type]
+    asked = problem.asked = []
+    found = search(problem)  # type: ignore[arg-type]
+    points, calls = front(problem, found)  # type: ignore[arg-type]
+    assert found.calls + calls == len(asked)
     # From the goal's optimum, where x + y is 1.4, to (1, 1). Between them the nearest point to
     # (0.8, 0.6) on x + y = v, and on x = 1 where it would lie beyond.
     v = np.array([1.4, 1.6, 1.8, 2.0 * (1 - 1e-3)])

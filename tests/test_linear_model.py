@@ -1,7 +1,9 @@
 """Statistics of a linear model with Gaussian noise, whose answers stand in textbooks."""
 
 import dataclasses
+from typing import NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -16,6 +18,21 @@ Y = np.array([1.1, 2.9, 5.2, 6.8, 9.1])
 LINE = np.stack([np.ones(5), X], 1)
 
 
+class Two(NamedTuple):
+    """Two constants that are their own parameters."""
+
+    names: tuple[str, ...] = ("C1", "C2")
+    units: tuple[str, ...] = ("Pa", "Pa")
+
+    def constants(self, theta: Array) -> Array:
+        """Constants from parameters."""
+        return theta
+
+    def unconstrained(self, constants: Array) -> Array:
+        """Parameters from constants."""
+        return constants
+
+
 class Linear(AbstractResiduals):
     """Readings that are linear in the constants: y = A c."""
 
@@ -23,23 +40,7 @@ class Linear(AbstractResiduals):
     inverse_scale: Float[Array, " n"]
     matrix: Float[Array, "n p"]
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """As `AbstractResiduals.names`."""
-        return ("C1", "C2")
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """As `AbstractResiduals.units`."""
-        return ("Pa", "Pa")
-
-    def constants(self, theta: Array) -> Array:
-        """As `AbstractResiduals.constants`."""
-        return theta
-
-    def unconstrained(self, constants: Array) -> Array:
-        """As `AbstractResiduals.unconstrained`."""
-        return constants
+    family: Two = eqx.field(static=True, default=Two())
 
     def of_constants(self, constants: Array) -> Array:
         """As `AbstractResiduals.of_constants`."""

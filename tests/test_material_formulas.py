@@ -23,7 +23,7 @@ from fitting.material.experiments.history import (
 )
 from fitting.material.experiments.measurements import Origin
 from fitting.material.experiments.prediction import mode_factors, padded, shear_factors
-from fitting.material.experiments.timing import held_stretch, ramp_of, times_by_rate
+from fitting.material.experiments.timing import Stated
 from fitting.material.experiments.volumetric import VolumetricTest
 from fitting.material.fit.bulk_modulus import (
     BulkModulus,
@@ -497,27 +497,27 @@ def test_thinned_histories_keep_means_and_weights() -> None:
 )
 def test_times_follow_from_a_rate_of_strain(text: str, rate: float) -> None:
     strain = np.array([0.0, 0.2, 0.5, 0.1])
-    found = times_by_rate({}, {"strain_rate": text}, "f", strain)
+    found = Stated("f", {}, {"strain_rate": text}).times(strain)
     np.testing.assert_allclose(found, np.array([0.0, 0.2, 0.5, 0.9]) / rate, rtol=1e-9)
 
 
 def test_stated_times_and_strains_of_a_test() -> None:
-    assert held_stretch({"hold_strain": "50 %"}, {}, "f") == pytest.approx(1.5)
-    assert held_stretch({"strain": "0.5"}, {"stretch": "1.2"}, "f") == pytest.approx(1.2)
-    assert held_stretch({}, {}, "f") is None
-    assert ramp_of({"rise_time": "100 ms"}, {}, "f") == pytest.approx(0.1)
-    assert np.isnan(ramp_of({}, {}, "f"))
-    assert np.isnan(times_by_rate({}, {}, "f", np.ones(2))).all()
-    for function, given in (
-        (held_stretch, {"strain": "-1.0"}),
-        (ramp_of, {"ramp": "-1 s"}),
-        (ramp_of, {"ramp": "fast"}),
-    ):
+    nothing = Stated("f", {}, {})
+    assert Stated("f", {"hold_strain": "50 %"}, {}).held_stretch() == pytest.approx(1.5)
+    both = Stated("f", {"strain": "0.5"}, {"stretch": "1.2"})
+    assert both.held_stretch() == pytest.approx(1.2)
+    assert nothing.held_stretch() is None
+    assert Stated("f", {"rise_time": "100 ms"}, {}).ramp() == pytest.approx(0.1)
+    assert np.isnan(nothing.ramp())
+    assert np.isnan(nothing.times(np.ones(2))).all()
+    with pytest.raises(DataError):
+        Stated("f", {}, {"strain": "-1.0"}).held_stretch()
+    for ramp in ("-1 s", "fast"):
         with pytest.raises(DataError):
-            function({}, given, "f")
+            Stated("f", {}, {"ramp": ramp}).ramp()
     for rate in ("0 1/s", "0.1", "fast 1/s"):
         with pytest.raises(DataError):
-            times_by_rate({}, {"strain_rate": rate}, "f", np.ones(2))
+            Stated("f", {}, {"strain_rate": rate}).times(np.ones(2))
 
 
 # --- states and artefacts -----------------------------------------------------------------

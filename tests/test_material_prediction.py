@@ -6,7 +6,7 @@ import tomllib
 
 import numpy as np
 import pytest
-from rubbers import gent_gent, made, published, test_of, unlisted
+from rubbers import DATA, gent_gent, made, published, test_of, unlisted
 from test_tolerances import SKIN
 
 from fitting.material.calibration import calibrate
@@ -199,3 +199,18 @@ def relaxing(folder: pathlib.Path) -> Dataset:
     file = folder / "relaxation.csv"
     file.write_text("\n".join(["time_s,strain,nominal_stress_Pa", *rows]))
     return load_dataset("uniaxial", file)
+
+
+def test_figure_shows_the_error_of_a_linear_law_in_proportion_to_it() -> None:
+    """σ = μ f(state), so that its interval is as wide, relatively, as that of μ."""
+    file = DATA / "jones_treloar1975_biaxial_difference.csv"
+    fit = fit_material([load_dataset("biaxial_difference", file)], "neo-hookean", doubt=False)
+    (data,), (half,), (error,) = fit.sets, fit.half_widths(), fit.misfits()
+    judged, law = fit.uncertainty, data.value + error
+    share = judged.quantile(0.95) * judged.standard_errors[0] / fit.constants[0]
+    np.testing.assert_allclose(half, share * np.abs(law), rtol=1e-6)
+    (box,) = plot_material(fit).axes[0].containers
+    middle, _, (bars,) = box
+    np.testing.assert_allclose(middle.get_ydata(), law / 1e6)
+    ends = np.array(bars.get_segments())[..., 1]
+    np.testing.assert_allclose(ends, np.stack([law - half, law + half], 1) / 1e6)

@@ -14,11 +14,13 @@ from typer.testing import CliRunner
 
 from benchmarks.sensor_calibration import press, study
 from fitting.cli.app import app
+from fitting.report.description import ReportTable
 from fitting.sensor.fit.calibrate import fit_sensor
 from fitting.sensor.fit.result import SensorFit
 from fitting.sensor.logs.data import NoCalibration, load_sensor_data
 from fitting.sensor.model.constants import FILL, MOUNTING, PATHS, naming
 from fitting.sensor.report.skin_file import calibrated_skin
+from fitting.sensor.report.summary import described, sensor_report
 from suas_jax.config import (
     SkinSpec,
     UncertainQuantity,
@@ -144,6 +146,22 @@ def test_standard_errors_are_the_cramer_rao_bound(truth: dict, reference: Sensor
     sigma = np.sqrt(2.0**2 + 1 / 12)
     bound = np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian))) * sigma
     assert reference.uncertainty.standard_errors == pytest.approx(bound, rel=0.05)
+
+
+def test_words_of_a_calibration_name_every_constant_with_its_prior_or_none(
+    reference: SensorFit,
+) -> None:
+    report = sensor_report(reference)
+
+    def priors() -> dict[str, str]:
+        tables = [x for x in described(report, reference) if isinstance(x, ReportTable)]
+        return {row[0]: row[-1] for table in tables for row in table.rows}
+
+    assert priors() == dict.fromkeys(report["parameters"], "none")
+    report["priors"] = {"oil_gap": {"mean": GAP, "sd": 1e-4, "reason": "given"}}
+    stated = priors()
+    assert stated.pop("oil_gap").endswith("+- 100 um: given")
+    assert set(stated.values()) == {"none"}
 
 
 @pytest.mark.long  # 16 fits; the bound above

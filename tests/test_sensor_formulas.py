@@ -564,21 +564,21 @@ def test_known_inputs_beyond_the_skin_are_refused(
 
 
 def test_states_at_rest_have_no_place() -> None:
-    """Rows: angle, direction, force, displacement, axial, diameter, depth, radius."""
     nan = np.nan
-    table = np.array(
-        [
-            [0.1, 0.2, 0.3, 0.4],
-            [0.0, 0.1, 0.0, 0.0],
-            [0.0, 5.0, nan, nan],
-            [nan, nan, 1e-3, nan],
-            [0.01, 0.02, 0.03, 0.04],
-            [6e-3, 6e-3, 6e-3, 6e-3],
-            [0.0, 0.0, 0.0, -1e-4],
-            [0.0, 0.0, 0.0, 0.01],
-        ]
-    )[:, None]
-    expected = table.copy()
-    expected[[0, 1, 4, 5], :, 0] = expected[[0, 1, 4, 5], :, 3] = 0.0
+    rows = {
+        "angle": [0.1, 0.2, 0.3, 0.4],
+        "turn": [0.0, 0.1, 0.0, 0.0],
+        "force": [0.0, 5.0, nan, nan],
+        "displacement": [nan, nan, 1e-3, nan],
+        "axial": [0.01, 0.02, 0.03, 0.04],
+        "diameter": [6e-3, 6e-3, 6e-3, 6e-3],
+        "depth": [0.0, 0.0, 0.0, -1e-4],
+        "radius": [0.0, 0.0, 0.0, 0.01],
+    }
+    table = {name: np.array([row]) for name, row in rows.items()}
     _forget_idle_places(table)
-    np.testing.assert_array_equal(table, expected)
+    for name in ("angle", "turn", "axial", "diameter"):
+        rows[name][0] = rows[name][3] = 0.0
+    assert table.keys() == rows.keys()
+    for name, row in rows.items():
+        np.testing.assert_array_equal(table[name], [row])

@@ -38,7 +38,7 @@ from fitting.statistics.noise_model import (
     estimate_noise,
 )
 from fitting.statistics.posterior import Settings, _change, _tau, _walkers
-from fitting.statistics.profile import _constrained, _Counted, _step, profile_end
+from fitting.statistics.profile import constrained, profile_end
 from tests.skins import quick
 from tests.test_linear_model import LINE, X, Y, linear
 
@@ -383,41 +383,23 @@ def test_profile_of_an_exponential_ends_where_its_closed_form_does() -> None:
 
 def test_constrained_minimum_of_a_line_is_lagrange_s() -> None:
     g, wanted = np.array([1.0, 2.0]), 6.0
-    at = _Counted(straight, 100)
-    found = _constrained(at, lambda x: (float(g @ x), g), BEST, wanted)
-    assert found is not None
-    theta, cost = found
+    theta, cost = constrained(straight, lambda x: (float(g @ x), g), BEST, wanted, 1.0, 100)
     inverse = np.linalg.inv(LINE.T @ LINE)
-    expected = BEST + inverse @ g * (wanted - g @ BEST) / (g @ inverse @ g)
+    expected = BEST + inverse @ g * (g @ theta - g @ BEST) / (g @ inverse @ g)
     np.testing.assert_allclose(theta, expected, rtol=1e-6)
     assert cost == pytest.approx(0.5 * np.sum((LINE @ expected - Y) ** 2), rel=1e-9)
-    assert at.left < 100
-    # A value that the quantity never has.
-    bounded = _constrained(
-        _Counted(straight, 200),
-        lambda x: (np.tanh(x[0]), np.array([np.cosh(x[0]) ** -2, 0.0])),
-        BEST,
-        2.0,
-    )
-    assert bounded is None
+    # The residual of weight w and the line's own, of 1 / (g inverse g), share the way.
+    own = 1.0 / (g @ inverse @ g)
+    assert g @ theta - g @ BEST == pytest.approx((wanted - g @ BEST) / (1.0 + own), rel=1e-6)
 
 
-@pytest.mark.parametrize("p", [1, 2, 4])
-def test_step_on_a_linearised_constraint_is_least_squares_on_its_plane(p: int) -> None:
-    J, r, g = RNG.normal(size=(7, p)), RNG.normal(size=7), RNG.normal(size=p)
-    sizes = np.linspace(1, 3, p)
-    step = _step(J, r, g, 0.7, sizes, 1e-12)
-    assert step is not None
-    assert g @ step == pytest.approx(0.7, rel=1e-9)
-    inverse = np.linalg.inv(J.T @ J)
-    free = -inverse @ J.T @ r
-    expected = free + inverse @ g * (0.7 - g @ free) / (g @ inverse @ g)
-    np.testing.assert_allclose(step, expected, rtol=1e-6)
-    if p > 1:  # damped by far, nothing moves but along the constraint
-        held = _step(J, r, g, 0.7, sizes, 1e12)
-        expected = (g / sizes) / np.sum((g / sizes) ** 2) * 0.7 / sizes
-        np.testing.assert_allclose(held, expected, rtol=1e-6)
-    assert _step(J, r, 0 * g, 0.7, sizes, 1e-12) is None
+def test_a_value_that_the_quantity_never_has_leaves_the_end_open_or_unknown() -> None:
+    quantity = lambda x: (np.tanh(x[0]), np.array([np.cosh(x[0]) ** -2, 0.0]))  # noqa: E731
+    start = np.tanh(BEST[0])
+    far = profile_end(straight, quantity, BEST, 1.0, 1e4, 0.5 * (1.0 - start), 5.0)
+    assert far.is_open
+    assert far.value == pytest.approx(1.0, abs=0.05)
+    assert np.isnan(profile_end(straight, quantity, BEST, 1.0, 1e4, 2.0, 5.0).value)
 
 
 # --- least squares ------------------------------------------------------------------------

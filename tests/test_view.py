@@ -31,10 +31,10 @@ from fitting.cli.app import app
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.live.run import LiveOptions, run_live
 from fitting.inverse_load.readings import readings_of
-from fitting.view.bodies import surfaces_of
 from fitting.view.grid import Grid
 from fitting.view.history_source import HistorySource
 from fitting.view.hub import Hub, understood
+from fitting.view.known_loads import surfaces_of
 from fitting.view.live_source import LiveSource
 from fitting.view.log_source import LogSource
 from fitting.view.membrane import InterpolatedMembrane

@@ -4,11 +4,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from fitting.cli.contract import Overwrite, bad_input
-from fitting.cli.log import FORMAT_NAMES
 from fitting.cli.options import (
     Baud,
     CalibratedSkin,
+    Format,
     JsonInSI,
+    PlaceError,
     Plot,
     SkinFile,
     argument,
@@ -41,9 +42,7 @@ def calibrate(
         Path | None,
         option("Logs of the steps, to resume from; default: SKIN.calibration."),
     ] = None,
-    format_name: Annotated[
-        str, option(f"{', '.join(FORMAT_NAMES)}.", "--format", metavar="NAME")
-    ] = "text",
+    format_name: Format = "text",
     baud: Baud = 115200,
     force: Annotated[str, option("Force of each press that no --press states.")] = "5 N",
     press: Annotated[
@@ -71,9 +70,7 @@ def calibrate(
     accuracy: Annotated[
         str, option("Plan no more presses once forces are known to this (median).")
     ] = "0 %",
-    place_error: Annotated[
-        str, option("Standard deviation of the presses' places.", metavar="LENGTH")
-    ] = "1 mm",
+    place_error: PlaceError = "1 mm",
     plot: Plot = None,
     skip_verification: Annotated[
         bool, option("Leave the verification out.", "--skip-verification")

@@ -13,6 +13,7 @@ from fitting.cli.options import (
     check_files,
     computing,
     option,
+    output_option,
 )
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import write_text
@@ -21,9 +22,7 @@ from suas_jax.files.writing import write_text
 def datasheet(
     skin: SkinFile,
     as_json: AsJson = False,
-    output: Annotated[
-        Path | None, option("Page to write (HTML).", "-o", "--output", metavar="FILE")
-    ] = None,
+    output: Annotated[Path | None, output_option("Page to write (HTML).")] = None,
     places: Annotated[
         int, option("How many places along the arc, from clamp to clamp.", min=4)
     ] = 17,

@@ -14,6 +14,7 @@ from fitting.cli.options import (
     check_files,
     computing,
     option,
+    output_option,
 )
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import write_text
@@ -28,9 +29,7 @@ def design(
         Path, argument("Goals and limits (TOML), see docs/design_skin.md.", metavar="WANT")
     ],
     as_json: AsJson = False,
-    output: Annotated[
-        Path | None, option("Skin file to write.", "-o", "--output", metavar="FILE")
-    ] = None,
+    output: Annotated[Path | None, output_option("Skin file to write.")] = None,
     plot: Plot = None,
     starts: Annotated[
         int | None, option("Number of starts of the search; default: the file's.", min=1)

@@ -11,6 +11,9 @@ from fitting.cli.options import (
     Chain,
     JsonInSI,
     Plot,
+    Sample,
+    Steps,
+    Walkers,
     check_files,
     named_bounds,
     named_file,
@@ -117,22 +120,15 @@ def material(
     ] = None,
     starts: Annotated[int, option("Number of starting points.", min=1)] = 64,
     seed: Annotated[int, option("Seed of the starting points.")] = 0,
-    sample: Annotated[
-        bool, option("Sample the posterior of the constants (emcee).", "--sample")
-    ] = False,
-    walkers: Annotated[int, option("Number of walkers of the sampler, even.")] = 32,
-    steps: Annotated[
-        int, option("Largest number of steps; sampling stops when converged.", min=1)
-    ] = 20_000,
+    sample: Sample = False,
+    walkers: Walkers = 32,
+    steps: Steps = 20_000,
     moves: Annotated[
         str, option("Moves of the sampler: stretch, walk, de or de-snooker.")
     ] = "stretch",
     chain: Chain = None,
     arviz: Annotated[Path | None, option("Write the samples for ArviZ (netCDF).")] = None,
     corner: Annotated[Path | None, option("Write a corner plot (PNG, PDF, SVG).")] = None,
-    predictive: Annotated[
-        Path | None, option("Write a posterior-predictive plot (PNG, PDF, SVG).")
-    ] = None,
     export: Annotated[
         list[str] | None,
         option(
@@ -179,14 +175,13 @@ def material(
     Exit status: 0 constants were found, 2 bad input, 3 no constants could be found.
     """
     with bad_input():
-        files = (arviz, corner, predictive)
-        if any((chain, *files)) and not sample:
-            raise ValueError("--chain, --arviz, --corner and --predictive need --sample")
+        if (chain or arviz or corner) and not sample:
+            raise ValueError("--chain, --arviz and --corner need --sample")
         cards = [named_file(text, "--export", "abaqus=card.inp") for text in export or []]
         settings = _card_settings(cards, card_units, card_name, density, bulk_modulus)
         bounds = dict(named_bounds(text) for text in bound or [])
         others = [arviz, report_file, *(Path(file) for _, file in cards)]
-        check_files(plot, corner, predictive, others=others, overwrite=overwrite)
+        check_files(plot, corner, others=others, overwrite=overwrite)
         own_output(chain)  # not only when the fit has ended
         sets = _data(data, specimen, columns, noise, scene, machine_stiffness)
         modes = {test.mode for test in sets}
@@ -241,7 +236,9 @@ def material(
                 from fitting.statistics.posterior import Settings
 
                 sampler = Settings(walkers, steps, moves, seed, chain=chain)
-                report["posterior"] = sample_and_write(fit, sampler, bounds, show, *files)
+                report["posterior"] = sample_and_write(
+                    fit, sampler, bounds, show, arviz, corner
+                )
             if report["status"] != "no_fit":
                 _write(found, cards, settings, plot, report_file)
     if as_json:

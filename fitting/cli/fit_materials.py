@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Annotated
 
 from fitting.cli.contract import bad_input
-from fitting.cli.options import ManyWorkers, TrustNetwork, argument, executor, option
+from fitting.cli.options import ManyWorkers, TrustNetwork, argument, executor, output_option
 from fitting.cli.progress import bar
 from suas_jax.acquisition.terminal import say
 
@@ -13,11 +13,7 @@ def materials(
     jobs: Annotated[Path, argument("TOML file with a table `membrane` for each membrane.")],
     output: Annotated[
         Path,
-        option(
-            "Results as JSON lines; membranes that are in the file are skipped.",
-            "-o",
-            "--output",
-        ),
+        output_option("Results as JSON lines; membranes that are in the file are skipped."),
     ],
     workers: ManyWorkers = "2",
     trust_network: TrustNetwork = False,

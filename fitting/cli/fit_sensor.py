@@ -1,18 +1,21 @@
 """`suas fit sensor`. JAX is imported inside the command."""
 
-from collections.abc import Sequence
+import inspect
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Annotated
-
-import typer
+from typing import TYPE_CHECKING, Annotated, Any
 
 from fitting.cli.contract import Overwrite, answer, bad_input, print_report
 from fitting.cli.options import (
     CalibratedSkin,
     Chain,
     JsonInSI,
+    PlaceError,
     Plot,
+    Sample,
     SkinFile,
+    Steps,
+    Walkers,
     argument,
     check_files,
     option,
@@ -24,9 +27,15 @@ from suas_jax.acquisition.terminal import say
 from suas_jax.files.command import own_output
 from suas_jax.files.writing import check_output, write_text
 
+if TYPE_CHECKING:
+    from fitting.report.description import Part
+    from fitting.sensor.fit.result import SensorFit
+    from fitting.sensor.logs.data import SensorData
+
+_OF_MATERIAL = "material.", "as-built", "relaxation"  # constants that are told by forces
+
 
 def sensor(
-    context: typer.Context,
     skin: SkinFile,
     logs: Annotated[
         list[Path],
@@ -65,10 +74,7 @@ def sensor(
             metavar="FILE",
         ),
     ] = None,
-    place_error: Annotated[
-        str,
-        option("Standard deviation of the presses' places, with as-built.", metavar="LENGTH"),
-    ] = "1 mm",
+    place_error: PlaceError = "1 mm",
     fluid: Annotated[
         list[str] | None,
         option("What fills the gap: oil, air, or a known permittivity: once, or once a log."),
@@ -88,11 +94,9 @@ def sensor(
     offsets: Annotated[
         bool, option("Give every taxel an offset of its own.", "--offsets")
     ] = False,
-    sample: Annotated[
-        bool, option("Sample the posterior of the constants (emcee).", "--sample")
-    ] = False,
-    steps: Annotated[int, option("Largest number of steps of the sampler.", min=1)] = 20_000,
-    walkers: Annotated[int, option("Number of walkers of the sampler.", min=4)] = 32,
+    sample: Sample = False,
+    steps: Steps = 20_000,
+    walkers: Walkers = 32,
     seed: Annotated[int, option("Seed of the sampler.")] = 0,
     chain: Chain = None,
     plot: Plot = None,
@@ -103,13 +107,14 @@ def sensor(
 
     Exit status: 0 a calibration was found, 2 bad input (no file is written).
     """
+    given = dict(locals())
     with bad_input():
         if chain and not sample:
             raise ValueError("--chain needs --sample")
         target = _target(skin, output, plot, overwrite=overwrite)
-        if fit.strip() == "relaxation":
-            _relaxation(context, logs, inputs or (), target)
-            return
+        of_relaxation = fit.strip() == "relaxation"
+        if of_relaxation:
+            _refuse_beside_relaxation(given)
         own_output(chain)  # not only when the fit has ended
         from fitting.sensor.logs.data import load_sensor_data
         from suas_jax.config import continuous_inputs, load_skin
@@ -119,105 +124,119 @@ def sensor(
             names = [name.strip() for name in fit.split(",") if name.strip()]
             if joint:
                 names += [k for k in continuous_inputs(spec) if k.startswith("material.")]
-            of_material = any(name.startswith(("material.", "as-built")) for name in names)
+            of_material = any(name.startswith(_OF_MATERIAL) for name in names)
             place_deviation = quantity_option("--place-error", place_error, "length")
             data = load_sensor_data(spec, logs, inputs or (), fluid or (), joint=of_material)
             from suas_jax.runtime.settings import configure
 
             configure()
-            from fitting.sensor.fit.calibrate import fit_sensor
-            from fitting.sensor.report.skin_file import calibrated_skin
-            from fitting.sensor.report.summary import sensor_report
-            from suas_jax.acquisition.baseline import read_baseline
+            if of_relaxation:
+                text, report, parts = _relaxation(skin, data, plot, show)
+            else:
+                from fitting.sensor.fit.calibrate import fit_sensor
+                from suas_jax.acquisition.baseline import read_baseline
 
-            known = dict(_prior(text) for text in prior or ())
-            found = fit_sensor(
-                data,
-                names,
-                priors=known,
-                baseline=read_baseline(baseline) if baseline else None,
-                offsets=offsets,
-                air=air,
-                gaps=gap,
-                model=model,
-                field=field,
-                place_error=place_deviation,
-                progress=show,
-            )
-            report = sensor_report(found)
-            posterior = None
-            if sample:
-                from fitting.sensor.fit.sensor_posterior import sample_sensor
-                from fitting.statistics.posterior import PosteriorError, Settings
-
-                settings = Settings(walkers=walkers, steps=steps, seed=seed, chain=chain)
-                try:
-                    posterior, report["posterior"] = sample_sensor(
-                        found, settings, lambda step, *_: show(f"posterior: step {step}")
-                    )
-                except PosteriorError as error:
-                    report["posterior"] = {"status": "no_posterior", "message": str(error)}
-            if plot is not None:
-                from fitting.sensor.report.plots import plot_sensor
-
-                plot_sensor(found, plot, posterior)
-            write_text(target, calibrated_skin(skin, found))
+                found = fit_sensor(
+                    data,
+                    names,
+                    priors=dict(_prior(text) for text in prior or ()),
+                    baseline=read_baseline(baseline) if baseline else None,
+                    offsets=offsets,
+                    air=air,
+                    gaps=gap,
+                    model=model,
+                    field=field,
+                    place_error=place_deviation,
+                    progress=show,
+                )
+                sampler = (walkers, steps, seed, chain) if sample else None
+                text, report, parts = _constants(skin, found, sampler, plot, show)
+            write_text(target, text)
             report["skin_file"] = str(target)
-    from fitting.sensor.report import summary
-
-    answer(as_json, report, lambda: summary.print_report(report, found))
+    answer(as_json, report, lambda: print_report([*parts]))
     if not as_json:
         say(f"written: {target}", err=True)
 
 
+# Text of the skin file, and the report for programs and for people.
+Answer = tuple[str, dict[str, Any], "Iterable[Part]"]
+
+
 def _target(skin: Path, output: Path | None, plot: Path | None, *, overwrite: bool) -> Path:
     """The skin file to write, after a check that it and the figure may be written."""
+    from fitting.sensor.report.mark import MARK
+
     target = output or Path(f"{skin.stem.removesuffix('.calibrated')}.calibrated.toml")
     if target.exists() and target.samefile(skin):
         raise ValueError(f"{target}: is the skin file itself; choose another name with -o")
-    overwrite |= output is None and was_written_by("written by suas fit sensor", target)
+    overwrite |= output is None and was_written_by(MARK, target)
     check_output(target, overwrite=overwrite)
     check_files(plot, overwrite=overwrite)
     return target
 
 
-_OF_RELAXATION = {"skin", "logs", "output", "fit", "inputs", "plot", "overwrite", "as_json"}
+def _constants(
+    skin: Path,
+    found: "SensorFit",
+    sampler: tuple[int, int, int, Path | None] | None,  # walkers, steps, seed and chain file
+    plot: Path | None,
+    show: Callable[[str], None],
+) -> Answer:
+    """The constants, sampled and drawn where that is asked for."""
+    from fitting.sensor.report.skin_file import calibrated_skin
+    from fitting.sensor.report.summary import described, sensor_report
+
+    report, posterior = sensor_report(found), None
+    if sampler is not None:
+        from fitting.sensor.fit.sensor_posterior import sample_sensor
+        from fitting.statistics.posterior import PosteriorError, Settings
+
+        walkers, steps, seed, chain = sampler
+        settings = Settings(walkers=walkers, steps=steps, seed=seed, chain=chain)
+        try:
+            posterior, report["posterior"] = sample_sensor(
+                found, settings, lambda step, *_: show(f"posterior: step {step}")
+            )
+        except PosteriorError as error:
+            report["posterior"] = {"status": "no_posterior", "message": str(error)}
+    if plot is not None:
+        from fitting.sensor.report.plots import plot_sensor
+
+        plot_sensor(found, plot, posterior)
+    return calibrated_skin(skin, found), report, described(report, found)
+
+
+_WITH_RELAXATION = {"skin", "logs", "output", "fit", "inputs", "plot", "overwrite", "as_json"}
+
+
+def _refuse_beside_relaxation(given: dict[str, Any]) -> None:
+    """Raise a ValueError for options of other fits that are not as they are without."""
+    usual = inspect.signature(sensor).parameters
+    for name in sorted(given.keys() - _WITH_RELAXATION):
+        if given[name] != usual[name].default:
+            raise ValueError(
+                f"--{name.replace('_', '-')}: not with --fit relaxation, which takes logs of "
+                "held presses, --inputs, -o and --plot; leave it out"
+            )
 
 
 def _relaxation(
-    context: typer.Context, logs: Sequence[Path], inputs: Sequence[Path], target: Path
-) -> None:
-    """Find shares and times of the rubber's relaxation, and write them."""
-    given = context.params
-    for name in sorted(given.keys() - _OF_RELAXATION):
-        source = context.get_parameter_source(name)
-        if source is not None and source.name == "COMMANDLINE":
-            raise ValueError(f"--{name.replace('_', '-')}: not with --fit relaxation")
-    skin, plot, as_json = given["skin"], given["plot"], given["as_json"]
-    from fitting.sensor.logs.data import load_sensor_data
-    from suas_jax.config import load_skin
+    skin: Path, data: "SensorData", plot: Path | None, show: Callable[[str], None]
+) -> Answer:
+    """Shares and times of the rubber's relaxation."""
+    from fitting.sensor.relaxation.fit import fit_relaxation
+    from fitting.sensor.relaxation.report import (
+        described,
+        plot_relaxation,
+        relaxation_report,
+        relaxing_skin,
+    )
 
-    with fitting_spinner() as show:
-        data = load_sensor_data(load_skin(skin), logs, inputs, joint=True)
-        from suas_jax.runtime.settings import configure
-
-        configure()
-        from fitting.sensor.relaxation.fit import fit_relaxation
-        from fitting.sensor.relaxation.report import (
-            described,
-            plot_relaxation,
-            relaxation_report,
-            relaxing_skin,
-        )
-
-        found, tried = fit_relaxation(data, show)
-        if plot is not None:
-            plot_relaxation(found, plot)
-        write_text(target, relaxing_skin(skin, found))
-        report = relaxation_report(found, tried) | {"skin_file": str(target)}
-    answer(as_json, report, lambda: print_report([*described(report)]))
-    if not as_json:
-        say(f"written: {target}", err=True)
+    found, tried = fit_relaxation(data, show)
+    if plot is not None:
+        plot_relaxation(found, plot)
+    report = relaxation_report(found, tried)
+    return relaxing_skin(skin, found), report, described(report)
 
 
 def _prior(text: str) -> tuple[str, tuple[float, float]]:

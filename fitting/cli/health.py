@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from fitting.cli.contract import Overwrite, answer, bad_input
-from fitting.cli.log import FORMAT_NAMES
-from fitting.cli.options import JsonOnly, Plot, argument, check_files, option
+from fitting.cli.options import Baud, Format, JsonOnly, Plot, argument, check_files, option
 from suas_jax.acquisition.terminal import new_console, say
 
 if TYPE_CHECKING:
@@ -22,10 +21,8 @@ def health(
         Path | None,
         option("Skin file: neighbours are the nearest taxels; else those next in number."),
     ] = None,
-    format_name: Annotated[
-        str, option(f"Port: {', '.join(FORMAT_NAMES)}.", "--format", metavar="NAME")
-    ] = "text",
-    baud: Annotated[int, option("Port: bits per second.", min=1)] = 115200,
+    format_name: Format = "text",
+    baud: Baud = 115200,
     duration: Annotated[
         float, option("Port: how long to listen.", min=0.5, max=3600.0, metavar="S")
     ] = 10.0,

@@ -5,8 +5,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from fitting.cli.contract import Overwrite, bad_input
-from fitting.cli.log import FORMAT_NAMES
 from fitting.cli.options import (
+    Baseline,
+    Baud,
+    Duration,
+    Format,
+    LivePort,
+    Plot,
     SkinFile,
     TrustNetwork,
     Workers,
@@ -33,20 +38,14 @@ def invert(
         Path | None,
         argument("SO log; with --live, where readings are recorded (optional).", metavar="LOG"),
     ] = None,
-    live: Annotated[
-        str | None, option("Port to read, as for `suas log`.", metavar="PORT")
-    ] = None,
-    format_name: Annotated[
-        str, option(f"Live: {', '.join(FORMAT_NAMES)}.", "--format", metavar="NAME")
-    ] = "text",
-    baud: Annotated[int, option("Live: bits per second.", min=1)] = 115200,
-    duration: Annotated[
-        float | None, option("Live: stop after this long.", min=0.0, metavar="S")
-    ] = None,
+    live: LivePort = None,
+    format_name: Format = "text",
+    baud: Baud = 115200,
+    duration: Duration = None,
     latency: Annotated[
         float, option("Live: drop frames older than this, except the newest.", metavar="S")
     ] = 0.1,
-    baseline: Annotated[Path | None, option("Readings at rest, from `suas baseline`.")] = None,
+    baseline: Baseline = None,
     zero: Annotated[
         str | None,
         option(
@@ -92,7 +91,7 @@ def invert(
     smooth: Annotated[
         bool, option("Add loads filtered over time (constant velocity).", "--filter")
     ] = False,
-    plot: Annotated[Path | None, option("Write a figure of the loads over time.")] = None,
+    plot: Plot = None,
     posterior: Annotated[
         int | None, option("Sample the loads of the frame with this number.", metavar="SEQ")
     ] = None,

@@ -4,20 +4,15 @@ import json
 import time
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from fitting.cli.contract import BAD_INPUT, Overwrite, answered, bad_input
-from fitting.cli.options import Baud, argument, option
+from fitting.cli.log_frames import skin_of_log
+from fitting.cli.options import Baud, Duration, Format, argument, option, output_option
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_output
-from suas_jax.runtime.registry import model_names
-
-if TYPE_CHECKING:
-    from suas_jax.acquisition.log.log_file import SoLog
-
-FORMAT_NAMES = model_names("suas_jax.acquisition.frames.formats")
 
 
 def log(
@@ -28,14 +23,10 @@ def log(
             metavar="PORT",
         ),
     ],
-    output: Annotated[Path, option("Log to write.", "-o", "--output", metavar="LOG.csv")],
-    format_name: Annotated[
-        str, option(f"Frame format: {', '.join(FORMAT_NAMES)}.", "--format", metavar="NAME")
-    ],
+    output: Annotated[Path, output_option("Log to write.", "LOG.csv")],
+    format_name: Format,
     baud: Baud = 115200,
-    duration: Annotated[
-        float | None, option("Stop after this many seconds.", min=0.0, metavar="S")
-    ] = None,
+    duration: Duration = None,
     skin: Annotated[
         Path | None, option("Skin file: its name and scale go into the header.")
     ] = None,
@@ -157,7 +148,7 @@ def _skin_header(skin: Path | None) -> tuple[dict[str, str], dict[int, int]]:
 
 def baseline(
     path: Annotated[Path, argument("Log of the unloaded skin, a few seconds.", metavar="LOG")],
-    output: Annotated[Path, option("Baseline (JSON).", "-o", "--output", metavar="BASELINE")],
+    output: Annotated[Path, output_option("Baseline (JSON).", "BASELINE")],
     tolerance: Annotated[
         float | None,
         option(
@@ -221,10 +212,3 @@ def baseline(
     else:
         taxels = int((taken.so == taken.so).sum())
         say(f"{output}: {taken.frames} frames of {taxels} taxels at rest", err=True)
-
-
-def skin_of_log(log: "SoLog") -> Path | None:
-    """The skin file that the log's header names, if it is here."""
-    name = log.header.get("skin", "")
-    places = (Path(name), log.path.parent / name)
-    return next((place for place in places if name and place.is_file()), None)

@@ -11,6 +11,7 @@ from fitting.cli.progress import spinner
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.reading import read_bytes
 from suas_jax.files.writing import check_outputs
+from suas_jax.runtime.registry import model_names
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -22,6 +23,11 @@ if TYPE_CHECKING:
 def option(text: str, *names: str, **rules: Any) -> Any:
     """An option of a command, described by a text."""
     return typer.Option(*names, help=text, **rules)
+
+
+def output_option(text: str, metavar: str = "FILE") -> Any:
+    """The option of the file that a command writes."""
+    return option(text, "-o", "--output", metavar=metavar)
 
 
 def argument(text: str, **rules: Any) -> Any:
@@ -45,14 +51,32 @@ Chain = Annotated[
 ]
 CalibratedSkin = Annotated[
     Path | None,
-    option(
-        "Calibrated skin file; default: SKIN.calibrated.toml in this folder.",
-        *("-o", "--output"),
-        metavar="SKIN.toml",
+    output_option(
+        "Calibrated skin file; default: SKIN.calibrated.toml in this folder.", "SKIN.toml"
     ),
 ]
 Baseline = Annotated[Path | None, option("Readings at rest, from `suas baseline`.")]
-Baud = Annotated[int, option("Bits per second.", min=1)]
+FORMAT_NAMES = model_names("suas_jax.acquisition.frames.formats")
+Format = Annotated[
+    str, option(f"Frames of a port: {', '.join(FORMAT_NAMES)}.", "--format", metavar="NAME")
+]
+Baud = Annotated[int, option("Bits per second of a port.", min=1)]
+LivePort = Annotated[str | None, option("Port to read, as for `suas log`.", metavar="PORT")]
+Duration = Annotated[float | None, option("Live: stop after this long.", min=0.0, metavar="S")]
+SkinOfLog = Annotated[
+    Path | None, option("Of a log: its skin file; default: the one that its header names.")
+]
+LoadsOfLog = Annotated[
+    Path | None,
+    option("Of a log: what `suas invert LOG --json` found; default: estimate.", metavar="FILE"),
+]
+TaxelsOnly = Annotated[bool, option("Of a log: leave the loads out.", "--taxels-only")]
+PlaceError = Annotated[
+    str, option("Standard deviation of the presses' places, as built.", metavar="LENGTH")
+]
+Sample = Annotated[bool, option("Sample the posterior of the constants (emcee).", "--sample")]
+Walkers = Annotated[int, option("Number of walkers of the sampler, even.", min=4)]
+Steps = Annotated[int, option("Largest number of steps; sampling stops when converged.", min=1)]
 Model = Annotated[str | None, option('"auto", "shell" or "solid"; overrides the scene.')]
 Rtol = Annotated[float | None, option("Wanted relative error; overrides the scene.")]
 

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
-from fitting.cli.log import FORMAT_NAMES
-from fitting.cli.options import argument, computing, option
+from fitting.cli.options import FORMAT_NAMES, argument, computing, option, output_option
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_output
 
@@ -24,9 +23,7 @@ def simulate(
             metavar="SCENE|PATH",
         ),
     ],
-    output: Annotated[
-        Path | None, option("SO log to write.", "-o", "--output", metavar="LOG.csv")
-    ] = None,
+    output: Annotated[Path | None, output_option("SO log to write.", "LOG.csv")] = None,
     rate: Annotated[float, option("Frames per second.", metavar="HZ")] = 10.0,
     duration: Annotated[
         float | None,

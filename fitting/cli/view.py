@@ -10,8 +10,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from fitting.cli.contract import Overwrite, bad_input
-from fitting.cli.log import FORMAT_NAMES, skin_of_log
-from fitting.cli.options import Baseline, argument, option
+from fitting.cli.log_frames import log_frames
+from fitting.cli.options import (
+    Baseline,
+    Baud,
+    Duration,
+    Format,
+    LivePort,
+    LoadsOfLog,
+    SkinOfLog,
+    TaxelsOnly,
+    argument,
+    option,
+)
 from fitting.cli.progress import spinner
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_outputs
@@ -21,7 +32,6 @@ if TYPE_CHECKING:
     from fitting.inverse_load.live.stream import LiveWatcher
     from fitting.view.history_source import HistorySource
     from fitting.view.hub import Hub
-    from fitting.view.log_source import LogSource
 
 
 def view(
@@ -33,31 +43,17 @@ def view(
         Path | None,
         argument("Live: where readings are recorded (optional).", metavar="[LOG]"),
     ] = None,
-    live: Annotated[
-        str | None, option("Port to read, as for `suas log`.", metavar="PORT")
-    ] = None,
-    format_name: Annotated[
-        str, option(f"Live: {', '.join(FORMAT_NAMES)}.", "--format", metavar="NAME")
-    ] = "text",
-    baud: Annotated[int, option("Live: bits per second.", min=1)] = 115200,
-    skin: Annotated[
-        Path | None,
-        option("Of a log: its skin file; default: the one that its header names."),
-    ] = None,
+    live: LivePort = None,
+    format_name: Format = "text",
+    baud: Baud = 115200,
+    skin: SkinOfLog = None,
     baseline: Baseline = None,
-    loads: Annotated[
-        Path | None,
-        option(
-            "Of a log: what `suas invert LOG --json` found; default: estimate.", metavar="FILE"
-        ),
-    ] = None,
+    loads: LoadsOfLog = None,
     history: Annotated[
         Path | None,
         option("Of a scene: loads over time to play, as for `suas sweep`.", metavar="FILE"),
     ] = None,
-    taxels_only: Annotated[
-        bool, option("Of a log: show it without loads.", "--taxels-only")
-    ] = False,
+    taxels_only: TaxelsOnly = False,
     contacts: Annotated[
         int, option("Largest number of contacts to look for.", min=1, max=4)
     ] = 3,
@@ -65,9 +61,7 @@ def view(
         str, option("Where the page is served; port 0: any.", metavar="HOST:PORT")
     ] = "127.0.0.1:8700",
     browser: Annotated[bool, option("Open the page in the browser.", "--open")] = False,
-    duration: Annotated[
-        float | None, option("End after this long.", min=0.0, metavar="S")
-    ] = None,
+    duration: Duration = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Show a skin in the browser: membrane, taxels, contacts, force and oil pressure.
@@ -78,8 +72,6 @@ def view(
     with bad_input():
         if record is not None and live is None:
             raise ValueError(f"{record}: readings are recorded with --live PORT only")
-        if loads is not None and taxels_only:
-            raise ValueError("--loads and --taxels-only: give one of them")
         if history is not None and (live is not None or source.suffix.lower() != ".toml"):
             raise ValueError("--history goes with a scene (TOML), which it loads over time")
         check_outputs([record], overwrite=overwrite)
@@ -110,8 +102,18 @@ def view(
 
         shown: Any
         if source.suffix.lower() != ".toml" and is_log(source):
-            shown = _log_source(
-                source, skin, baseline, loads, contacts, taxels_only=taxels_only
+            from fitting.view.log_source import LogSource
+            from fitting.view.readings_picture import ReadingsPictures
+
+            found = log_frames(
+                source, skin, baseline, loads, taxels_only=taxels_only, most_contacts=contacts
+            )
+            shown = LogSource(
+                found.readings,
+                ReadingsPictures(found.spec, found.rest),
+                source.name,
+                estimator=found.estimator,
+                estimates=found.estimates,
             )
         elif history is not None:
             shown = _history_source(source, history)
@@ -153,42 +155,6 @@ def _live(
         return [source]
 
     run_live(prepare, live, watchers)
-
-
-def _log_source(
-    log: Path,
-    skin: Path | None,
-    baseline: Path | None,
-    loads: Path | None,
-    contacts: int,
-    *,
-    taxels_only: bool,
-) -> "LogSource":
-    from fitting.inverse_load.readings import readings_of
-    from fitting.inverse_load.zero.skin_estimator import estimator_of, rest_of
-    from fitting.view.log_source import LogSource
-    from fitting.view.readings_picture import ReadingsPictures
-    from suas_jax.acquisition.log.log_file import read_log
-    from suas_jax.simulation.load_path import skin_behind
-
-    read = read_log(log)
-    file = skin_of_log(read) if skin is None else skin
-    if file is None:
-        raise ValueError(f"{log}: its header names no skin file that is here; give --skin")
-    spec = skin_behind(file)
-    rest, _ = rest_of(spec, baseline)
-    pictures = ReadingsPictures(spec, rest)
-    assert spec.electrodes is not None
-    readings = readings_of(read, spec, spec.electrodes.noise)
-    estimator, estimates = None, None
-    if loads is not None:
-        from fitting.inverse_load.report.read_back import read_estimates
-
-        estimates = read_estimates(loads, readings.seq)
-    elif not taxels_only:
-        with spinner("preparing the estimate") as show:
-            estimator = estimator_of(spec, baseline, progress=show, most_contacts=contacts)
-    return LogSource(readings, pictures, log.name, estimator=estimator, estimates=estimates)
 
 
 def _history_source(scene: Path, history: Path) -> "HistorySource":

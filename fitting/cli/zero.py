@@ -10,6 +10,7 @@ from fitting.cli.options import (
     argument,
     computing,
     option,
+    output_option,
     quantity_option,
     was_written_by,
 )
@@ -43,12 +44,7 @@ def zero(
     ] = None,
     output: Annotated[
         Path | None,
-        option(
-            "File to write; default: SKIN.zero.toml beside the skin file.",
-            "-o",
-            "--output",
-            metavar="FILE",
-        ),
+        output_option("File to write; default: SKIN.zero.toml beside the skin file."),
     ] = None,
     overwrite: Overwrite = False,
     as_json: AsJson = False,

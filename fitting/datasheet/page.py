@@ -1,21 +1,16 @@
 """A data sheet as one page of HTML that needs nothing else, and for a terminal."""
 
-import base64
-import io
 import math
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from importlib.metadata import version
-
-import matplotlib as mpl
-from matplotlib.figure import Figure
 
 from fitting.datasheet.pictures import plot_places, plot_skin, plot_tolerances
 from fitting.datasheet.sheet import DataSheet
 from fitting.datasheet.sheet import Figure as SheetFigure
 from fitting.datasheet.words import WORDS
 from fitting.report.description import Part, Remark, ReportTable
-from fitting.report.page import page
+from fitting.report.page import embedded, page
 
 _COLUMNS = ("figure", "value", "95 %", "at", "meaning")
 
@@ -55,9 +50,9 @@ def html_page(sheet: DataSheet, name: str) -> str:
         name=name,
         made=datetime.now(UTC).strftime("%Y-%m-%d"),
         version=version("suas-jax"),
-        drawing=_picture(plot_skin(sheet.spec)),
-        places=_picture(plot_places(sheet)),
-        tolerances=_picture(plot_tolerances(sheet)),
+        drawing=embedded(plot_skin(sheet.spec), "svg"),
+        places=embedded(plot_places(sheet), "svg"),
+        tolerances=embedded(plot_tolerances(sheet), "svg"),
         parts=described(sheet),
         rated=_text(measured.rated),
         noise=_text(measured.accuracy.noise),
@@ -108,11 +103,3 @@ def _sentence(text: str) -> str:
 
 def _text(value: float) -> str:
     return f"{value:.3g}"
-
-
-def _picture(figure: Figure) -> str:
-    """A figure as an address of its data, drawn as SVG."""
-    content = io.BytesIO()
-    with mpl.rc_context({"svg.fonttype": "path"}):
-        figure.savefig(content, format="svg")
-    return "data:image/svg+xml;base64," + base64.b64encode(content.getvalue()).decode()

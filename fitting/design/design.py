@@ -37,6 +37,7 @@ class Design(NamedTuple):
     before: DataSheet  # sheet of the skin file
     after: DataSheet  # of the design
     front: list[FrontPoint]  # designs between two goals; empty where one is wanted
+    calls: int  # designs evaluated on the way
 
     def report(self) -> dict[str, Any]:
         """What `suas design --json` prints."""
@@ -73,7 +74,7 @@ class Design(NamedTuple):
                 }
                 for point in self.front
             ],
-            "evaluations": found.calls,
+            "evaluations": self.calls,
             "before": self.before.report(),
             "after": self.after.report(),
         }
@@ -102,7 +103,7 @@ class Design(NamedTuple):
             *(Remark(self._price(p)) for p in found.prices),
             Remark(
                 f"{found.agreeing} of {len(found.trials)} starts agree on the goal; "
-                f"{found.calls} designs were evaluated."
+                f"{self.calls} designs were evaluated."
             ),
         ]
 
@@ -210,7 +211,7 @@ def design_skin(
         progress(f"design {done + 1} of {want.front.points} between both goals")
 
     found = search(problem, shown, workers)
-    between = [] if want.front is None else front(problem, found, counted)
+    between, calls = ([], 0) if want.front is None else front(problem, found, counted)
     progress("data sheets")
     angle = problem.angle
     # Twice as many places, so that what lies between those of the search is seen.
@@ -219,7 +220,7 @@ def design_skin(
         data_sheet(spec, places, force=problem.rated, between=ends)
         for spec in (want.spec, problem.spec(found.x))
     )
-    return Design(problem, found, before, after, between)
+    return Design(problem, found, before, after, between, found.calls + calls)
 
 
 _QUANTITY = re.compile(r"\s*([+-]?[\d.]+(?:[eE][+-]?\d+)?)(.*)", re.DOTALL)

@@ -16,7 +16,7 @@ import numpy as np
 from fitting.arrays import Floats
 from fitting.datasheet.words import WORDS
 from fitting.design.problem import Problem
-from fitting.design.search import Found, Trial, best_first, worst
+from fitting.design.search import Found, Trial, best_first, keeping, worst
 from fitting.design.want import Limit, Want
 
 _GIVEN = 1e-3  # share of the second figure's best that the last point gives up
@@ -34,11 +34,11 @@ def front(
     problem: Problem,
     found: Found,  # the best design by the goal
     progress: Callable[[int], None] = lambda done: None,  # hears how many points are known
-) -> list[FrontPoint]:
+) -> tuple[list[FrontPoint], int]:
     """The front, from the best design by the goal to the best by the second figure.
 
-    A value between them that no search keeps is left out. Raises ValueError: no design keeps
-    the limits.
+    A value between them that no search keeps is left out. Returns how many designs were
+    evaluated, too. Raises ValueError: no design keeps the limits.
     """
     want = problem.want
     assert want.front is not None
@@ -51,20 +51,20 @@ def front(
 
     known = [point(found.trials[0])]
     progress(1)
-    far = best_first(problem, turned, [found.x, *(t.start for t in found.trials)])[0]
+    trials = keeping(best_first(problem, turned, [found.x, *(t.start for t in found.trials)]))
+    far, calls = trials[0], sum(t.calls for t in trials)
     # Of all designs as good by the second figure, the best by the goal.
     values = np.linspace(known[0].other, far.goal, points)[1:]
     values[-1] = far.goal * (1 - np.sign(far.goal - known[0].other) * _GIVEN)
     last = far.x
     for value in values:
         limited = _limited(want, Limit(key, float(value), least))
-        try:
-            best = best_first(problem, limited, [known[-1].x, last])[0]
-        except ValueError:
-            continue
-        known.append(point(best))
-        progress(len(known))
-    return known
+        trials = best_first(problem, limited, [known[-1].x, last])
+        calls += sum(t.calls for t in trials)
+        if np.isfinite(trials[0].goal):
+            known.append(point(trials[0]))
+            progress(len(known))
+    return known, calls
 
 
 def _limited(want: Want, limit: Limit) -> Want:

@@ -78,7 +78,7 @@ def search(
     want = problem.want
     sampler = qmc.LatinHypercube(len(want.variables), seed=want.seed)
     starts = [want.start, *sampler.random(want.starts - 1)]
-    trials = best_first(problem, want, starts, progress, workers)
+    trials = keeping(best_first(problem, want, starts, progress, workers))
     best = trials[0]
     agreeing = sum(abs(t.goal / best.goal - 1) < _AGREE for t in trials)
     start = next(t.first for t in trials if np.array_equal(t.start, starts[0]))
@@ -95,14 +95,18 @@ def best_first(
     progress: Callable[[int, float], None] = lambda done, goal: None,
     workers: Executor | None = None,
 ) -> list[Trial]:
-    """Searches from starts, the best first. Raises ValueError: none keeps the limits."""
+    """Searches from starts, the best first; those whose design breaks a limit come last."""
     sign = -1.0 if want.maximise else 1.0
     trials: list[Trial] = []
     run = partial(_tried, problem, want)
     for trial in map(run, starts) if workers is None else workers.map(run, starts):
         trials.append(trial)
         progress(len(trials), sign * min(sign * t.goal for t in trials))
-    trials.sort(key=lambda t: (np.isnan(t.goal), sign * t.goal))
+    return sorted(trials, key=lambda t: (np.isnan(t.goal), sign * t.goal))
+
+
+def keeping(trials: list[Trial]) -> list[Trial]:
+    """The same searches. Raises ValueError: none of them keeps the limits."""
     if not np.isfinite(trials[0].goal):
         raise ValueError(
             "no design within the bounds keeps the limits from any start: "

@@ -14,45 +14,27 @@ _DIMENSIONS = {"m": "length", "F": "capacitance", "Pa": "stress"}
 
 
 class Headline(NamedTuple):
-    """How something ended.
+    """How something ended."""
 
-    Attributes:
-        status: in a word.
-        text: the rest of the line.
-        good: whether it ended well.
-    """
-
-    status: str
-    text: str
-    good: bool
+    status: str  # in a word
+    text: str  # the rest of the line
+    good: bool  # whether it ended well
 
 
 class ReportTable(NamedTuple):
-    """Rows of cells.
+    """Rows of cells."""
 
-    Attributes:
-        title: of the table on a page.
-        names: of its columns.
-        rows: as many cells each.
-        chosen: the row that stands out, if one does.
-    """
-
-    title: str
-    names: tuple[str, ...]
-    rows: Sequence[Sequence[str]]
-    chosen: int | None = None
+    title: str  # of the table on a page
+    names: tuple[str, ...]  # of its columns
+    rows: Sequence[Sequence[str]]  # as many cells each
+    chosen: int | None = None  # the row that stands out, if one does
 
 
 class Remark(NamedTuple):
-    """A sentence.
+    """A sentence."""
 
-    Attributes:
-        text: what it says.
-        label: what kind of doubt it is, such as "warning"; empty for none.
-    """
-
-    text: str
-    label: str = ""
+    text: str  # what it says
+    label: str = ""  # what kind of doubt it is, such as "warning"; empty for none
 
 
 Part = Headline | ReportTable | Remark

@@ -1,8 +1,14 @@
 """Pages from templates: values are escaped, and no host is asked for anything."""
 
+import base64
+import io
 from typing import Any
 
 import jinja2
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+_DOTS_PER_INCH = 110
 
 
 def page(package: str, template: str, **values: Any) -> str:
@@ -25,3 +31,12 @@ def page(package: str, template: str, **values: Any) -> str:
         lstrip_blocks=True,
     )
     return environment.get_template(template).render(**values)
+
+
+def embedded(figure: Figure, kind: str) -> str:
+    """A figure as the address of an image that holds it; `kind`: "png" or "svg"."""
+    content = io.BytesIO()
+    with mpl.rc_context({"svg.fonttype": "path"}):
+        figure.savefig(content, format=kind, dpi=_DOTS_PER_INCH)
+    mime = {"svg": "svg+xml"}.get(kind, kind)
+    return f"data:image/{mime};base64," + base64.b64encode(content.getvalue()).decode()

@@ -31,6 +31,10 @@ _HOLD = 5e-9  # of the derivatives: what holds a parameter at its start
 _FARTHEST = 300.0  # of parameters: beyond it exponentials are zero or no number
 
 
+Linearised = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Residuals [n] and their derivatives [n, p] at parameters [p]."""
+
+
 class Minima(NamedTuple):
     """What became of the best starts, best first."""
 
@@ -60,18 +64,8 @@ def minimise(
     return minimise_one_by_one(residuals, starts, _EVALUATIONS)
 
 
-def _sorted(
-    residuals: AbstractResiduals, theta: np.ndarray, cost: np.ndarray, decrease: np.ndarray
-) -> Minima:
-    """Ends of starts, the lowest cost first."""
-    order = np.argsort(cost, kind="stable")
-    theta, cost, decrease = theta[order], cost[order], decrease[order]
-    used = int(residuals.used.sum())
-    return Minima(theta, cost, _is_minimum(cost, decrease, used), decrease)
-
-
 def solved_by_scipy(
-    at: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+    at: Linearised,
     start: np.ndarray,  # parameters to start from [p]
     impossible: float = _IMPOSSIBLE,
     **options: Any,
@@ -82,21 +76,23 @@ def solved_by_scipy(
     that stands for one that is not a number, flat there.
     Returns SciPy's result; `fun` and `jac` are the residuals and derivatives at its end.
     """
-
-    @functools.lru_cache(maxsize=2)
-    def kept(key: bytes) -> tuple[np.ndarray, np.ndarray]:
-        with np.errstate(all="ignore"):
-            return _finite(*at(np.frombuffer(key)), impossible)
-
+    kept = _kept(at, impossible)
     return scipy.optimize.least_squares(
-        lambda x: kept(x.tobytes())[0], start, lambda x: kept(x.tobytes())[1], **options
+        lambda x: kept(x)[0], start, lambda x: kept(x)[1], **options
     )
 
 
-def _finite(r: np.ndarray, J: np.ndarray, impossible: float) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals and derivatives, with large and flat ones for those that are no numbers."""
-    finite = np.isfinite(r) & np.all(np.isfinite(J), axis=1)
-    return np.where(finite, r, impossible), np.where(finite[:, None], J, 0.0)
+def _kept(at: Linearised, impossible: float) -> Linearised:
+    """A function that remembers its last points, large and flat where it is not a number."""
+
+    @functools.lru_cache(maxsize=4)
+    def known(key: bytes) -> tuple[np.ndarray, np.ndarray]:
+        with np.errstate(all="ignore"):
+            r, J = at(np.frombuffer(key))
+        finite = np.isfinite(r) & np.all(np.isfinite(J), axis=1)
+        return np.where(finite, r, impossible), np.where(finite[:, None], J, 0.0)
+
+    return lambda x: known(x.tobytes())
 
 
 def compressed(r: np.ndarray, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -121,10 +117,6 @@ def compressed(r: np.ndarray, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.append(along, rest), np.vstack([R, np.zeros(p)])
 
 
-def _is_minimum(cost: np.ndarray, predicted_decrease: np.ndarray, used: int) -> np.ndarray:
-    return np.isfinite(cost) & ((predicted_decrease <= CONVERGED) | (cost <= used * _ROUNDING))
-
-
 def minimise_one_by_one(
     residuals: AbstractResiduals, starts: Float[np.ndarray, "starts p"], evaluations: int = 60
 ) -> Minima:
@@ -135,28 +127,29 @@ def minimise_one_by_one(
 
     Returns the starts, best first, judged as `minimise` judges them.
     """
-    found = []
 
-    @functools.lru_cache(maxsize=4)
-    def kept(key: bytes) -> tuple[np.ndarray, np.ndarray]:
-        theta = np.frombuffer(key)
+    def at(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         try:
-            r, J = by_theta(residuals, theta)
+            return by_theta(residuals, theta)
         except jax.errors.JaxRuntimeError:  # an equilibrium inside that has no numbers
             r = np.full(len(residuals.value), np.nan)
-            J = np.zeros((len(r), theta.size))
-        return _finite(r, J, _IMPOSSIBLE)
+            return r, np.zeros((len(r), theta.size))
 
-    for start in np.asarray(starts, float):
-        found.append(_minimum(lambda theta: kept(theta.tobytes()), start, evaluations))
-    theta, costs, decreases = (np.array([run[i] for run in found]) for i in range(3))
-    return _sorted(residuals, theta, costs, decreases)
+    kept = _kept(at, _IMPOSSIBLE)
+    found = [_minimum(kept, start, evaluations) for start in np.asarray(starts, float)]
+    found.sort(key=lambda run: run[1])
+    theta, cost, decrease = (np.array(column) for column in zip(*found, strict=True))
+    count = int(residuals.used.sum())
+    return Minima(theta, cost, _is_minimum(cost, decrease, count), decrease)
+
+
+def _is_minimum(cost: np.ndarray, decrease: np.ndarray, count: int) -> np.ndarray:
+    """Whether starts ended in minima, by what remains of `count` readings [lanes]."""
+    return np.isfinite(cost) & ((decrease <= CONVERGED) | (cost <= count * _ROUNDING))
 
 
 def _minimum(
-    at: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
-    start: np.ndarray,
-    evaluations: int,
+    at: Linearised, start: np.ndarray, evaluations: int
 ) -> tuple[np.ndarray, float, float]:
     """The end of one start: parameters, cost, predicted decrease; see `minimise_one_by_one`."""
     x, left = start, evaluations

@@ -6,6 +6,7 @@ r(θ) is what least squares makes small, and what a posterior is built from: ½ 
 
 import abc
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -22,29 +23,31 @@ class AbstractResiduals(eqx.Module):
     value: eqx.AbstractVar[Float[Array, " n"]]  # measured readings
     # √w/s, shape [n]; zero for readings that are not used
     inverse_scale: eqx.AbstractVar[Float[Array, " n"]]
+    # what is found: names, SI units ("1" for a number) and the bijection that reaches it
+    family: eqx.AbstractVar[Any]
 
     @property
-    @abc.abstractmethod
     def names(self) -> tuple[str, ...]:
         """Names of the constants."""
+        return self.family.names
 
     @property
-    @abc.abstractmethod
     def units(self) -> tuple[str, ...]:
         """Their SI units, "1" for a number."""
-
-    @abc.abstractmethod
-    def constants(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
-        """Constants in SI units from unconstrained parameters."""
+        return self.family.units
 
     @property
     def mapping(self) -> Callable[[Float[Array, " p"]], Float[Array, " p"]]:
         """`constants` as a function that holds no more than it needs."""
-        return self.constants
+        return self.family.constants
 
-    @abc.abstractmethod
+    def constants(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
+        """Constants in SI units from unconstrained parameters."""
+        return self.mapping(theta)
+
     def unconstrained(self, constants: Float[Array, " p"]) -> Float[Array, " p"]:
         """Unconstrained parameters from constants, the inverse of `constants`."""
+        return self.family.unconstrained(constants)
 
     @abc.abstractmethod
     def of_constants(self, constants: Float[Array, " p"]) -> Float[Array, " n"]:

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 
 from fitting.inverse_load.estimate.estimate import Contact
-from fitting.view.bodies import placed, surfaces_of
 from fitting.view.grid import Grid
 from fitting.view.hub import Hub
-from fitting.view.known_loads import body_rows, known_contacts
+from fitting.view.known_loads import body_rows, known_contacts, placed, surfaces_of
 from fitting.view.picture import Picture, arrow, describe, taxel_states
 from fitting.view.scene_model import SceneModel, Solved
 from fitting.view.sliders import SIZES, all_stated, inputs_by, sliders_of

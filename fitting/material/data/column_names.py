@@ -79,29 +79,8 @@ _WORDS = dict(
 )
 EASTERN_WORDS = tuple(word for word in _WORDS if len(word) > 1 and not word.isascii())
 """Words of tests by which a text's code page is known."""
-_ACCENTS = str.maketrans(
-    {
-        "ä": "ae",
-        "ö": "oe",
-        "ü": "ue",
-        "ß": "ss",
-        "é": "e",
-        "è": "e",
-        "ê": "e",
-        "à": "a",
-        "á": "a",
-        "í": "i",
-        "ó": "o",
-        "ú": "u",
-        "ù": "u",
-        "ì": "i",
-        "ò": "o",
-        "ã": "a",
-        "õ": "o",
-        "â": "a",
-        "ô": "o",
-        "ç": "c",
-    }
+_ACCENTS = str.maketrans("éèêàáíóúùìòãõâôç", "eeeaaiouuioaoaoc") | str.maketrans(
+    {"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"}
 )
 _FOREIGN = re.compile(rf"(?<![a-z])(?:{'|'.join(_WORDS)})(?![a-z])")
 

@@ -1,39 +1,29 @@
-"""A whole skin under a rigid body as test specimen: travel in, force and oil pressure read.
+"""Indentation curves: a skin's curve under a rigid body, and what its other inputs do to it.
 
-The corrected shell of a section or of a pad is solved at every travel, or at a few if a
-polynomial through them is as good. A section's travels are the lanes of one call, a pad's are
-solved one after the other. Derivatives are those of the equilibrium: nothing that led to it is
-differentiated.
+A pad is solved at a few travels if a polynomial through them is as good as all.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
-from typing import ClassVar, TypeVar
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from fitting.material.data.errors import DataError
-from fitting.material.experiments.prediction import AbstractExperiment
-from fitting.material.experiments.skin_curve import Specimen
+from fitting.material.experiments.skin_curve import SkinCurve, Specimen
 from suas_jax.config import SceneSpec, continuous_inputs, with_inputs, with_solve
 from suas_jax.config.fields import Spec
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.equilibrium.balance import State
-from suas_jax.equilibrium.correction import corrected
-from suas_jax.equilibrium.friction import equilibrium_with_friction
 from suas_jax.equilibrium.outcomes import NAMES, advice
-from suas_jax.mechanics.model import Meshes
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.numerics.lanes import number
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.build import problem_of
 from suas_jax.scene.indentation import IndentationCurve, Point
-from suas_jax.scene.observables import load_observables
-from suas_jax.scene.parts import SceneParts, law_of, scene_parts
+from suas_jax.scene.parts import law_of
 from suas_jax.scene.program import inputs_of, prepared, structure_of
 from suas_jax.scene.report import plain
 from suas_jax.scene.solve import Solution, solve
@@ -45,108 +35,10 @@ _NODES = 13  # travels that stand for more of them, and every second for the err
 _SMOOTH = 1e-4  # of the largest reading: largest error by what is between them
 _NEAR = 1.4  # factor of the modulus within which the scene's own states are starts
 
-Found = TypeVar("Found")
-
-
-class BodyCurve(AbstractExperiment):
-    """Readings of a skin under a series of travels of a body."""
-
-    costly: ClassVar[bool] = True
-
-    sized_by: ClassVar = "channel"
-    meshes: Meshes  # of the solve
-    inputs: dict[str, Array]  # the scene's numbers by TOML path, SI; its material is replaced
-    travel: Float[Array, " level"]  # beyond first touch, where the skin is solved [m]
-    start: State  # states near the solutions, one a level
-    weight: Float[Array, "n level"]  # of the solved states in a reading
-    channel: Int[Array, " n"]  # 0 for the force [N], 1 for oil pressure [Pa]
-    scene: Structure = eqx.field(static=True)  # skin and body
-
-    @property
-    def equilibria(self) -> int:
-        """Equilibria that one prediction takes."""
-        return len(self.travel)
-
-    def predict(self, law: AbstractLaw) -> Float[Array, " n"]:
-        """Forces [N] and pressures [Pa]; NaN where there is no equilibrium."""
-        known = jax.lax.stop_gradient(law)
-
-        def one(travel: Array, start: State) -> tuple[Array, Array]:
-            problem = problem_of(
-                self._parts(known, travel), self.meshes.solved, wall=self._wall
-            )
-            found = equilibrium_with_friction(problem, start)
-            return self.read(law, travel, found.state), found.result
-
-        both, result = self._each(one)
-        return self._between(jnp.where(result == 0, both, jnp.nan))
-
-    def read(self, law: AbstractLaw, travel: Array, state: State) -> Float[Array, "2 lane"]:
-        """Force [N] and pressure [Pa] of known states, with their derivatives."""
-        parts = self._parts(law, travel)
-        problem = problem_of(parts, self.meshes.whole, wall=self._wall)
-        if self.meshes.solved.symmetric:
-            part = problem_of(parts, self.meshes.solved, wall=self._wall).mechanics
-            state = state._replace(q=jax.lax.stop_gradient(part.mirrored(state.q)))
-        root, shown, mechanics = corrected(problem, state)
-        held = problem.mechanics
-        problem = dataclasses.replace(problem, mechanics=mechanics)
-        loads = load_observables(parts, problem, shown, held, root)
-        force = next(load["force_N"] for load in loads if "depth_m" in load)
-        return jnp.stack(jnp.broadcast_arrays(force, shown.pressure))
-
-    def at_start(self, law: AbstractLaw) -> Float[Array, " n"]:
-        """Readings of the starts, taken as the equilibria of a law."""
-        both = self._each(lambda travel, start: self.read(law, travel, start))
-        return self._between(both)
-
-    def _between(self, both: Float[Array, "2 level"]) -> Float[Array, " n"]:
-        """Readings from those of the solved states, which count where they have a weight."""
-        known = jnp.where(self.weight == 0, 0.0, both[self.channel])
-        return jnp.sum(self.weight * known, 1)
-
-    @property
-    def _wall(self) -> bool:
-        return self.scene.wall
-
-    def _parts(self, law: AbstractLaw, travel: Array) -> SceneParts:
-        in_lane = jax.tree.map(lambda x: jnp.asarray(x)[..., None], law)
-        parts = scene_parts(self.scene.scene, self.inputs, in_lane)
-        return parts._replace(
-            bodies=[dataclasses.replace(body, travel=travel) for body in parts.bodies]
-        )
-
-    def _each(self, function: Callable[[Array, State], Found]) -> Found:
-        """Call a function of travels and states in lanes: all at once, or one by one."""
-        if self.scene.scene.geometry.dimension == 2:
-            return function(self.travel, self.start)
-
-        def one(case: tuple[Array, State]) -> Found:
-            found = function(*jax.tree.map(lambda x: x[..., None], case))
-            alone: Found = jax.tree.map(lambda x: x[..., 0], found)
-            return alone
-
-        cases = jax.tree.map(lambda x: jnp.moveaxis(x, -1, 0), (self.travel, self.start))
-        together: Found = jax.tree.map(
-            lambda x: jnp.moveaxis(x, 0, -1), jax.lax.map(one, cases)
-        )
-        return together
-
-
-@dataclasses.dataclass(frozen=True)
-class BodySpecimen(Specimen):
-    """A body's curve, and what the skin's other inputs do to it; see `Specimen`."""
-
-    curve: BodyCurve
-    inputs: tuple[str, ...]  # names of the inputs, and of the travel's zero
-    # change of the readings where an input grows by its whole size, the filling by one, the
-    # mounting by one, the travel's zero by a metre, shape [n, input]
-    slopes: np.ndarray
-
 
 def body_specimen(
     scene: SceneSpec, travel: np.ndarray, channel: np.ndarray, value: np.ndarray
-) -> BodySpecimen:
+) -> Specimen:
     """The forward model of an indentation curve, and the sizes of its material.
 
     The scene's own material is only where sizes come from. Each reading has its travel [m],
@@ -184,7 +76,7 @@ def body_specimen(
         scaled = with_inputs(found.scene, _scaled(found.scene, scale))
         points = _followed(scaled, found, depth, levels, [point.part for point in points])
     known_scene = prepared(scaled, "shell", found.plan.counts)
-    curve = BodyCurve(
+    curve = SkinCurve(
         known_scene.meshes,
         {path: jnp.asarray(x) for path, x in known_scene.inputs.items()},
         jnp.asarray(levels),
@@ -196,7 +88,7 @@ def body_specimen(
     law = jax.tree.map(lambda x: x[..., 0], law_of(scaled, curve.inputs))
     last = plain(points[-1].report)
     ends = last["stretch_max"], 1 / last["stretch_min"]
-    return BodySpecimen(
+    return Specimen(
         curve,
         float(law.shear_modulus) * ratio,
         max(ends),
@@ -284,8 +176,8 @@ def _followed(
     return points
 
 
-def _by_inputs(curve: BodyCurve, law: AbstractLaw) -> tuple[tuple[str, ...], np.ndarray]:
-    """What the skin's inputs do to the readings; see `BodySpecimen`."""
+def _by_inputs(curve: SkinCurve, law: AbstractLaw) -> tuple[tuple[str, ...], np.ndarray]:
+    """What the skin's inputs do to the readings; see `Specimen`."""
     spec = curve.scene.scene
     tables: dict[str, Spec] = {}
     if spec.oil.trapped and spec.oil.fill is None:
@@ -314,13 +206,13 @@ def _by_inputs(curve: BodyCurve, law: AbstractLaw) -> tuple[tuple[str, ...], np.
 
 @eqx.filter_jit
 def _slopes(
-    curve: BodyCurve, law: AbstractLaw, directions: dict[str, Array], zero: Array
+    curve: SkinCurve, law: AbstractLaw, directions: dict[str, Array], zero: Array
 ) -> Float[Array, "input n"]:
     def along(direction: dict[str, Array], shift: Array) -> Array:
         def changed(step: Array) -> Array:
             inputs = {path: x + step * direction[path] for path, x in curve.inputs.items()}
-            travel = curve.travel + step * shift
-            return dataclasses.replace(curve, inputs=inputs, travel=travel).at_start(law)
+            travel = curve.level + step * shift
+            return dataclasses.replace(curve, inputs=inputs, level=travel).at_start(law)
 
         nought = jnp.zeros(())
         return jax.jvp(changed, (nought,), (nought + 1,))[1]

@@ -1,12 +1,15 @@
-"""A whole skin as test specimen: force in, displacement and oil pressure read.
+"""A whole skin as test specimen: what drives it in, what is read of it out.
 
-Every force of the curve is one lane of the corrected shell's equilibrium, and so is every
-walker or start: an ensemble is one call. Displacement is the mid-surface's under the first
-line load of the scene, along that load; several loads grow together, their pattern kept.
+Forces drive it, and displacement and oil pressure are read; or a rigid body's travel, and force
+and oil pressure are read. The corrected shell of a section or of a pad is solved at every level
+of what drives it. A section's levels are the lanes of one call, a pad's are solved one after
+the other; walkers of a sampler are lanes, too. Derivatives are those of the equilibrium:
+nothing that led to it is differentiated.
 """
 
 import dataclasses
-from typing import ClassVar, NamedTuple, Self, cast
+from collections.abc import Callable
+from typing import ClassVar, Self, TypeVar
 
 import equinox as eqx
 import jax
@@ -15,104 +18,151 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from fitting.material.experiments.prediction import AbstractExperiment
-from suas_jax.config import LineLoadSpec, SceneSpec, continuous_inputs, with_inputs, with_solve
+from suas_jax.config import LineLoadSpec, SceneSpec, with_inputs, with_solve
 from suas_jax.constitutive import AbstractLaw
+from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.correction import corrected
-from suas_jax.equilibrium.equilibrium import Equilibrium, Problem, State, equilibrium
-from suas_jax.mechanics.section import section_of
-from suas_jax.mechanics.shell.shell import Shell
+from suas_jax.equilibrium.friction import equilibrium_with_friction
+from suas_jax.mechanics.model import Meshes
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.build import plan_for, problem_of
-from suas_jax.scene.parts import scene_parts
+from suas_jax.scene.build import problem_of
+from suas_jax.scene.observables import load_observables
+from suas_jax.scene.parts import SceneParts, law_of, scene_parts
+from suas_jax.scene.program import prepared, structure_of
 from suas_jax.scene.solve import solve
+from suas_jax.scene.structure import Structure
 
 ELEMENTS = 16
-_SAMPLES = 4
+
+Found = TypeVar("Found")
 
 
 class SkinCurve(AbstractExperiment):
-    """Readings of a skin under a series of forces."""
+    """Readings of a skin under a series of levels: shares of its loads, or a body's travels."""
 
     costly: ClassVar[bool] = True
 
-    sized_by: ClassVar = "lane"
-    problem: Problem  # the skin, one lane a force; its law is replaced
-    angle: Float[Array, " 1"]  # where the displacement is read [rad]
-    direction: Float[Array, "2 1"]  # unit vector along which it is read
-    lane: Int[Array, " n"]  # which force a reading belongs to
-    channel: Int[Array, " n"]  # 0 for displacement [m], 1 for oil pressure [Pa]
-    start: State  # states from which the solution is sought
+    sized_by: ClassVar = "channel"
+    meshes: Meshes  # of the solve
+    inputs: dict[str, Array]  # the scene's numbers by TOML path, SI; its material is replaced
+    # where the skin is solved: travels beyond first touch [m], or shares of its loads
+    level: Float[Array, " level"]
+    start: State  # states from which the solutions are sought, one a level
+    weight: Float[Array, "n level"]  # of the solved states in a reading
+    # 0 for the force under a body [N], or the displacement under the first load [m]; 1 for oil
+    # pressure [Pa]
+    channel: Int[Array, " n"]
+    scene: Structure = eqx.field(static=True)  # skin and loads
 
     @property
     def equilibria(self) -> int:
         """Equilibria that one prediction takes."""
-        return int(self.problem.external_pressure.shape[-1])
-
-    def solve(self, law: AbstractLaw) -> tuple[Problem, Equilibrium]:
-        """Equilibria of all forces for a law with scalar constants."""
-        in_lane = jax.tree.map(lambda x: jnp.asarray(x)[..., None], law)
-        problem = eqx.tree_at(lambda p: p.mechanics.law, self.problem, in_lane)
-        return problem, equilibrium(problem, self.start, omitted=True)
+        return len(self.level)
 
     def predict(self, law: AbstractLaw) -> Float[Array, " n"]:
-        """Displacements [m] and pressures [Pa]; NaN where there is no equilibrium."""
-        return self.read(*self.solve(law))
+        """Readings, SI units; NaN where there is no equilibrium."""
+        return self._between(self.solved(law)[0])
 
-    def read(self, problem: Problem, found: Equilibrium) -> Float[Array, " n"]:
-        """Readings of solved states; NaN where there is no equilibrium."""
-        _, shown, shell = corrected(problem, found.state, found.change)
-        shape = section_of(shell).at_angle(shown.q, self.angle)
-        moved = jnp.sum(shape.mid_displacement[:, 0, 0] * self.direction, 0)
-        both = jnp.stack([moved, shown.pressure])
-        both = jnp.where(found.result == 0, both, jnp.nan)
-        return both[self.channel, self.lane]
+    def solved(self, law: AbstractLaw) -> tuple[Float[Array, "2 level"], State]:
+        """Both channels of all levels, NaN where there is no equilibrium, and the states."""
+        known = jax.lax.stop_gradient(law)
+
+        def one(level: Array, start: State) -> tuple[Array, State]:
+            problem = problem_of(
+                self._parts(known, level), self.meshes.solved, wall=self.scene.wall
+            )
+            found = equilibrium_with_friction(problem, start)
+            both = self.read(law, level, found.state)
+            return jnp.where(found.result == 0, both, jnp.nan), found.state
+
+        return self._each(one)
+
+    def read(self, law: AbstractLaw, level: Array, state: State) -> Float[Array, "2 lane"]:
+        """Both channels of known states, with their derivatives."""
+        parts, wall = self._parts(law, level), self.scene.wall
+        problem = problem_of(parts, self.meshes.whole, wall=wall)
+        if self.meshes.solved.symmetric:
+            part = problem_of(parts, self.meshes.solved, wall=wall).mechanics
+            state = state._replace(q=jax.lax.stop_gradient(part.mirrored(state.q)))
+        root, shown, mechanics = corrected(problem, state)
+        held = problem.mechanics
+        problem = dataclasses.replace(problem, mechanics=mechanics)
+        loads = load_observables(parts, problem, shown, held, root)
+        key = "force_N" if parts.bodies else "displacement_m"
+        first = next(load[key] for load in loads if key in load)
+        return jnp.stack(jnp.broadcast_arrays(first, shown.pressure))
+
+    def at_start(self, law: AbstractLaw) -> Float[Array, " n"]:
+        """Readings of the starts, taken as the equilibria of a law."""
+        return self._between(self._each(lambda level, start: self.read(law, level, start)))
 
     def settled(self, law: AbstractLaw) -> Self:
         """The same curve, solved from the states of a law: fast for laws near to it."""
-        found = _solved(self, law)
-        if np.any(np.asarray(found.result) != 0):
+        both, state = COMPILED.run(_solved, self, law, once=True)
+        if np.isnan(both).any():
             return self
-        return eqx.tree_at(lambda c: c.start, self, found.state)
+        return dataclasses.replace(self, start=state)
 
+    def readings_of(self, law: AbstractLaw) -> Float[np.ndarray, " n"]:
+        """What `predict` says, by a program that is kept."""
+        return np.asarray(self._between(COMPILED.run(_solved, self, law, once=True)[0]))
 
-class _Solved(NamedTuple):
-    """What a law does in a curve: states, outcomes, readings, inner hoop stretches."""
+    def _between(self, both: Float[Array, "2 level"]) -> Float[Array, " n"]:
+        """Readings from those of the solved states, which count where they have a weight."""
+        known = jnp.where(self.weight == 0, 0.0, both[self.channel])
+        return jnp.sum(self.weight * known, 1)
 
-    state: State
-    result: Array
-    readings: Array
-    inner_stretch: Array
+    def _parts(self, law: AbstractLaw, level: Array) -> SceneParts:
+        in_lane = jax.tree.map(lambda x: jnp.asarray(x)[..., None], law)
+        parts = scene_parts(self.scene.scene, self.inputs, in_lane)
+        if parts.bodies:
+            moved = [dataclasses.replace(body, travel=level) for body in parts.bodies]
+            return parts._replace(bodies=moved)
+        forces = [dataclasses.replace(load, force=level * load.force) for load in parts.forces]
+        return parts._replace(forces=forces, pressures=[level * p for p in parts.pressures])
 
+    def _each(self, function: Callable[[Array, State], Found]) -> Found:
+        """Call a function of levels and states in lanes: all at once, or one by one."""
+        if self.scene.scene.geometry.dimension == 2:
+            return function(self.level, self.start)
 
-def _solved(curve: SkinCurve, law: AbstractLaw) -> _Solved:
-    found: _Solved = COMPILED.run(_program, curve, law, once=True)
-    return found
+        def one(case: tuple[Array, State]) -> Found:
+            found = function(*jax.tree.map(lambda x: x[..., None], case))
+            alone: Found = jax.tree.map(lambda x: x[..., 0], found)
+            return alone
+
+        cases = jax.tree.map(lambda x: jnp.moveaxis(x, -1, 0), (self.level, self.start))
+        together: Found = jax.tree.map(
+            lambda x: jnp.moveaxis(x, 0, -1), jax.lax.map(one, cases)
+        )
+        return together
 
 
 @eqx.filter_jit
-def _program(curve: SkinCurve, law: AbstractLaw) -> _Solved:
-    problem, found = curve.solve(law)
-    shell = cast(Shell, problem.mechanics)
-    stretch = shell.profile(found.state.q, _SAMPLES).inner_stretch
-    return _Solved(found.state, found.result, curve.read(problem, found), stretch)
+def _solved(curve: SkinCurve, law: AbstractLaw) -> tuple[Array, State]:
+    return curve.solved(law)
 
 
 @dataclasses.dataclass(frozen=True)
 class Specimen:
-    """A skin curve with what its own material says about sizes."""
+    """A skin's curve with what its own material says about sizes."""
 
-    curve: AbstractExperiment  # the readings' forward model
+    curve: SkinCurve  # the readings' forward model
     modulus: float  # shear modulus that the readings suggest [Pa]
-    stretch: float  # largest hoop stretch on the inner face under the largest force
-    # standard deviation of the corrected shell's own error under the largest force, relative to
-    # displacement and pressure; all readings share it
+    stretch: float  # largest stretch of the membrane, or its inverse, where it is driven most
+    # standard deviation of the corrected shell's own error there, relative to the readings,
+    # which all share it
     model_error: float
+    inputs: tuple[str, ...] = ()  # names of the skin's inputs whose effect is known
+    # change of the readings where an input grows by its whole size, the filling by one, the
+    # mounting by one, the travel's zero by a metre, shape [n, input]
+    slopes: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
 
 
 def specimen(
     scene: SceneSpec, force: np.ndarray, channel: np.ndarray, value: np.ndarray
 ) -> Specimen:
-    """The forward model of a skin's curve, and the sizes of its material.
+    """The forward model of a skin's curve under forces, and the sizes of its material.
 
     The scene's own material is only where sizes come from. Each reading has its force, the sum
     of the loads' magnitudes [N], channel (0 for displacement, 1 for oil pressure) and value [m,
@@ -128,39 +178,33 @@ def specimen(
     top = float(np.max(np.abs(levels)))
     spec = with_solve(scene, oil_pressure=None)
     spec = with_inputs(spec, {f"load.{i}.force": load.force * top / total for i, load in lines})
-    plan = plan_for(spec, "shell", counts).reduced()
-    parts = scene_parts(spec, continuous_inputs(spec))
-    problem = problem_of(parts, plan)
-    shell = problem.mechanics
-    assert isinstance(shell, Shell)
-    share = jnp.asarray(levels / top)
-    problem = eqx.tree_at(
-        lambda p: (cast(Shell, p.mechanics).points.force, p.external_pressure),
-        problem,
-        (shell.points.force * share, problem.external_pressure * share),
+    known = prepared(spec, "shell", counts)
+    curve = SkinCurve(
+        known.meshes,
+        {path: jnp.asarray(x) for path, x in known.inputs.items()},
+        jnp.asarray(levels / top),
+        jax.tree.map(lambda x: jnp.repeat(x, len(levels), axis=-1), known.rest),
+        jnp.asarray(np.eye(len(levels))[lane.reshape(-1)]),
+        jnp.asarray(channel),
+        structure_of(spec, wall=False),
     )
-    load = parts.forces[0]
-    angle, direction = load.angle, load.direction(shell.section)
-    if plan.symmetric and float(angle[0]) > 0.0:
-        # Only the left half is solved: read the mirror image there.
-        angle, direction = -angle, direction * jnp.array([[-1.0], [1.0]])
-    rest, zero = shell.rest(), jnp.zeros(len(levels))
-    start = State(jnp.broadcast_to(rest, (*rest.shape[:-1], len(levels))), zero, zero)
-    curve = SkinCurve(problem, angle, direction, jnp.asarray(lane), jnp.asarray(channel), start)
-    law = jax.tree.map(lambda x: x[..., 0], problem.mechanics.law)
-    found = _solved(curve, law)
-    if np.any(np.asarray(found.result) != 0):
+    law = jax.tree.map(lambda x: x[..., 0], law_of(spec, curve.inputs))
+    readings = curve.readings_of(law)
+    alone = solve(with_solve(spec, model="shell", elements=ELEMENTS, mesh=None, rtol=None))
+    if np.isnan(readings).any() or not alone.converged:
         raise ValueError(
             f"--scene: with its own material this skin carries no {top:.4g} N; correct the "
             f"scene's material, loads or the force column"
         )
-    ratio = np.median(np.asarray(found.readings) / value)
+    ratio = np.median(readings / value)
     if not ratio > 0.0:
         raise ValueError(
             "--data skin: displacement or pressure has the opposite sign of the model's; both "
             "are positive where the load pushes inwards (--scene gives the direction)"
         )
-    largest = float(np.exp(np.max(np.abs(np.log(np.asarray(found.inner_stretch))))))
-    alone = solve(with_solve(spec, model="shell", elements=ELEMENTS, mesh=None, rtol=None))
-    error = alone.report["model_error"] or 0.0
-    return Specimen(curve, float(law.shear_modulus) * float(ratio), largest, error)
+    return Specimen(
+        curve,
+        float(law.shear_modulus) * float(ratio),
+        max(alone.report["stretch_max"], 1 / alone.report["stretch_min"]),
+        alone.report["model_error"] or 0.0,
+    )

@@ -8,7 +8,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 
 from fitting.material.data.errors import DataError
-from fitting.material.experiments.indentation_curve import BodySpecimen, body_specimen
+from fitting.material.experiments.indentation_curve import body_specimen
 from fitting.material.experiments.measurements import Channel, Dataset, Predictor, joined
 from fitting.material.experiments.prediction import AbstractExperiment
 from fitting.material.experiments.skin_curve import Specimen, specimen
@@ -81,7 +81,8 @@ class SkinTest(Dataset):
     @functools.cached_property
     def as_specimen(self) -> Specimen:
         """The skin's forward model, and what its own material says about sizes."""
-        return specimen(self.scene, self.drive, self.channel, self.value)
+        of_scene = body_specimen if self.scene.bodies else specimen
+        return of_scene(self.scene, self.drive, self.channel, self.value)
 
     @property
     def model_error(self) -> float:
@@ -121,11 +122,6 @@ class IndentationTest(SkinTest):
     def abscissa(self) -> np.ndarray:
         """The travel [mm]."""
         return 1e3 * self.drive
-
-    @functools.cached_property
-    def as_specimen(self) -> BodySpecimen:
-        """The skin's forward model, and what its own material says about sizes."""
-        return body_specimen(self.scene, self.drive, self.channel, self.value)
 
 
 def skin(reader: Reader, scene: SceneSpec) -> SkinTest:

@@ -50,7 +50,8 @@ class Reader(NamedColumns):
         super().__init__(mode, table)
         self.noise, self.machine_stiffness = noise, machine_stiffness
         # Of a whole test, as the command line states it.
-        self.given = {key: text for key, text in specimen.items() if key in timing.KEYS}
+        given = {key: text for key, text in specimen.items() if key in timing.KEYS}
+        self.stated = timing.Stated(table.file, table.metadata, given)
         sizes = {key: text for key, text in specimen.items() if key not in timing.KEYS}
         self.sizes = stated_sizes(table.file, table.metadata) | given_sizes(table.file, sizes)
 
@@ -82,7 +83,7 @@ class Reader(NamedColumns):
                 moved = moved - self._given_way(direction)
             why = "the specimen would have no length left"
             return self._possible(1.0 + moved / length, "displacement", why)
-        held = timing.held_stretch(self.table.metadata, self.given, self.table.file)
+        held = self.stated.held_stretch()
         if held is not None and direction != 2:
             return np.full(len(self.table.lines), held)
         tag = max(direction, 1)
@@ -95,9 +96,7 @@ class Reader(NamedColumns):
     def times(self, strain: np.ndarray) -> np.ndarray:
         """Time of each row [s]; NaN where neither a column nor a rate of strain states it."""
         times = self.column("time")
-        if times is not None:
-            return times
-        return timing.times_by_rate(self.table.metadata, self.given, self.table.file, strain)
+        return self.stated.times(strain) if times is None else times
 
     def _needed_length(self, direction: int = 0) -> np.ndarray:
         length = self._length_of("displacement", direction)
@@ -245,8 +244,7 @@ class Reader(NamedColumns):
         with contextlib.suppress(DataError):
             area = self.area()
         sizes = [math.nan if x is None else float(np.nanmean(x)) for x in (length, area)]
-        sizes.append(timing.ramp_of(self.table.metadata, self.given, self.table.file))
-        sizes.append(self._preload())
+        sizes += [self.stated.ramp(), self._preload()]
         for quantity in ("stretch", "strain", "log_strain", "green_strain", "displacement"):
             for d in (0, 1):
                 if (quantity, d) in self.columns:

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,68 +20,64 @@ _SPELLED = {
 }
 _RATE = re.compile(r"([^\s%/]+)\s*(%|mm/mm|)\s*(?:1?\s*/\s*(s|sec|min|h)|(s|min)\^?-1)")
 
-Pairs = Mapping[str, str]
-"""Keys with values, of a file or of the command line."""
 
+class Stated(NamedTuple):
+    """What the command line, or a file's comments, state of a test."""
 
-def stated(metadata: Pairs, given: Pairs, key: str) -> str | None:
-    """What the command line, or a file's comments, state of a test; None for nothing."""
-    if key in given:
-        return given[key]
-    return next((metadata[name] for name in _SPELLED[key] if name in metadata), None)
+    file: str
+    metadata: Mapping[str, str]  # of the file
+    given: Mapping[str, str]  # on the command line
 
+    def text(self, key: str) -> str | None:
+        """As it is written; None for nothing."""
+        if key in self.given:
+            return self.given[key]
+        names = (name for name in _SPELLED[key] if name in self.metadata)
+        return next((self.metadata[name] for name in names), None)
 
-def held_stretch(metadata: Pairs, given: Pairs, file: str) -> float | None:
-    """The stretch of a relaxation test whose table has no strains; None where none is stated.
+    def held_stretch(self) -> float | None:
+        """The stretch of a relaxation test whose table has no strains; None for none.
 
-    Raises DataError: what is stated is not a stretch or strain.
-    """
+        Raises DataError: what is stated is not a stretch or strain.
+        """
+        for key, shift in (("stretch", 0.0), ("strain", 1.0)):
+            if (text := self.text(key)) is not None:
+                with said_of(f'{self.file}: {key} = "{text}"'):
+                    value = parse_quantity(text, "number") + shift
+                    if not value > 0.0:
+                        raise ValueError("the stretch must be greater than zero")
+                    return value
+        return None
 
-    def stretch(text: str, shift: float) -> float:
-        value = parse_quantity(text, "number") + shift
-        if not value > 0.0:
-            raise ValueError("the stretch must be greater than zero")
-        return value
+    def ramp(self) -> float:
+        """Duration of the loading before the first reading [s]; NaN where none is stated.
 
-    for key, shift in (("stretch", 0.0), ("strain", 1.0)):
-        if (text := stated(metadata, given, key)) is not None:
-            with said_of(f'{file}: {key} = "{text}"'):
-                return stretch(text, shift)
-    return None
+        Raises DataError: what is stated is not a time.
+        """
+        if (text := self.text("ramp")) is None:
+            return float("nan")
+        with said_of(f'{self.file}: ramp = "{text}"'):
+            seconds = parse_quantity(text, "time")
+            if seconds < 0.0:
+                raise ValueError("must not be less than zero")
+        return seconds
 
+    def times(self, strain: np.ndarray) -> np.ndarray:
+        """Times of readings at a constant rate of strain [s], shape [n]; NaN without a rate.
 
-def ramp_of(metadata: Pairs, given: Pairs, file: str) -> float:
-    """Duration of the loading before the first reading [s]; NaN where none is stated.
-
-    Raises DataError: what is stated is not a time.
-    """
-    text = stated(metadata, given, "ramp")
-    if text is None:
-        return float("nan")
-    with said_of(f'{file}: ramp = "{text}"'):
-        seconds = parse_quantity(text, "time")
-        if seconds < 0.0:
-            raise ValueError("must not be less than zero")
-    return seconds
-
-
-def times_by_rate(metadata: Pairs, given: Pairs, file: str, strain: np.ndarray) -> np.ndarray:
-    """Times of readings at a constant rate of strain [s], shape [n]; NaN where none is stated.
-
-    `strain`: nominal strain, or amount of shear, in the order of the test, shape [n].
-    Raises DataError: what is stated is not a rate.
-    """
-    text = stated(metadata, given, "strain_rate")
-    if text is None:
-        return np.full(len(strain), np.nan)
-    found = _RATE.fullmatch(text.strip())
-    with said_of(f'{file}: strain_rate = "{text}"'):
-        if found is None:
-            raise ValueError('a rate of strain is expected, such as "0.1 1/s" or "5 %/min"')
-        rate = float(found.group(1)) * (0.01 if found.group(2) == "%" else 1.0)
-        rate /= SECONDS[found.group(3) or found.group(4)]
-        if not rate > 0.0:
-            raise ValueError("it must be greater than zero")
-    way = np.abs(np.diff(strain, prepend=0.0))
-    known = np.isfinite(way)
-    return np.where(known, np.cumsum(np.where(known, way, 0.0)), np.nan) / rate
+        `strain`: nominal strain, or amount of shear, in the order of the test, shape [n].
+        Raises DataError: what is stated is not a rate.
+        """
+        if (text := self.text("strain_rate")) is None:
+            return np.full(len(strain), np.nan)
+        found = _RATE.fullmatch(text.strip())
+        with said_of(f'{self.file}: strain_rate = "{text}"'):
+            if found is None:
+                raise ValueError('a rate of strain is expected, such as "0.1 1/s" or "5 %/min"')
+            rate = float(found.group(1)) * (0.01 if found.group(2) == "%" else 1.0)
+            rate /= SECONDS[found.group(3) or found.group(4)]
+            if not rate > 0.0:
+                raise ValueError("it must be greater than zero")
+        way = np.abs(np.diff(strain, prepend=0.0))
+        known = np.isfinite(way)
+        return np.where(known, np.cumsum(np.where(known, way, 0.0)), np.nan) / rate

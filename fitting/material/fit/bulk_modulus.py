@@ -6,6 +6,7 @@ pressures, for readings that noise makes small would count too much.
 """
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 from scipy import stats
 
 from fitting.material.experiments.volumetric import VolumetricTest
-from fitting.material.fit.noise import Noise, estimated_noise, noise_remark, with_noise
+from fitting.material.fit.noise import Noise, noise_among, noise_remark, with_noise
 from fitting.material.fit.preparation import prepared
 from fitting.material.fit.problem import reading_scale
 from fitting.statistics.diagnostics import Misfit, misfit
@@ -158,78 +159,64 @@ def fit_bulk_modulus(
 class _Fitted:
     """Weighted least squares of one constant: r = K J - y over its scale."""
 
-    tests: Sequence[VolumetricTest]
-    slopes: list[np.ndarray]  # derivatives of the residuals by K, a test each
-    measured: list[np.ndarray]  # readings over their scale, a test each
+    tests: list[tuple[VolumetricTest, np.ndarray]]  # with the places of their readings
     value: float  # K
+    J: np.ndarray  # derivatives of the residuals by K [n]
+    r: np.ndarray  # residuals [n]
+    size: float  # of what was measured, over its scale
     noise: Noise  # estimated from the residuals
 
     @classmethod
     def of(
         cls, tests: Sequence[VolumetricTest], kind: str, *, logarithmic: bool = False
     ) -> "_Fitted":
-        ratios = [test.coordinate for test in tests]
-        units = [-np.log(J) / J if logarithmic else 1.0 - J for J in ratios]
-        scales = [reading_scale(test, tests, kind) for test in tests]
+        ends = np.cumsum([0, *(test.size for test in tests)])
+        places = [np.arange(*pair) for pair in itertools.pairwise(ends)]
+        rows = [
+            (
+                t.coordinate,
+                t.value,
+                t.weight,
+                t.floor + 0 * t.value,
+                reading_scale(t, tests, kind),
+            )
+            for t in tests
+        ]
+        ratio, y, weight, floor, scale = map(np.concatenate, zip(*rows, strict=True))
+        unit = -np.log(ratio) / ratio if logarithmic else 1.0 - ratio
         for _ in range(_WEIGHINGS if kind == "relative" else 1):
-            inverses = [np.sqrt(t.weight) / s for t, s in zip(tests, scales, strict=True)]
-            slopes = [unit * inverse for unit, inverse in zip(units, inverses, strict=True)]
-            measured = [test.value * inv for test, inv in zip(tests, inverses, strict=True)]
-            J, y = np.concatenate(slopes), np.concatenate(measured)
-            value = float(J @ y) / float(J @ J)
-            sizes = [value * unit for unit in units]
-            pairs = zip(tests, sizes, strict=True)
-            scales = [np.maximum(np.abs(size), test.floor) for test, size in pairs]
-        models = tuple(
-            estimated_noise(test, size - test.value, size, inverse)
-            for test, size, inverse in zip(tests, sizes, inverses, strict=True)
-        )
-        excluded = any(model is not None and model.excludes_assumed for model in models)
-        deviations = [np.ones(test.size) for test in tests]
-        for i, (model, test) in enumerate(zip(models, tests, strict=True)):
-            if model is not None and model.excludes_assumed:
-                sigma = model.deviation(sizes[i]) * inverses[i] / np.sqrt(test.weight)
-                deviations[i] = np.maximum(sigma, 1e-6 * np.max(sigma))
-            elif excluded:
-                r = value * slopes[i] - measured[i]
-                deviations[i] *= float(np.sqrt(np.mean(r**2))) or 1.0
-        noise = Noise(models, np.concatenate(deviations), excluded)
-        return cls(tests, slopes, measured, value, noise)
-
-    @property
-    def whole(self) -> tuple[np.ndarray, np.ndarray, float]:
-        """Slopes and residuals of all tests, and the size of what was measured."""
-        J, y = np.concatenate(self.slopes), np.concatenate(self.measured)
-        return J, self.value * J - y, float(np.sqrt(np.mean(y**2)))
+            inverse = np.sqrt(weight) / scale
+            J, measured = unit * inverse, y * inverse
+            value = float(J @ measured) / float(J @ J)
+            scale = np.maximum(np.abs(value * unit), floor)
+        r, pairs = value * J - measured, list(zip(tests, places, strict=True))
+        noise = noise_among(pairs, value * unit - y, value * unit, inverse, r)
+        return cls(pairs, value, J, r, float(np.sqrt(np.mean(measured**2))), noise)
 
     @property
     def square(self) -> float:
-        return float(self.whole[1] @ self.whole[1])
+        return float(self.r @ self.r)
 
     @property
     def dof(self) -> int:
         """Readings that say anything, less one."""
-        J, r, _ = self.whole
-        return int(np.sum((np.abs(J) > 1e-10 * np.max(np.abs(J))) | (r != 0.0))) - 1
+        told = (np.abs(self.J) > 1e-10 * np.max(np.abs(self.J))) | (self.r != 0.0)
+        return int(np.sum(told)) - 1
 
     def error(self, *, known_noise: bool) -> float:
         """Standard error of K [Pa] under the noise as it is, without inflation."""
-        J, r, size = self.whole
+        J, scatter = self.J, 1.0
         ratio = np.ones(len(J)) if known_noise else self.noise.ratio
-        scatter = 1.0
         if not known_noise:
-            square = float(np.sum((r / ratio) ** 2))
-            scatter = float(np.sqrt(square / self.dof)) if self.dof > 0 else size
-            scatter = max(scatter, SMALLEST_NOISE * size / float(np.mean(ratio)))
+            square = float(np.sum((self.r / ratio) ** 2))
+            scatter = float(np.sqrt(square / self.dof)) if self.dof > 0 else self.size
+            scatter = max(scatter, SMALLEST_NOISE * self.size / float(np.mean(ratio)))
         return scatter * float(np.linalg.norm(J * ratio)) / float(J @ J)
 
     def judged(self, *, known_noise: bool) -> Misfit:
         """Whether the residuals are more than noise."""
-        J, r, size = self.whole
-        ratio = np.ones(len(J)) if known_noise else self.noise.ratio
-        places = np.split(np.arange(len(J)), np.cumsum([test.size for test in self.tests])[:-1])
-        pairs = zip(self.tests, places, strict=True)
-        orders = [place[order] for test, place in pairs for order in test.paths()]
-        paths = [(r / ratio)[order] for order in orders]
-        smooth = [(path, (J / ratio)[order]) for path, order in zip(paths, orders, strict=True)]
-        return misfit(paths, 1, known_noise=known_noise, exact=1e-4 * size, smooth=smooth)
+        ratio = np.ones(len(self.J)) if known_noise else self.noise.ratio
+        orders = [place[order] for test, place in self.tests for order in test.paths()]
+        smooth = [((self.r / ratio)[k], (self.J / ratio)[k]) for k in orders]
+        paths, exact = [path for path, _ in smooth], 1e-4 * self.size
+        return misfit(paths, 1, known_noise=known_noise, exact=exact, smooth=smooth)

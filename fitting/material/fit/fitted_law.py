@@ -15,6 +15,7 @@ from fitting.material.fit.problem import MaterialProblem, readings
 from fitting.material.fit.specimens import Specimens
 from fitting.material.laws.parameters import Family
 from fitting.statistics.identifiability import Uncertainty
+from fitting.statistics.residuals import sensitivity
 from suas_jax.constitutive import AbstractLaw, stable_range
 
 _LANES = 64  # readings of one compiled evaluation
@@ -81,6 +82,14 @@ class FittedLaw:
         predicted, _ = readings(residuals, jnp.asarray(self.constants))
         difference = np.asarray(predicted - residuals.value)
         return [difference[place] for place in self.problem.places]
+
+    def half_widths(self, level: float = 0.95) -> list[np.ndarray]:
+        """Half widths of the intervals of the predicted readings of each data set [SI]."""
+        residuals = self.problem.residuals
+        _, J = sensitivity(residuals, jnp.asarray(self.constants))
+        deviation = self.uncertainty.spread_of(np.asarray(jax.vmap(residuals.misfit, 1, 1)(J)))
+        half = self.uncertainty.quantile(level) * deviation
+        return [half[place] for place in self.problem.places]
 
 
 @eqx.filter_jit

@@ -14,7 +14,8 @@ from jaxtyping import Array
 from fitting.material.fit.fitted_law import FittedLaw
 from fitting.material.fit.problem import MaterialProblem
 from fitting.material.laws.parameters import Family
-from fitting.statistics.profile import Linearised, Quantity, profile_end
+from fitting.statistics.least_squares import Linearised
+from fitting.statistics.profile import Quantity, profile_end
 from fitting.statistics.residuals import constants_by_theta, sensitivity
 
 # An end is open at this many e-folds of a constant of one sign, or half widths of another.

@@ -45,21 +45,29 @@ def noise_of(problem: MaterialProblem, constants: np.ndarray) -> Noise:
     predicted, r = (np.asarray(x) for x in readings(residuals, jnp.asarray(constants)))
     error = predicted - np.asarray(residuals.value)
     inverse = np.asarray(residuals.inverse_scale)
-    models: list[NoiseModel | None] = []
+    return noise_among(problem.tests, error, predicted, inverse, r)
+
+
+def noise_among(
+    tests: Sequence[tuple[Dataset, np.ndarray]],  # with the places of their readings among all
+    error: np.ndarray,  # predicted less measured readings
+    predicted: np.ndarray,
+    inverse: np.ndarray,  # of the scale of each residual
+    r: np.ndarray,  # the residuals
+) -> Noise:
+    """Estimate the noise of each test; all arrays are of all readings [n]."""
+    models = [estimated_noise(t, error[k], predicted[k], inverse[k]) for t, k in tests]
+    excluded = any(model is not None and model.excludes_assumed for model in models)
     ratio = np.ones(len(error))
-    for data, place in problem.tests:
-        model = estimated_noise(data, error[place], predicted[place], inverse[place])
-        models.append(model)
+    for (data, place), model in zip(tests, models, strict=True):
         if model is not None and model.excludes_assumed:
             # Of a mean of several readings, which count as often, it is that of one of them.
             sigma = model.deviation(predicted[place]) * inverse[place] / np.sqrt(data.weight)
             ratio[place] = np.maximum(sigma, 1e-6 * np.max(sigma))
-    excluded = [model is not None and model.excludes_assumed for model in models]
-    for own, place in zip(excluded, problem.places, strict=True):
-        # Residuals of all data sets share one factor, that of the assumed noise elsewhere.
-        if any(excluded) and not own:
-            ratio[place] *= float(np.sqrt(np.mean(r[place] ** 2))) or 1.0
-    return Noise(tuple(models), ratio, any(excluded))
+        elif excluded:
+            # Residuals of all data sets share one factor, that of the assumed noise elsewhere.
+            ratio[place] = float(np.sqrt(np.mean(r[place] ** 2))) or 1.0
+    return Noise(tuple(models), ratio, excluded)
 
 
 def with_noise(sets: Sequence[Dataset], noise: Noise, sizes: list[np.ndarray]) -> list[Dataset]:

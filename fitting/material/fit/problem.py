@@ -39,20 +39,6 @@ class Residuals(AbstractResiduals):
         return any(test.costly for test in self.experiments)
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the law's constants."""
-        return self.family.names
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Their SI units, "1" for a number."""
-        return self.family.units
-
-    def constants(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
-        """Constants in SI units from unconstrained parameters."""
-        return self.family.constants(theta, self.scales)
-
-    @property
     def mapping(self) -> Callable[[Float[Array, " p"]], Float[Array, " p"]]:
         """The family's map from θ, with the scales."""
         return Mapping(self.scales, self.family)

@@ -3,17 +3,13 @@
 The page may be opened anywhere: it asks no host for anything, and its own policy forbids it.
 """
 
-import base64
 import contextlib
 import hashlib
-import io
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
-
-from matplotlib.figure import Figure
 
 from fitting.material.cards.card import card
 from fitting.material.experiments.measurements import Dataset
@@ -21,15 +17,13 @@ from fitting.material.fit.bulk_modulus import BulkModulus
 from fitting.material.fit.result import MaterialFit
 from fitting.material.report.description import described
 from fitting.material.report.plots import plot_material
-from fitting.report.page import page
+from fitting.report.page import embedded, page
 from suas_jax.config.schema_scene import LAWS
 from suas_jax.files.reading import MEGABYTE, read_bytes
 from suas_jax.files.writing import write_text
 
 _MOST_BYTES = 64 * MEGABYTE
 _PROGRAMS = ("suas-jax", "jax", "optimistix", "numpy", "scipy")
-
-_DOTS_PER_INCH = 110
 
 
 def write_html(
@@ -44,20 +38,13 @@ def write_html(
         "report.html.j2",
         parts=described(report, fit),
         title="bulk modulus" if fit is None else fit.family.title,
-        figure=_embedded(plot_material(fit, bulk=bulk)),
+        figure=embedded(plot_material(fit, bulk=bulk), "png"),
         data=_provenance([*(fit.sets if fit else ()), *(bulk.sets if bulk else ())]),
         versions={name: version(name) for name in _PROGRAMS},
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         material=card(fit.material(), "toml") if fit and fit.family.law_name in LAWS else "",
     )
     write_text(file, text)
-
-
-def _embedded(figure: Figure) -> str:
-    """A figure as the address of an image that holds it."""
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=_DOTS_PER_INCH)
-    return "data:image/png;base64," + base64.b64encode(content.getvalue()).decode()
 
 
 def _provenance(sets: Sequence[Dataset]) -> list[dict[str, Any]]:

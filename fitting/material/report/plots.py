@@ -42,7 +42,7 @@ def plot_material(
     axes = figure.subplots(2, count, height_ratios=(3, 1), squeeze=False)
     titles = []
     if fit is not None:
-        tests = list(zip(fit.sets, fit.misfits(), strict=True))
+        tests = list(zip(fit.sets, fit.misfits(), fit.half_widths(), strict=True))
         for mode, pair in zip(modes, axes.T, strict=False):
             _draw_mode(fit, mode, [test for test in tests if test[0].mode == mode], *pair)
         titles.append(f"{fit.family.title}, {fit.problem.kind} residuals: {fit.status}")
@@ -57,7 +57,7 @@ def _draw_bulk_modulus(bulk: BulkModulus, upper: "Axes", lower: "Axes") -> None:
     """Volumetric tests with the line of the bulk modulus."""
     for number, test in enumerate(bulk.sets):
         error = bulk.predict(test.coordinate) - test.value
-        _draw_readings(test, error, upper, lower, f"C{number}", True)
+        _draw_readings(test, error, upper, lower, f"C{number}")
     ratios = np.concatenate([test.coordinate for test in bulk.sets])
     ends = np.array([min(ratios.min(), 1.0), max(ratios.max(), 1.0)])
     low, high = bulk.interval(0.95)
@@ -72,21 +72,21 @@ def _draw_bulk_modulus(bulk: BulkModulus, upper: "Axes", lower: "Axes") -> None:
 def _draw_mode(
     fit: MaterialFit,
     mode: str,
-    members: list[tuple[Dataset, np.ndarray]],
+    members: list[tuple[Dataset, np.ndarray, np.ndarray]],
     upper: "Axes",
     lower: "Axes",
 ) -> None:
     banded = mode in PATHS and all(
         isinstance(data, StressTest) and data.measure == "nominal" and not data.follows_history
-        for data, _ in members
+        for data, *_ in members
     )
     if banded:
-        _draw_band(fit, mode, [data for data, _ in members], upper)
-    for number, (data, error) in enumerate(members):
-        _draw_readings(data, error, upper, lower, f"C{number}", banded)
+        _draw_band(fit, mode, [data for data, *_ in members], upper)
+    for number, (data, error, half) in enumerate(members):
+        _draw_readings(data, error, upper, lower, f"C{number}", None if banded else half)
     upper.set_title(mode.replace("_", " ") + ("" if members else " (not measured)"))
     lower.set_xlabel(members[0][0].abscissa_label if members else "stretch")
-    if any(isinstance(data, HistoryTest) and data.is_relaxation for data, _ in members):
+    if any(isinstance(data, HistoryTest) and data.is_relaxation for data, *_ in members):
         upper.set_xscale("log")
         lower.set_xscale("log")
         lower.set_xlim(upper.get_xlim())
@@ -105,9 +105,14 @@ def _finish(upper: "Axes", lower: "Axes") -> None:
 
 
 def _draw_readings(
-    data: Dataset, error: np.ndarray, upper: "Axes", lower: "Axes", colour: str, banded: bool
+    data: Dataset,
+    error: np.ndarray,
+    upper: "Axes",
+    lower: "Axes",
+    colour: str,
+    half: np.ndarray | None = None,
 ) -> None:
-    """Readings and residuals; the law's own as crosses where no band is drawn."""
+    """Readings and residuals; the law's own with its 95 % where no band is drawn, `half`."""
     channels = data.channels()
     size = np.maximum(data.own_size(), 1e-300)
     for (rows, unit, label), marker in zip(channels, _MARKERS, strict=False):
@@ -118,9 +123,10 @@ def _draw_readings(
             for path in data.paths():
                 series = (data.value + error)[path] / unit
                 upper.plot(data.abscissa[path], series, "k-", lw=1.0, label="law")
-        elif not banded:
-            law = f"law, {label}" if len(channels) > 1 else "law"
-            upper.plot(x, (y + error[rows]) / unit, "x", ms=3.5, color="k", label=law)
+        elif half is not None:
+            law = f"law (95 %), {label}" if len(channels) > 1 else "law (95 %)"
+            middle, known = (y + error[rows]) / unit, half[rows] / unit
+            upper.errorbar(x, middle, known, fmt="x", ms=3.5, color="k", lw=0.8, label=law)
         share = 100.0 * error[rows] / size[rows]
         lower.plot(x, share, marker, ms=3, color=colour)
     if len(channels) == 1:

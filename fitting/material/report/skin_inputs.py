@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fitting.material.experiments.indentation_curve import ZERO
-from fitting.material.experiments.skin_readings import IndentationTest
+from fitting.material.experiments.skin_readings import SkinTest
 from fitting.material.fit.problem import Residuals
 from fitting.material.fit.result import MaterialFit
 from fitting.report.description import Part, Remark, ReportTable
@@ -67,7 +67,7 @@ def inputs_report(fit: MaterialFit) -> list[dict[str, Any]]:
     by_modulus = J @ np.where(fit.family.stresses, fit.constants, 0.0)
     noise = fit.uncertainty.noise * fit.uncertainty.inflation
     for data, place in fit.problem.tests:
-        if not isinstance(data, IndentationTest):
+        if not isinstance(data, SkinTest):
             continue
         a = by_modulus[place]
         for name, slope in zip(data.as_specimen.inputs, data.as_specimen.slopes.T, strict=True):

@@ -35,6 +35,7 @@ class Prior:
 class SensorResiduals(AbstractResiduals):
     """Misfit of the model to the counts of all logs, priors included."""
 
+    family: SensorFamily = eqx.field(static=True)  # the constants
     model: SensorModel  # the counts
     state: Int[Array, " frame"]  # which state a frame is in [frame]
     value: Float[Array, " n"]  # readings, taxel after taxel, then the means of the priors [n]
@@ -44,29 +45,6 @@ class SensorResiduals(AbstractResiduals):
     basis: Float[Array, "taxel frame column"]
     # inverse root of the priors' correlations; None where they are independent
     mixing: Float[Array, "p p"] | None
-
-    @property
-    def family(self) -> SensorFamily:
-        """The constants."""
-        return self.model.family
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the constants."""
-        return self.family.names
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Their SI units, "1" for a number."""
-        return self.family.units
-
-    def constants(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
-        """Constants in SI units from dimensionless parameters."""
-        return self.family.constants(theta)
-
-    def unconstrained(self, constants: Float[Array, " p"]) -> Float[Array, " p"]:
-        """Dimensionless parameters from constants."""
-        return self.family.unconstrained(constants)
 
     def predict(self, constants: Float[Array, " p"]) -> Float[Array, " n"]:
         """LoggedCounts for constants in SI units, and the constants themselves."""
@@ -137,6 +115,7 @@ class SensorProblem:
             means[i], sds[i] = part.floor, 1 / (_HELD * part.size)
         value = np.concatenate([np.nan_to_num(here.so).reshape(-1), means])
         return SensorResiduals(
+            family=self.family,
             model=self.model,
             state=jnp.asarray(here.state),
             value=jnp.asarray(value),

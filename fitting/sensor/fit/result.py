@@ -25,53 +25,30 @@ from fitting.statistics.identifiability import Uncertainty, uncertainty
 
 @dataclasses.dataclass(frozen=True)
 class SensorFit:
-    """A calibration.
+    """A calibration."""
 
-    Attributes:
-        data: the readings.
-        problem: what was fitted to what, priors and noise included.
-        shapes: the membrane in the known states.
-        loads: the known states, the baseline's included.
-        constants: fitted, SI [p].
-        converged: whether it is a minimum, with shapes that don't change any more.
-        cost: half the sum of squared residuals.
-        held: names of the constants that stopped at the smallest value that there is.
-        uncertainty: covariance, priors included.
-        alone: standard errors without priors [p]; infinite where the data leave a constant
-            open.
-        ratio: permittivity over gap with its standard error [1/m].
-        misfit: whether what remains is noise.
-        noise: standard deviation of a reading [taxel, log], counts.
-        masked: all that was left out.
-        outliers: how many readings were.
-        offsets: of every taxel with its standard error [2, taxel], counts; None if not
-            asked for.
-        drift: of every taxel and log [taxel, log], counts/s; None where there is none.
-        findings: what the data don't determine, in words.
-        contributions: what each log, and each fluid, contributes to every constant.
-        warnings: what a person should know.
-    """
-
-    data: SensorData
-    problem: SensorProblem
-    shapes: Shapes
-    loads: KnownLoads
-    constants: np.ndarray
-    converged: bool
-    cost: float
-    held: tuple[str, ...]
-    uncertainty: Uncertainty
+    data: SensorData  # the readings
+    problem: SensorProblem  # what was fitted to what, priors and noise included
+    shapes: Shapes  # the membrane in the known states
+    loads: KnownLoads  # the known states, the baseline's included
+    constants: np.ndarray  # fitted, SI [p]
+    converged: bool  # whether it is a minimum, with shapes that don't change any more
+    cost: float  # half the sum of squared residuals
+    held: tuple[str, ...]  # names of the constants that stopped at the smallest value there is
+    uncertainty: Uncertainty  # covariance, priors included
+    # standard errors without priors [p]; infinite where the data leave a constant open
     alone: np.ndarray
-    ratio: tuple[float, float] | None
-    misfit: Misfit
-    noise: np.ndarray
-    masked: tuple[Masked, ...]
-    outliers: int
+    ratio: tuple[float, float] | None  # permittivity over gap with its standard error [1/m]
+    misfit: Misfit  # whether what remains is noise
+    noise: np.ndarray  # standard deviation of a reading [taxel, log], counts
+    masked: tuple[Masked, ...]  # all that was left out
+    outliers: int  # how many readings were
+    # of every taxel with its standard error [2, taxel], counts; None if not asked for
     offsets: np.ndarray | None
-    drift: np.ndarray | None
-    findings: tuple[str, ...]
-    contributions: tuple[dict[str, Any], ...]
-    warnings: tuple[str, ...]
+    drift: np.ndarray | None  # [taxel, log], counts/s; None where there is none
+    findings: tuple[str, ...]  # what the data don't determine, in words
+    contributions: tuple[dict[str, Any], ...]  # what each log, and each fluid, tells
+    warnings: tuple[str, ...]  # what a person should know
 
     @property
     def residuals(self) -> SensorResiduals:

@@ -114,38 +114,41 @@ def load_sensor_data(
     return dataclasses.replace(data, warnings=(*data.warnings, *said))
 
 
-_PLACES = {"direction": 1, "axial": 4, "diameter": 5, "depth": 6, "radius": 7}
-"""Rows of the table of known loads that every state has; the place along the arc is row 0,
-force and displacement are 2, 3."""
+Table = dict[
+    str, np.ndarray
+]  # what is known of the loads, as `KnownLoads` has it [load, frame]
+
+_DISPLACEMENTS = ("displacement", "inner_displacement")
+_FIELDS = {"arc": "angle", "direction": "turn", "inner_displacement": "displacement"}
 
 
-def _row(spec: SkinSpec, quantity: str, values: np.ndarray) -> tuple[int, np.ndarray]:
-    """The row of that table that a quantity belongs to, and its values there."""
-    if quantity in ("angle", "arc"):
-        return 0, angles_at(spec.geometry, quantity, np.nan_to_num(values))
-    if quantity in _PLACES:
-        return _PLACES[quantity], np.nan_to_num(values)
-    return 2 if quantity == "force" else 3, values
+def _column(spec: SkinSpec, quantity: str, values: np.ndarray) -> tuple[str, np.ndarray]:
+    """The field of `KnownLoads` that a quantity belongs to, and its values there."""
+    field = _FIELDS.get(quantity, quantity)
+    if field in ("force", "displacement"):
+        return field, values
+    known = np.nan_to_num(values)
+    return field, angles_at(spec.geometry, quantity, known) if field == "angle" else known
 
 
 def _joined(spec: SkinSpec, parts: Sequence[AlignedLog], joint: bool) -> SensorData:
     count = max([1, *(1 + load for p in parts for load, _ in p.known.values)])
     frames = [len(p.time) for p in parts]
-    table = np.zeros((8, count, sum(frames)))
-    table[2:4] = np.nan
+    fields = [field.name for field in dataclasses.fields(KnownLoads) if field.name != "inner"]
+    table = {field: np.zeros((count, sum(frames))) for field in fields}
+    for field in ("force", "displacement"):
+        table[field][:] = np.nan
     inner = np.zeros(count, bool)
     begin = 0
     warnings = [w for p in parts for w in p.warnings]
     for p, n in zip(parts, frames, strict=True):
         for (load, quantity), values in p.known.values.items():
             here = slice(begin, begin + n)
-            row, values = _row(spec, quantity, values)
-            table[row, load, here] = values
+            field, values = _column(spec, quantity, values)
+            table[field][load, here] = values
             inner[load] |= quantity == "inner_displacement"
         for load in range(count):
-            moved = {"displacement", "inner_displacement"} & {
-                q for k, q in p.known.values if k == load
-            }
+            moved = any((load, q) in p.known.values for q in _DISPLACEMENTS)
             if moved and (load, "force") in p.known.values:
                 warnings.append(
                     f"{p.path}: load {load} has force and displacement: the "
@@ -156,32 +159,26 @@ def _joined(spec: SkinSpec, parts: Sequence[AlignedLog], joint: bool) -> SensorD
                     )
                 )
         begin += n
-    if table[7].any():
+    if table["radius"].any():
         _only_bodies(table, parts, warnings)
-    both = np.isfinite(table[2]) & np.isfinite(table[3])
-    table[3 if joint else 2][both] = np.nan
-    neither = np.isnan(table[2]) & np.isnan(table[3])
-    table[2][neither] = 0.0
-    kinds = {
-        (load, q)
-        for p in parts
-        for load, q in p.known.values
-        if q in ("displacement", "inner_displacement")
-    }
+    force, displacement = table["force"], table["displacement"]
+    both = np.isfinite(force) & np.isfinite(displacement)
+    (displacement if joint else force)[both] = np.nan
+    force[np.isnan(force) & np.isnan(displacement)] = 0.0
+    known = {key for p in parts for key in p.known.values}
     for load in range(count):
-        if {(load, "displacement"), (load, "inner_displacement")} <= kinds:
+        if all((load, q) in known for q in _DISPLACEMENTS):
             raise ValueError(
                 f"load {load}: displacements of the mid-surface and of the inner face are "
                 "mixed; give one kind in all logs"
             )
     _forget_idle_places(table)
     permittivity = np.concatenate([p.permittivity for p in parts])
-    rows = np.concatenate([table.reshape(len(table) * count, -1), permittivity[None]]).T
+    rows = np.concatenate([*table.values(), permittivity[None]]).T
     # NaN is not a value that rows could be told apart by; it stands for "not this kind".
     _, first, state = np.unique(
         np.nan_to_num(rows, nan=1e300), axis=0, return_index=True, return_inverse=True
     )
-    angle, turn, force, displacement, axial, diameter, depth, radius = table[..., first]
     masked = [m for p in parts for m in p.masked]
     log = np.repeat(np.arange(len(parts)), frames)
     files = tuple(
@@ -200,7 +197,7 @@ def _joined(spec: SkinSpec, parts: Sequence[AlignedLog], joint: bool) -> SensorD
         np.concatenate([p.time for p in parts]),
         log,
         state.reshape(-1),
-        KnownLoads(angle, turn, force, displacement, inner, axial, diameter, depth, radius),
+        KnownLoads(inner=inner, **{field: values[:, first] for field, values in table.items()}),
         permittivity[first],
         files,
         tuple(masked),
@@ -209,27 +206,25 @@ def _joined(spec: SkinSpec, parts: Sequence[AlignedLog], joint: bool) -> SensorD
     )
 
 
-def _forget_idle_places(table: np.ndarray) -> None:
+def _forget_idle_places(table: Table) -> None:
     """Where nothing is pressed the place says nothing: one state at rest stands for all."""
-    idle = (np.nan_to_num(table[2]) == 0) & np.isnan(table[3]) & (table[6] <= 0)
-    places = [0, 1, 4, 5]
-    table[places] = np.where(idle, 0.0, table[places])
+    pushed = np.nan_to_num(table["force"]) != 0
+    idle = ~pushed & np.isnan(table["displacement"]) & (table["depth"] <= 0)
+    for field in ("angle", "turn", "axial", "diameter"):
+        table[field][idle] = 0.0
 
 
-def _only_bodies(table: np.ndarray, parts: Sequence[AlignedLog], warnings: list[str]) -> None:
+def _only_bodies(table: Table, parts: Sequence[AlignedLog], warnings: list[str]) -> None:
     """Take the travels of bodies for all that is known, every body with its radius.
 
     Raises ValueError: other loads are known, too.
     """
     for p in parts:
         for load in {load for load, _ in p.known.values}:
-            have = {q for k, q in p.known.values if k == load} & {
-                "force",
-                "displacement",
-                "inner_displacement",
-            }
-            if "depth" not in {q for k, q in p.known.values if k == load}:
-                if any(np.nan_to_num(p.known.values[load, q]).any() for q in have):
+            own = {q: values for (k, q), values in p.known.values.items() if k == load}
+            have = own.keys() & {"force", *_DISPLACEMENTS}
+            if "depth" not in own:
+                if any(np.nan_to_num(own[q]).any() for q in have):
                     raise ValueError(
                         f"{p.path}: load {load} is a force or a displacement, other loads are "
                         "bodies (load_0_depth_mm); calibrate with one kind at a time"
@@ -239,11 +234,12 @@ def _only_bodies(table: np.ndarray, parts: Sequence[AlignedLog], warnings: list[
                     f"{p.path}: of body {load} the depth is used, not its {', '.join(have)}, "
                     "which tells the material: suas fit material --data indentation=FILE"
                 )
-    table[2:4] = np.nan
-    table[1] = 0.0
+    table["force"][:] = table["displacement"][:] = np.nan
+    table["turn"][:] = 0.0
     # Off the skin a body needs no radius of its own.
-    sizes = np.max(table[7], axis=1, keepdims=True)
-    table[7] = np.where(table[7] > 0, table[7], np.where(sizes > 0, sizes, np.max(sizes)))
+    radius = table["radius"]
+    sizes = np.max(radius, axis=1, keepdims=True)
+    table["radius"] = np.where(radius > 0, radius, np.where(sizes > 0, sizes, np.max(sizes)))
 
 
 def _sha256(path: Path) -> str:

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from fitting.report.description import Headline, Part, Remark, ReportTable
 from fitting.sensor.relaxation.fit import RelaxationFit, relaxed, unexplained
+from fitting.sensor.report.mark import MARK
 from suas_jax.config import UncertainQuantity
 from suas_jax.config.inelastic import RelaxationSpec
 from suas_jax.config.toml_file import MOST_BYTES
@@ -86,7 +87,7 @@ def relaxing_skin(skin: Path, fit: RelaxationFit) -> str:
     table.update(RelaxationSpec(g=tuple(own[:n]), tau=tuple(own[n : 2 * n])).table())
     logs = ", ".join(f"{Path(file.path).name} {file.sha256}" for file in fit.data.files)
     document["material"]["relaxation"] = table
-    table.comment(f"written by suas fit sensor --fit relaxation from {logs}")
+    table.comment(f"{MARK} --fit relaxation from {logs}")
     document["material"].pop("correlation", None)  # it may be of the terms before
     return str(tomlkit.dumps(document))
 

@@ -26,6 +26,7 @@ from fitting.sensor.model.constants import (
     is_gap,
     is_press_error,
 )
+from fitting.sensor.report.mark import MARK
 from suas_jax.config import SkinSpec
 from suas_jax.config.geometry import SheetSpec
 from suas_jax.config.input_errors import stresses_of
@@ -165,7 +166,7 @@ def _set_material(document: Any, spec: SkinSpec, values: dict[str, float]) -> No
 
 def _record(skin: Path, fit: SensorFit) -> Any:
     table = tomlkit.table()
-    table.comment("written by suas fit sensor; SI units; no result depends on it")
+    table.comment(f"{MARK}; SI units; no result depends on it")
     programs = ("suas-jax", "jax", "optimistix", "numpy")
     table["created"] = datetime.now(UTC).isoformat(timespec="seconds")
     table["versions"] = ", ".join(

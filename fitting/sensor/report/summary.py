@@ -11,13 +11,11 @@ from fitting.report.description import (
     Part,
     Remark,
     ReportTable,
-    print_parts,
     quantity_text,
 )
 from fitting.sensor.fit.result import SensorFit
 from fitting.sensor.model.as_built import is_gain
 from fitting.sensor.model.constants import PATHS, is_press_error
-from suas_jax.acquisition.terminal import new_console
 from suas_jax.sensing.taxels import taxel_names
 
 _MANY = 10  # channels whose gains are told together, constants whose priors have one reason
@@ -117,12 +115,7 @@ def _taxels(
     return rows
 
 
-def print_report(report: dict[str, Any], fit: SensorFit) -> None:
-    """Print what was found."""
-    print_parts(new_console(highlight=False), [*_described(report, fit)])
-
-
-def _described(report: dict[str, Any], fit: SensorFit) -> Iterator[Part]:
+def described(report: dict[str, Any], fit: SensorFit) -> Iterator[Part]:
     """The report in parts."""
     residual = report["residual"]
     yield Headline(
@@ -151,8 +144,9 @@ def _described(report: dict[str, Any], fit: SensorFit) -> Iterator[Part]:
         numbers = [value, error, *report["intervals"]["95"][name]]
         numbers += [known["mean"], known["sd"]] if known else []
         found, sigma, low, high, *prior = (quantity_text(x, unit, 6) for x in numbers)
-        why = "" if alike else f": {known['reason']}"
-        assumed = f"{prior[0]} +- {prior[1]}{why}" if known else "none"
+        assumed = f"{prior[0]} +- {prior[1]}" if known else "none"
+        if known and not alike:
+            assumed += f": {known['reason']}"
         rows.append((name, found, sigma, f"{low} to {high}", assumed))
     names = ("constant", "value", "standard error", "95 % interval", "prior")
     yield ReportTable("Constants", names, rows)

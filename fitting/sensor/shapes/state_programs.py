@@ -1,16 +1,15 @@
 """The programs of one known state: its equilibrium, and derivatives of what is read there."""
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from fitting.sensor.model.constants import AXIAL, PLACE, PUSH, with_constants
 from fitting.sensor.shapes.shape_slopes import Moving, slopes_of
-from fitting.sensor.shapes.taxel_face import taxel_face
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.correction import Corrected, corrected
 from suas_jax.equilibrium.equilibrium import equilibrium
@@ -20,6 +19,9 @@ from suas_jax.scene.build import problem_of
 from suas_jax.scene.observables import load_observables
 from suas_jax.scene.parts import SceneParts, scene_parts
 from suas_jax.scene.structure import Structure
+from suas_jax.sensing.electrodes import Electrodes
+from suas_jax.sensing.taxels import DISC
+from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil
 from suas_jax.skin.plain import plain_geometry
 
@@ -105,3 +107,33 @@ def state_slopes(
         return moved, eqx.filter(face, eqx.is_inexact_array)
 
     return slopes_of(shape, moving.values, force, wanted)
+
+
+class TaxelFace(AbstractFace):
+    """A deformed inner face that is known along the taxels' own rays alone."""
+
+    varies_along_axis: ClassVar[bool] = True
+    # over the undeformed face, ray by ray [ray, taxel, state] [m]
+    heights: Float[Array, "ray taxel state"]
+
+    def gaps(
+        self, rays: Sequence[tuple[Array, Array]], geometry: SkinGeometry
+    ) -> list[Float[Array, "taxel state"]]:
+        """Gaps along the rays that the heights are of; see the base class."""
+        assert len(rays) == len(self.heights)
+        pairs = zip(self.heights, rays, strict=True)
+        return [height + geometry.gap(angle, axial) for height, (angle, axial) in pairs]
+
+    def height(self, angle: Array, axial: Array) -> Array:
+        """See the base class.
+
+        Raises ValueError: always; heights are known along the taxels' own rays alone.
+        """
+        raise ValueError("a calibration knows the pad along its taxels' own rays alone")
+
+
+def taxel_face(face: AbstractFace, electrodes: Electrodes, geometry: SkinGeometry) -> TaxelFace:
+    """What of a pad's inner face the taxels see."""
+    rays = electrodes.taxels.rays(DISC, geometry)
+    pairs = zip(face.gaps(rays, geometry), rays, strict=True)
+    return TaxelFace(jnp.stack([gap - geometry.gap(*ray) for gap, ray in pairs]))

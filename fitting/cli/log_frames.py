@@ -1,0 +1,70 @@
+"""A log with its skin and what finds its loads, for commands that show or convert it."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from fitting.cli.progress import spinner
+
+if TYPE_CHECKING:
+    from fitting.arrays import Floats
+    from fitting.inverse_load.estimate.estimate import LoadEstimate
+    from fitting.inverse_load.estimator import LoadEstimator
+    from fitting.inverse_load.readings import LogReadings
+    from suas_jax.acquisition.log.log_file import SoLog
+    from suas_jax.config import SkinSpec
+
+
+class LogFrames(NamedTuple):
+    """What is known of a log."""
+
+    skin: Path  # file of its skin
+    spec: "SkinSpec"  # that skin
+    rest: "Floats | None"  # readings at rest
+    readings: "LogReadings"  # its frames
+    estimator: "LoadEstimator | None"  # of loads; None where they are known or left out
+    estimates: "list[LoadEstimate] | None"  # the loads, where they are known
+
+
+def log_frames(
+    log: Path,
+    skin: Path | None,  # its skin file; None for the one that its header names
+    baseline: Path | None,  # readings at rest
+    loads: Path | None,  # what `suas invert LOG --json` found
+    *,
+    taxels_only: bool,
+    **options: Any,  # of the estimator
+) -> LogFrames:
+    """Read a log. Raises ValueError: it names no skin, or options contradict each other."""
+    if loads is not None and taxels_only:
+        raise ValueError("--loads and --taxels-only: give one of them")
+    from fitting.inverse_load.readings import Layout, readings_of
+    from fitting.inverse_load.report.read_back import read_estimates
+    from fitting.inverse_load.zero.skin_estimator import estimator_of, rest_of
+    from suas_jax.acquisition.log.log_file import read_log
+    from suas_jax.runtime.settings import configure
+    from suas_jax.simulation.load_path import skin_behind
+
+    read = read_log(log)
+    file = skin_of_log(read) if skin is None else skin
+    if file is None:
+        raise ValueError(f"{log}: its header names no skin file that is here; give --skin")
+    configure()
+    spec = skin_behind(file)
+    rest, _ = rest_of(spec, baseline)
+    Layout(spec)  # or there are no electrodes, which is said here
+    assert spec.electrodes is not None
+    estimator, noise = None, spec.electrodes.noise
+    if loads is None and not taxels_only:
+        with spinner("preparing the estimate") as show:
+            estimator = estimator_of(spec, baseline, progress=show, **options)
+        noise = estimator.reading_noise
+    readings = readings_of(read, spec, noise)
+    estimates = None if loads is None else read_estimates(loads, readings.seq)
+    return LogFrames(file, spec, rest, readings, estimator, estimates)
+
+
+def skin_of_log(log: "SoLog") -> Path | None:
+    """The skin file that the log's header names, if it is here."""
+    name = log.header.get("skin", "")
+    places = (Path(name), log.path.parent / name)
+    return next((place for place in places if name and place.is_file()), None)
