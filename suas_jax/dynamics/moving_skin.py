@@ -1,53 +1,58 @@
-"""A section in motion: its film, its own mass and the water outside, over half a step in time.
+"""A skin in motion: its film, its own mass and the water outside, over half a step in time.
 
 The unknowns q of the membrane and the oil's mean pressure p obey ::
 
-    Y' d(m Y dq/dt)/dt + C(q) dq/dt + f(q, past) - p dV/dq - loads(t) = 0,   V(q) = V_oil(p)
+    g(dq/dt, q) + f(q, past) - p dV/dq - loads(t) - bodies(q, t) = 0,   V(q) = V_oil(p)
 
-where Y(q) makes flows of velocities (`suas_jax.dynamics.inertia`), and f is the force of a
-membrane that may remember. The oil's own acceleration is that of what flows, v dv/ds included.
+where g is the force of what moves (`suas_jax.dynamics.moving_section`, `moving_pad`), and f is
+the force of a membrane that may remember. Either half of a step (`suas_jax.dynamics.tr_bdf2`)
+is one kind of equation ::
 
-Either half of a step (`suas_jax.dynamics.tr_bdf2`) is one kind of equation ::
-
-    dq/dt = (q - q_b) / c,   dv/dt = (Y dq/dt - v_b) / c
+    dq/dt = (q - q_b) / c,   dv/dt = (v - v_b) / c
 
 with what is known before it. Newton's method solves it with one dense inverse for as many
 steps as it is good for. Volume is kept as in statics: it is one of the equations.
+
+A body that a travel drives is where it is at the end of the half. One that a force presses has
+no mass: its travel is one more unknown, and that it carries its force one more equation. Where
+it has no force, or touches nothing, it stays at the skin.
 """
 
-from typing import NamedTuple, Self
+import dataclasses
+from typing import Any, NamedTuple, Self
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from suas_jax.constitutive.relaxation import Response
+from suas_jax.constitutive.relaxation import Past, Response
 from suas_jax.dynamics.driven import DrivenSkin, Values, answering, membrane_of
-from suas_jax.dynamics.inertia import (
-    THINNEST_FILM,
-    Densities,
-    Flow,
-    Outline,
-    Weights,
-    densities_of,
-    flow_of,
-    weights_of,
-)
-from suas_jax.dynamics.motion import Near, Sampling, dense, free_unknowns
+from suas_jax.dynamics.inertia import Densities, densities_of
+from suas_jax.dynamics.motion import Sampling, dense, free_unknowns
+from suas_jax.dynamics.moving_pad import MovingPad
+from suas_jax.dynamics.moving_section import MovingSection
 from suas_jax.equilibrium.balance import Problem, State, border_of, imbalance
+from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.numerics.array_types import StationVector
 from suas_jax.numerics.bordered_solve import BorderedVector
+from suas_jax.skin.geometry import SkinGeometry
 
-_MOST_CORRECTIONS = 20
+_MOST_CORRECTIONS = 30
 _EXACT = 1e-12  # correction of the volume that does not count, over the film's
+_OTHER_STEP = 0.2  # difference of steps that an inverse serves
+_SLOW = 0.5  # ratio of corrections from which on an inverse is made anew
+_FORCE, _MOST_FORCES = 1e-10, 8  # relative error of a force, and most repetitions
+_SHARE = 1.5  # of a force, at most
+_NEAR = 1e-4  # how deep a body that touches nothing is moved in, in thicknesses
 
 
 class Inverse(NamedTuple):
-    """An inverse of the equations' derivative, and the step that it was made for."""
+    """An inverse of the equations' derivative, and what it was made for."""
 
     matrix: Float[Array, "equation equation"]
-    step: Float[Array, ""]
+    step: Float[Array, ""]  # length of a half [s]
+    held: Bool[Array, " body"]  # bodies that carried a force
 
 
 class Half(NamedTuple):
@@ -55,10 +60,12 @@ class Half(NamedTuple):
 
     state: State  # unknowns and pressure
     velocity: StationVector  # of the unknowns
-    flow: Flow  # velocities of oil and faces
-    rate: Flow  # of the flow
+    flow: Any  # velocities of oil and faces
+    rate: Any  # of the flow
+    travel: Float[Array, " body"]  # of bodies that forces press [m]
+    share: Float[Array, " body"]  # of the forces that reports tell of them, in the balance
     corrections: Int[Array, ""]  # that it took
-    ratio: Float[Array, ""]  # of the last two of them
+    inverse: Inverse  # made last
     good: Bool[Array, ""]  # whether it was found
 
 
@@ -66,131 +73,192 @@ class Base(NamedTuple):
     """What is known before half a step, and how long it is."""
 
     q: StationVector  # unknowns that a velocity adds to
-    flow: Flow  # that a rate adds to
+    flow: Any  # that a rate adds to
     length: Float[Array, ""]  # c of the module [s]
 
 
-class Body(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Body:
     """A skin at some values, its membrane answering as its past has it."""
 
     problem: Problem  # membrane, oil and loads
     level: Float[Array, " lane"]  # factor on the loads
-    sampling: Sampling  # of the membrane
+    geometry: SkinGeometry  # of the skin
     given: Densities  # densities and viscosity
+    outside: Float[Array, "harmonic harmonic"]  # added mass of a pad's water
+    pressed: tuple[int, ...]  # which of the bodies forces press
 
     @property
-    def shell(self) -> Shell:
-        """The membrane."""
-        return self.sampling.shell
+    def scale(self) -> Array:
+        """Forces of the whole skin over those of the membrane."""
+        membrane = self.problem.mechanics
+        return self.geometry.width[0] if membrane.per_width else jnp.ones(())
 
-    def force(
-        self, near: Near, base: Base, y: BorderedVector
-    ) -> tuple[BorderedVector, StationVector, Flow, Flow]:
-        """What nothing balances at a trial state, and velocity, flow and rate there."""
-        velocity = (y.stations - base.q) / base.length
-        at = near.outline(y.stations)
+    def near(self, q: StationVector) -> MovingSection | MovingPad:
+        """What moves, close to a state."""
+        membrane = self.problem.mechanics
+        if isinstance(membrane, Pad):
+            return MovingPad.near(membrane, self.geometry, self.given, self.outside, q)
+        assert isinstance(membrane, Shell)
+        sampling = Sampling.of(membrane, self.geometry)
+        return MovingSection(sampling.near(q), sampling, self.given)
 
-        def moved(velocity: Array) -> Flow:
-            return flow_of(at, near.push(velocity), self.sampling.water)
+    def _at(self, travel: Float[Array, " body"]) -> Problem:
+        """The problem, the bodies that forces press at some travel."""
+        bodies = list(self.problem.mechanics.bodies)
+        for k, i in enumerate(self.pressed):
+            bodies[i] = dataclasses.replace(bodies[i], travel=travel[k : k + 1])
+        membrane = self.problem.mechanics.with_bodies(bodies)
+        return dataclasses.replace(self.problem, mechanics=membrane)
 
-        flow = moved(velocity)
-        flow = flow._replace(film=flow.film / at.film)
-        rate = jax.tree.map(lambda a, b: (a - b) / base.length, flow, base.flow)
-        weights = self.weights(at)
-        pulls = jax.tree.map(jnp.multiply, weights.mass, rate)
-        speed = jnp.pad(flow.film, 1) ** 2
-        carried = self.given.oil / 2 * jnp.diff((speed[1:] + speed[:-1]) / 2)
-        film = at.film * (pulls.film + weights.damping * flow.film) + carried
-        (own,) = jax.linear_transpose(moved, velocity)(pulls._replace(film=film))
-        found = imbalance(self.problem, y, self.level)
-        free = self.shell.elements.free()
-        found = found._replace(stations=free * (found.stations + own))
-        return found, velocity, flow, rate
+    def _carried(self, q: StationVector, travel: Float[Array, " body"]) -> Array:
+        """Forces of the bodies that forces press, in units of the membrane's."""
 
-    def weights(self, at: Outline) -> Weights:
-        """Of the squares of flows."""
-        return weights_of(at, self.sampling.section, self.sampling.water, self.given)
+        def energy(travel: Array) -> Array:
+            return jnp.sum(self._at(travel).mechanics.contact_energy(q, self.level))
 
-    def inverse(self, state: State, velocity: StationVector, length: Array) -> Inverse:
-        """Of the derivative of `force` for steps of a length, at a state."""
-        free, near = free_unknowns(self.shell), self.sampling.near(state.q)
-        net = state.pressure - self.level * self.problem.external_pressure
-        a = self.shell.assemble(state.q, net, self.level)
-        moved, weights = near.by_unknowns(free), self.weights(near.at)
-        flow = flow_of(near.at, jnp.moveaxis(moved, 0, -1), self.sampling.water)
-        passing = flow_of(near.at, near.push(velocity), self.sampling.water).film
-        film = near.at.film
-        closes = jnp.where(near.at.gap > THINNEST_FILM, near.closing(moved), 0.0).T
-        closes = (closes[1:] + closes[:-1]) / 2
-        by_flow = weights.mass.film / length**2 + weights.damping / length
-        by_film = -(weights.mass.film / length + 3 * weights.damping) * passing / film
-        rows = by_flow[:, None] * flow.film + by_film[:, None] * closes
-        middle = flow.membrane[1].reshape(-1, len(free))
-        mass = jnp.sum(weights.mass.membrane, 0).ravel()
-        matrix = dense(a.tangent, free) + flow.film.T @ rows
-        matrix += middle.T @ ((mass / length**2)[:, None] * middle)
-        matrix += flow.water.T @ ((weights.mass.water / length**2)[:, None] * flow.water)
+        return jax.grad(energy)(travel)
+
+    def _apart(self, q: StationVector, travel: Float[Array, " body"]) -> Array:
+        """Smallest gap to each of them [m]."""
+        membrane = self._at(travel).mechanics
+        gaps = [
+            jnp.min(membrane.touched(q, membrane.bodies[i].placed(self.level)).gap)
+            for i in self.pressed
+        ]
+        return jnp.stack(gaps) if gaps else jnp.zeros(0)
+
+    def _inverse(
+        self,
+        state: State,
+        velocity: StationVector,
+        travel: Float[Array, " body"],
+        held: Bool[Array, " body"],
+        length: Array,
+    ) -> Inverse:
+        """Of the derivative of the equations, at a state."""
+        problem = self._at(travel)
+        membrane, oil = problem.mechanics, problem.oil
+        free = free_unknowns(membrane)
+        net = state.pressure - self.level * problem.external_pressure
+        a = membrane.assemble(state.q, net, self.level)
+        matrix = dense(a.tangent, free)
+        matrix += self.near(state.q).stiffness(velocity, length, free)
         border = -a.volume_gradient.reshape(-1)[free]
-        corner = self.problem.oil.compliance(state.pressure, self.shell.film_volume)
+        corner = oil.compliance(state.pressure, membrane.film_volume)
         whole = jnp.block([[matrix, border[:, None]], [border, corner]])
-        return Inverse(jnp.linalg.inv(whole), length)
+        if self.pressed:
 
-    def found(self, base: Base, guess: State, inverse: Inverse, exact: Array) -> Half:
-        """The end of half a step, by Newton's method with an inverse at hand.
+            def forces(travel: Array) -> tuple[Array, Array]:
+                y = BorderedVector(state.q, state.pressure)
+                found = imbalance(self._at(travel), y, self.level).stations
+                return found.reshape(-1)[free], self._carried(state.q, travel)
 
-        `base`: what is known before it. `guess`: unknowns and pressure to begin with.
-        `inverse`: made nearby. `exact`: size of a displacement that does not count [m].
-        """
-        free, near = free_unknowns(self.shell), self.sampling.near(guess.q)
-        volume = self.shell.film_volume[0]
+            by, own = jax.jacfwd(forces)(travel)
+            by = jnp.pad(jnp.where(held, by, 0.0), ((0, 1), (0, 0)))
+            own = jnp.where(held[:, None] & held, own, jnp.eye(len(held)))
+            whole = jnp.block([[whole, by], [by.T, own]])
+        return Inverse(jnp.linalg.inv(whole), length, held)
+
+    def found(
+        self,
+        base: Base,  # what is known before it
+        last: "Half",  # state and travels to begin with, and an inverse made nearby
+        exact: Array,  # size of a displacement that does not count [m]
+        wanted: Float[Array, " body"],  # forces that bodies carry, in units of the membrane's
+    ) -> Half:
+        """The end of half a step, by Newton's method."""
+        begin = last.state
+        free, near = free_unknowns(self.problem.mechanics), self.near(begin.q)
+        volume, thick = self.problem.mechanics.film_volume[0], self.geometry.thickness[0]
+        count = len(free)
+
+        def moving(y: BorderedVector) -> tuple[Array, StationVector, Any, Any]:
+            velocity = (y.stations - base.q) / base.length
+            return (velocity, *near.force(y.stations, velocity, base.flow, base.length))
 
         def correct(at: _Newton) -> _Newton:
-            wrong, *_ = self.force(near, base, at.y)
+            velocity, own, _, _ = moving(at.y)
+            wrong = imbalance(self._at(at.travel), at.y, self.level)
             defect, pressure = border_of(wrong), border_of(at.y)
-            right = jnp.append(wrong.stations.reshape(-1)[free], defect)
+            carried = self._carried(at.y.stations, at.travel)
+            apart = self._apart(at.y.stations, at.travel)
+            held = (carried > 0) & (wanted > 0)
+            idle = -apart - jnp.where(wanted > 0, _NEAR * thick, 0.0)
+            forces = jnp.where(held, carried - wanted, idle)
+            right = (wrong.stations + own).reshape(-1)[free]
+            right = jnp.concatenate([right, defect, forces])
+            stale = jnp.abs(base.length / jnp.maximum(at.inverse.step, 1e-300) - 1)
+            anew = (stale > _OTHER_STEP) | at.slow | jnp.any(held != at.inverse.held)
+            state = State(at.y.stations, pressure, self.level)
+            inverse = jax.lax.cond(
+                anew,
+                lambda: self._inverse(state, velocity, at.travel, held, base.length),
+                lambda: at.inverse,
+            )
             change = inverse.matrix @ right
-            step = jnp.zeros(at.y.stations.size).at[free].set(change[:-1])
+            step = jnp.zeros(at.y.stations.size).at[free].set(change[:count])
             step = step.reshape(at.y.stations.shape)
-            y = BorderedVector(at.y.stations - step, pressure - change[-1:])
-            size = jnp.max(jnp.abs(step[:2]))
+            y = BorderedVector(at.y.stations - step, pressure - change[count : count + 1])
+            size = self.problem.mechanics.displacement_size(step)[0]
+            size = jnp.maximum(size, jnp.max(jnp.abs(change[count + 1 :]), initial=0.0))
             counts = (at.taken > 0) & (at.size > exact)
-            ratio = jnp.where(counts, size / at.size, at.ratio)
-            left = jnp.where(at.taken > 0, jnp.minimum(ratio, 1.0), 1.0)
+            ratio = jnp.where(counts, size / at.size, 0.0)
+            left = jnp.where(counts, jnp.minimum(ratio, 1.0), 1.0)
             done = (left * size <= exact) & (left * jnp.abs(defect[0]) <= _EXACT * volume)
-            lost = ~jnp.isfinite(size) | (counts & (ratio > 0.9) & ~done)
-            return _Newton(y, size, ratio, at.taken + 1, done, lost)
+            lost = ~jnp.isfinite(size)
+            slow = counts & (ratio > _SLOW) & ~anew
+            return _Newton(
+                y,
+                at.travel - change[count + 1 :],
+                inverse._replace(step=jnp.where(lost, 0.0, inverse.step)),
+                size,
+                at.taken + 1,
+                slow,
+                done,
+                lost,
+            )
 
         def going(at: _Newton) -> Array:
             return ~at.done & ~at.lost & (at.taken < _MOST_CORRECTIONS)
 
         never, none = jnp.asarray(False), 0.0 * base.length
-        y = BorderedVector(guess.q, guess.pressure)
-        start = _Newton(y, none, none, jnp.zeros((), jnp.int32), never, never)
+        y = BorderedVector(begin.q, begin.pressure)
+        start = _Newton(
+            y, last.travel, last.inverse, none, jnp.zeros((), jnp.int32), never, never, never
+        )
         end = jax.lax.while_loop(going, correct, start)
-        _, velocity, flow, rate = self.force(near, base, end.y)
+        velocity, _, flow, rate = moving(end.y)
         state = State(end.y.stations, border_of(end.y), self.level)
-        return Half(state, velocity, flow, rate, end.taken, end.ratio, end.done)
+        taken = end.taken + last.corrections
+        return Half(
+            state, velocity, flow, rate, end.travel, last.share, taken, end.inverse, end.done
+        )
 
 
 class _Newton(NamedTuple):
     """Newton's method on its way."""
 
     y: BorderedVector
+    travel: Float[Array, " body"]
+    inverse: Inverse
     size: Float[Array, ""]
-    ratio: Float[Array, ""]
     taken: Int[Array, ""]
+    slow: Bool[Array, ""]
     done: Bool[Array, ""]
     lost: Bool[Array, ""]
 
 
-class MovingSkin(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class MovingSkin:
     """A skin in motion."""
 
     skin: DrivenSkin  # whose values change
     given: Densities  # densities and viscosity
+    outside: Float[Array, "harmonic harmonic"]  # added mass of a pad's water
 
     @classmethod
-    def of(cls, skin: DrivenSkin) -> Self:
+    def of(cls, skin: DrivenSkin, outside: Float[Array, "harmonic harmonic"]) -> Self:
         """With the densities and the viscosity of its inputs."""
         own = skin.inputs
         given = densities_of(skin.scene.scene)._replace(
@@ -198,16 +266,68 @@ class MovingSkin(NamedTuple):
             viscosity=jnp.asarray(own["oil.viscosity"]),
             membrane=jnp.asarray(own["material.density"]),
         )
-        return cls(skin, given)
+        return cls(skin, given, outside)
+
+    @property
+    def pressed(self) -> tuple[int, ...]:
+        """Which of the bodies forces press."""
+        bodies = [i for i, x in enumerate(self.skin.scene.scene.loads) if x.kind == "body"]
+        return tuple(bodies.index(i) for i in self.skin.pressed)
+
+    def size(self, q: StationVector) -> Array:
+        """Largest displacement among unknowns [m]."""
+        return jnp.max(jnp.abs(q[:2] if self.skin.plan.dimension == 2 else q))
 
     def at(self, values: Values, response: Response) -> Body:
         """The skin at some values, answering as its past has it."""
         parts, problem = self.skin.parts(values, self.skin.no_travels)
-        problem = answering(problem, response)
-        shell = problem.mechanics
-        assert isinstance(shell, Shell)
-        sampling = Sampling.of(shell, parts.skin.geometry)
-        return Body(problem, self.skin.level(values), sampling, self.given)
+        problem, level = answering(problem, response), self.skin.level(values)
+        geometry = parts.skin.geometry
+        return Body(problem, level, geometry, self.given, self.outside, self.pressed)
+
+    def half(
+        self,
+        values: Values,  # at its end
+        past: Past,  # what the material remembers
+        elapsed: Array,  # since then [s]
+        base: Base,  # what is known before it
+        last: Half,  # to begin with
+        exact: Array,  # size of a displacement that does not count [m]
+    ) -> Half:
+        """The end of half a step, bodies carrying the forces that reports tell.
+
+        These have the first-order effect of what the membrane's model leaves out, the ones that
+        balance have not: their ratio is found by repetition, and hardly changes.
+        """
+        series = self.skin.series
+        body = self.at(values, past.seen(series, elapsed))
+        if not self.pressed:
+            return body.found(base, last, exact, last.share)
+        wanted = jnp.stack(
+            [jnp.reshape(values[f"load.{i}.force"], ()) for i in self.skin.pressed]
+        )
+        scale = wanted / body.scale
+        one = jnp.where(wanted > 0, wanted, 1.0)
+
+        def attempt(at: tuple[Half, Array, Array]) -> tuple[Half, Array, Array]:
+            half, _, tries = at
+            half = body.found(base, half, exact, half.share * scale)
+            travels = self.skin.no_travels._replace(length=half.travel)
+            parts, problem = self.skin.parts(values, travels)
+            stress = membrane_of(problem).deviator(half.state.q)
+            after = past.after(series, elapsed, stress).relaxed(series)
+            told = self.skin.forces(parts, answering(problem, after), half.state)
+            wrong = jnp.where(wanted > 0, (wanted - told) / one, 0.0)
+            share = jnp.clip(half.share + wrong, 1 / _SHARE, _SHARE)
+            return half._replace(share=share), jnp.max(jnp.abs(wrong)), tries + 1
+
+        def going(at: tuple[Half, Array, Array]) -> Array:
+            half, wrong, tries = at
+            return (wrong > _FORCE) & half.good & (tries < _MOST_FORCES)
+
+        start = last._replace(good=jnp.asarray(True)), jnp.ones(()), jnp.zeros((), jnp.int32)
+        half, _, _ = jax.lax.while_loop(going, attempt, start)
+        return half
 
     def stress(self, values: Values, q: StationVector) -> Array:
         """Instantaneous stress that the material remembers [Pa]."""
