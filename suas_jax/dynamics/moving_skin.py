@@ -42,7 +42,7 @@ _MOST_CORRECTIONS = 30
 _EXACT = 1e-12  # correction of the volume that does not count, over the film's
 _OTHER_STEP = 0.2  # difference of steps that an inverse serves
 _SLOW = 0.5  # ratio of corrections from which on an inverse is made anew
-_FORCE, _MOST_FORCES = 1e-10, 8  # relative error of a force, and most repetitions
+_FORCE, _MOST_FORCES = 1e-8, 8  # relative error of a force, and most repetitions
 _SHARE = 1.5  # of a force, at most
 _NEAR = 1e-4  # how deep a body that touches nothing is moved in, in thicknesses
 
@@ -159,6 +159,30 @@ class Body:
             own = jnp.where(held[:, None] & held, own, jnp.eye(len(held)))
             whole = jnp.block([[whole, by], [by.T, own]])
         return Inverse(jnp.linalg.inv(whole), length, held)
+
+    def lasting(self, half: Half, wrong: StationVector) -> Array:
+        """What an error of the unknowns leaves once stiff motions have faded.
+
+        Of the motion c^-1 (I - B^-1 A) of an implicit step, with B the derivative of its
+        equations and A that of what does not move (Hosea and Shampine). What a body hits
+        swings far faster than a step; as it fades, it shall not shorten it.
+        """
+        free = free_unknowns(self.problem.mechanics)
+
+        def still(q: StationVector) -> Array:
+            y = BorderedVector(q, half.state.pressure)
+            found = imbalance(self._at(half.travel), y, self.level)
+            forces = jnp.where(half.inverse.held, self._carried(q, half.travel), 0.0)
+            return jnp.concatenate([found.stations.reshape(-1)[free], border_of(found), forces])
+
+        _, right = jax.jvp(still, (half.state.q,), (wrong,))
+        faded = (half.inverse.matrix @ right)[: len(free)]
+        return (
+            jnp.zeros(wrong.size)
+            .at[free]
+            .set(wrong.reshape(-1)[free] - faded)
+            .reshape(wrong.shape)
+        )
 
     def found(
         self,
