@@ -69,6 +69,9 @@ _STEP_SHARE, _MOTION_SHARE = 0.01, 0.03
 _MOST_MOVING = 1_300
 # Displacement that counts before there is a larger one, over that of the largest load.
 _FIRST_SHARE = 0.01
+# The same where a body's travel says how far the skin will be moved; what it hits rings, and a
+# step shall not be as short as that.
+_DRIVEN_SHARE, _FIRST_DRIVEN = 0.3, 1.0
 
 
 class History(NamedTuple):
@@ -330,6 +333,11 @@ class _Follower:
     film: Film  # whether it moves
     few: bool = True  # whether rows take less time to follow than to compile for speed
 
+    @property
+    def driven(self) -> bool:
+        """Whether a body's travel moves the skin."""
+        return any(body.force is None for body in self.course.scene.bodies)
+
     def points(self) -> list[dict[str, Any]]:
         """Reports of all rows; with the wall from the block on in which it is reached."""
         points: list[dict[str, Any]] = []
@@ -381,6 +389,11 @@ class _Follower:
         taken = record(known, rows, course.rest, peak, tolerance)
         return None if taken is None else history_gradient(known, taken, path)
 
+    def _scale(self) -> np.ndarray:
+        """Displacement that counts before there is a larger one [m]."""
+        share = _FIRST_DRIVEN if self.driven else _FIRST_SHARE
+        return np.asarray(share * self.errors.displacement)
+
     def _outside(self) -> np.ndarray:
         """Added mass of the water outside a pad; nothing of a section, which knows its own."""
         plan, spec = self.errors.plan, self.course.scene
@@ -406,11 +419,11 @@ class _Follower:
         moves = self.film.included
         if moment is None:
             values = {key: np.asarray(x) for key, x in course.rest.items()}
-            size = (np.asarray(_FIRST_SHARE * self.errors.displacement),) if moves else ()
-            size += (self._outside(),) if moves else ()
             begin = film_at_rest if moves else at_rest
-            moment = COMPILED.run(begin, *known, rows.begin[0], values, *size, once=True)
-        share = _MOTION_SHARE if moves else _STEP_SHARE
+            more = (self._scale(), self._outside()) if moves else ()
+            moment = COMPILED.run(begin, *known, rows.begin[0], values, *more, once=True)
+        moving = _DRIVEN_SHARE if self.driven else _MOTION_SHARE
+        share = moving if moves else _STEP_SHARE
         tolerance = np.asarray(share * course.scene.rtol)
         long = moves or self.errors.plan.solves_long
         effort = {"once": long or self.few, "long": long}
