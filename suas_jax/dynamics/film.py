@@ -50,7 +50,8 @@ def film_of(
     if reason is not None:
         return Film(False, f"The film's inertia and viscosity are left out: {reason}.")
     bare = scene.model_copy(update={"loads": ()})
-    resting = with_solve(bare, oil_pressure=None, elements=None)
+    elements = scene.solve.elements if plan.dimension == 3 else None
+    resting = with_solve(bare, oil_pressure=None, elements=elements)
     bandwidth = modes(resting, 1).bandwidth
     if bandwidth is not None and _lag(bandwidth, time, values, rest) <= _SHARE * scene.rtol:
         slow = f"the history is slow against {bandwidth:.3g} Hz, the bandwidth of statics"

@@ -21,10 +21,16 @@ from jaxtyping import Array, Float
 
 from suas_jax.dynamics.film_grid import Links, Sides, areas_of
 from suas_jax.dynamics.inertia import THINNEST_FILM, Densities
-from suas_jax.dynamics.pad import BATCH, HARMONICS, SAMPLES
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.numerics.array_types import StationVector
 from suas_jax.skin.geometry import SkinGeometry
+
+SAMPLES = 2
+"""Intervals along either side of an element."""
+HARMONICS = 24
+"""Of the water outside, in either direction."""
+BATCH = 64
+"""Unknowns whose motion is sampled at once."""
 
 Grid = Float[Array, "arc axial"]
 

@@ -26,23 +26,17 @@ from jaxtyping import Array, Float
 
 from suas_jax.dynamics.film_grid import Links, areas_of
 from suas_jax.dynamics.inertia import THINNEST_FILM, Densities, Inertia, Matrix
+from suas_jax.dynamics.motion import dense, free_unknowns
+from suas_jax.dynamics.moving_pad import BATCH, HARMONICS, SAMPLES, MovingPad
 from suas_jax.equilibrium.balance import State
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.mechanics.pad.pad import Pad
-from suas_jax.numerics.block_banded import REACH, BlockBanded
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.build import problem_of
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import inputs_of, structure_of
 from suas_jax.scene.solve import Solution
 from suas_jax.scene.structure import Inputs, Structure
-
-SAMPLES = 2
-"""Intervals along either side of an element."""
-HARMONICS = 24
-"""Of the water outside, in either direction."""
-BATCH = 64
-"""Unknowns whose motion is sampled at once."""
 
 
 class Sheet(NamedTuple):
@@ -102,34 +96,24 @@ def _program(
     assert isinstance(pad, Pad)
     net = state.pressure - state.factor * problem.external_pressure
     a = pad.assemble(q, net, state.factor)
-    assert isinstance(a.tangent, BlockBanded)
-    free = np.flatnonzero(pad.topology.free)
-
-    def sheets(q: Array) -> Array:
-        found = pad.sampled(q, SAMPLES)
-        rows = found.inner_displacement, found.mid_displacement, found.outer_displacement
-        return jnp.stack(rows)[..., 0]
+    free = free_unknowns(pad)
+    none = Densities(0.0, 0.0, 0.0, 0.0), jnp.zeros((HARMONICS, HARMONICS))
+    near = MovingPad.near(pad, geometry, *none, q)
+    grid, section = pad.sampled(q, SAMPLES), geometry.section
 
     def moved_by(index: Array) -> Array:
-        return move(jnp.zeros(q.size).at[index].set(1.0).reshape(q.shape))
+        return near.push(jnp.zeros(q.size).at[index].set(1.0).reshape(q.shape))
 
-    moved, move = jax.linearize(sheets, q)
-    grid = pad.sampled(q, SAMPLES)
-    angle, axial, section = grid.angle, grid.axial[..., 0], geometry.section
-    foot, height = section.foot(section.inner_face(angle) + grid.inner_displacement[:2], angle)
     return {
-        "bands": a.tangent.bands[0],
+        "stiffness": dense(a.tangent, free),
         "volume": a.volume_gradient.reshape(-1)[free],
         "compliance": problem.oil.compliance(state.pressure, pad.film_volume)[0],
-        "inner": section.inner_face(angle)[..., 0],
-        "middle": section.mid_line(angle)[..., 0],
-        "normal": section.frame(angle).normal[..., 0],
-        "displaced": moved,
+        "faces": near.faces,
         "moved": jax.lax.map(moved_by, jnp.asarray(free), batch_size=BATCH),
-        "gap": (height + geometry.gap(foot))[..., 0],
-        "thickness": jnp.broadcast_to(section.thickness(angle), angle.shape)[..., 0],
-        "axial": axial,
-        "angle": jnp.rad2deg(section.given_angle(angle[:, 0, 0])),
+        "gap": near.gap,
+        "thickness": jnp.broadcast_to(section.thickness(grid.angle), grid.angle.shape)[..., 0],
+        "axial": grid.axial[0, :, 0],
+        "angle": jnp.rad2deg(section.given_angle(grid.angle[:, 0, 0])),
     }
 
 
@@ -144,29 +128,9 @@ def pad_motion(solution: Solution) -> PadMotion:
         _program, scene, solution.plan, inputs, solution.state, once=True, long=True
     )
     x = {key: np.asarray(value) for key, value in found.items()}
-    problem = solution.problem()
-    assert isinstance(problem.mechanics, Pad)
-    free = np.flatnonzero(problem.mechanics.topology.free)
-    outer = x["middle"] + x["thickness"] / 2 * x["normal"]
-    sheets = []
-    for k, rest in enumerate((x["inner"], x["middle"], outer)):
-        position = np.concatenate([rest, x["axial"][None]]) + x["displaced"][k]
-        sheets.append(Sheet(position, x["moved"][:, k]))
-    stiffness, compliance = _dense(x["bands"])[np.ix_(free, free)], float(x["compliance"])
-    inner, middle, outer = sheets
-    film = x["gap"], x["thickness"], x["angle"], x["axial"][0]
-    return PadMotion(stiffness, x["volume"], compliance, inner, middle, outer, *film)
-
-
-def _dense(bands: Float[np.ndarray, "station 4 dof dof"]) -> np.ndarray:
-    """The whole matrix, unknowns in the order of a station vector."""
-    stations, _, dof, _ = bands.shape
-    full = np.zeros((dof, stations, dof, stations))
-    for o in range(min(REACH + 1, stations)):
-        for s in range(stations - o):
-            full[:, s + o, :, s] = bands[s, o]
-            full[:, s, :, s + o] = bands[s, o].T
-    return full.reshape(dof * stations, -1)
+    sheets = [Sheet(x["faces"][k], x["moved"][:, k]) for k in range(3)]
+    film = x["gap"], x["thickness"], x["angle"], x["axial"]
+    return PadMotion(x["stiffness"], x["volume"], float(x["compliance"]), *sheets, *film)
 
 
 def pad_inertia(motion: PadMotion, given: Densities) -> Inertia:
