@@ -210,3 +210,9 @@ def test_small_motions_of_a_pad_are_those_of_the_closed_form() -> None:
     wanted = swinging(pad(1e-9), (8, 8), (inertia, motion), read, 1e-3)
     np.testing.assert_allclose(moved, wanted, rtol=0, atol=2e-2 * max(np.abs(wanted)))
     assert all(abs(p["volume_residual"]) < 1e-10 for p in points)
+    held = solve(pad(5.0)).report
+    last = history_sweep(
+        pad(5.0), history_of([0.0, 0.02, 2e3], force_N=[0.0, 5.0, 5.0])
+    ).points[-1]
+    for key in ("max_displacement_m", "oil_pressure_Pa", "min_gap_m"):
+        assert last[key] == pytest.approx(held[key], rel=1e-6), key

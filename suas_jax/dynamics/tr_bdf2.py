@@ -17,7 +17,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from suas_jax.constitutive.relaxation import Past
 from suas_jax.dynamics.driven import Travels, Values
-from suas_jax.dynamics.moving_skin import Base, Half, Inverse, MovingSkin
+from suas_jax.dynamics.half_step import Base, Half, Inverse
+from suas_jax.dynamics.moving_skin import MovingSkin
 from suas_jax.equilibrium.balance import State
 from suas_jax.numerics.array_types import StationVector
 

@@ -1,6 +1,6 @@
 """A skin in motion followed through time: steps as long as their error allows.
 
-What balances is in `suas_jax.dynamics.moving_skin`, a step of it in
+What balances is in `suas_jax.dynamics.half_step`, a step of it in
 `suas_jax.dynamics.tr_bdf2`.
 """
 
@@ -14,8 +14,9 @@ from jaxtyping import Array
 from suas_jax.config import SceneSpec
 from suas_jax.constitutive.relaxation import Past
 from suas_jax.dynamics.driven import DrivenSkin, Values, membrane_of
+from suas_jax.dynamics.half_step import Inverse
 from suas_jax.dynamics.motion import free_unknowns
-from suas_jax.dynamics.moving_skin import Inverse, MovingSkin
+from suas_jax.dynamics.moving_skin import MovingSkin
 from suas_jax.dynamics.steps import MOST_STEPS, Rows, begun, bend_weight, observed_at
 from suas_jax.dynamics.tr_bdf2 import Moving, tried
 from suas_jax.equilibrium.outcomes import index_of
