@@ -140,8 +140,8 @@ def pressed(**load: Any) -> SceneSpec:
 
 def test_a_plate_that_is_driven_held_and_withdrawn() -> None:
     plate = pressed(shape="plate", depth="2 mm")
-    time = [0.0, 0.01, 0.02, 2e3, 2e3 + 0.02, 2e3 + 0.03]
-    given = history_of(time, depth_m=[0.0, 1e-3, 2e-3, 2e-3, 0.0, 0.0])
+    time = [0.0, 0.01, 0.02, 2e3, 2e3 + 5e-3, 2e3 + 6e-3]
+    given = history_of(time, depth_m=[0.0, 1e-3, 2e-3, 2e-3, -1e-3, -1e-3])
     found = history_sweep(plate, given)
     assert found.film is not None
     assert found.film["included"]
