@@ -71,10 +71,8 @@ class Links(NamedTuple):
     ) -> Float[Array, "arc axial *right"]:
         """Pressures that make samples lose what they have; together they have nothing."""
         along, aside = self.conductance
-        own = sum(
-            x[1:] + x[:-1] if k == 0 else x[:, 1:] + x[:, :-1]
-            for k, x in enumerate(jnp.pad(x, _beyond(k)) for k, x in enumerate((along, aside)))
-        )
+        rows, columns = (jnp.pad(x, _beyond(k)) for k, x in enumerate((along, aside)))
+        own = rows[1:] + rows[:-1] + columns[:, 1:] + columns[:, :-1]
         # A pressure is known but for a constant: it is zero at the last sample.
         own = own.at[-1, -1].multiply(2.0)
         beside = jax.vmap(lambda x: jnp.diag(x, 1) + jnp.diag(x, -1))(aside)
@@ -102,7 +100,7 @@ class Links(NamedTuple):
 
 def areas_of(position: Float[Array, "3 arc axial"]) -> Float[Array, "3 arc axial"]:
     """Vectors of the area that a sample stands for, inwards [m^2]."""
-    along, aside = (jnp.gradient(position, axis=k) for k in (1, 2))
+    along, aside = (jnp.asarray(jnp.gradient(position, axis=k)) for k in (1, 2))
     count = position.shape[1:]
     return jnp.cross(along, aside, axis=0) * _ends(count[0])[:, None] * _ends(count[1])
 

@@ -97,6 +97,7 @@ class MovingPad(NamedTuple):
         half = geometry.half_angle
         place = (angle[:, 0] + half) / (2 * half), axial[0] / geometry.width + 0.5
         n = np.arange(HARMONICS)[:, None]
+        around, along = (jnp.cos(n * jnp.pi * x[..., 0]) for x in place)
         return cls(
             given,
             q,
@@ -105,7 +106,8 @@ class MovingPad(NamedTuple):
             section.inner_normal(foot)[..., 0],
             given.membrane * thickness[..., 0] * area,
             given.water * outside,
-            *(jnp.cos(n * jnp.pi * x[..., 0]) for x in place),
+            around,
+            along,
             push,
         )
 

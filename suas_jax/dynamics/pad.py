@@ -25,7 +25,7 @@ import scipy.special
 from jaxtyping import Array, Float
 
 from suas_jax.dynamics.film_grid import Links, areas_of
-from suas_jax.dynamics.inertia import THINNEST_FILM, Densities, Inertia, Matrix
+from suas_jax.dynamics.inertia import THINNEST_FILM, Densities, Inertia, Matrix, Number
 from suas_jax.dynamics.motion import dense, free_unknowns
 from suas_jax.dynamics.moving_pad import BATCH, HARMONICS, SAMPLES, MovingPad
 from suas_jax.equilibrium.balance import State
@@ -124,13 +124,12 @@ def pad_motion(solution: Solution) -> PadMotion:
     """
     scene = structure_of(solution.scene, wall=solution.wall)
     inputs = inputs_of(solution.scene)
-    found = COMPILED.run(
-        _program, scene, solution.plan, inputs, solution.state, once=True, long=True
-    )
-    x = {key: np.asarray(value) for key, value in found.items()}
-    sheets = [Sheet(x["faces"][k], x["moved"][:, k]) for k in range(3)]
+    given = scene, solution.plan, inputs, solution.state
+    x = jax.tree.map(np.asarray, COMPILED.run(_program, *given, once=True, long=True))
+    inner, middle, outer = (Sheet(x["faces"][k], x["moved"][:, k]) for k in range(3))
     film = x["gap"], x["thickness"], x["angle"], x["axial"]
-    return PadMotion(x["stiffness"], x["volume"], float(x["compliance"]), *sheets, *film)
+    found = x["stiffness"], x["volume"], float(x["compliance"])
+    return PadMotion(*found, inner, middle, outer, *film)
 
 
 def pad_inertia(motion: PadMotion, given: Densities) -> Inertia:
@@ -145,7 +144,7 @@ def pad_inertia(motion: PadMotion, given: Densities) -> Inertia:
     swept -= room[:, None] / np.sum(room) * np.sum(swept, 0)
     source = jnp.asarray(swept).reshape(*gap.shape, -1)
 
-    def form(oil: float, viscosity: float) -> Matrix:
+    def form(oil: Number, viscosity: Number) -> Matrix:
         """Of oil that is kept from flowing by either."""
         fluid = Densities(oil, viscosity, 0.0, 0.0)
         position, film = jnp.asarray(motion.inner.position), jnp.asarray(gap)
