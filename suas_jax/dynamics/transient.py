@@ -22,7 +22,6 @@ from suas_jax.dynamics.tr_bdf2 import Moving, tried
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.scene.structure import Inputs, Structure
-from suas_jax.scene.travel import driven_by_force
 
 _LONGER, _WORTH, _SHORTER = 4.0, 2.5, 0.2  # of the next step
 _SMALLEST = 1e-12  # step over a row at which the history is given up
@@ -31,10 +30,10 @@ _SMALLEST = 1e-12  # step over a row at which the history is given up
 def moving_part(scene: SceneSpec, plan: AbstractPlan) -> AbstractPlan:
     """The part of a mesh whose motion is followed: of a symmetric pad the half or quarter.
 
-    A past, and a travel that is sought, are known of the whole alone.
+    A past is known of the whole alone.
     """
     whole = plan.dimension == 2 or scene.material.relaxation is not None
-    return plan if whole or driven_by_force(scene) else plan.reduced()
+    return plan if whole else plan.reduced()
 
 
 def _whole(skin: DrivenSkin, moves: DrivenSkin, now: Moving) -> Moving:
