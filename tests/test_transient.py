@@ -53,7 +53,12 @@ def exact(force: float) -> list[float]:
 
 
 def swinging(
-    scene: SceneSpec, counts: tuple[int, ...], moves: Any, read: np.ndarray, force: float
+    scene: SceneSpec,
+    counts: tuple[int, ...],
+    moves: Any,
+    read: np.ndarray,
+    force: float,
+    time: list[float] = TIME,
 ) -> list[float]:
     """What a history makes of a reading of the unknowns, inertia and motion being given."""
     inertia, motion = moves
@@ -80,7 +85,7 @@ def swinging(
     y[2 * n] = force
     found = [0.0, 0.0]
     for k in (2, 3, 4):
-        duration = TIME[k] - TIME[k - 1]
+        duration = time[k] - time[k - 1]
         y[2 * n + 1] = -force / 2 / duration if k == 3 else 0.0
         y = scipy.linalg.expm(duration * system) @ y
         found.append(float(read @ y[:n]))
@@ -200,19 +205,15 @@ def test_small_motions_of_a_pad_are_those_of_the_closed_form() -> None:
         scene = scene_from_dict(data, base=SCENES)
         return with_solve(scene, model="shell", elements=(8, 8), symmetry=False)
 
-    given = history_of(TIME, force_N=[0.0, 1e-3, 1e-3, 5e-4, 5e-4])
+    time = [0.0, 0.0, 0.005, 0.01, 0.02]  # a period is 33 ms
+    given = history_of(time, force_N=[0.0, 1e-3, 1e-3, 5e-4, 5e-4])
     points = history_sweep(pad(1e-3), given).points
+    assert all(p["status"] == "converged" for p in points)
     moved = [p["loads"][0]["displacement_m"] for p in points]
     motion = pad_motion(solve(pad(1e-9)))
     rows, columns = motion.gap.shape
     read = -motion.middle.moved[:, 1, rows // 2, columns // 2]
     inertia = pad_inertia(motion, densities_of(pad(1e-9)))
-    wanted = swinging(pad(1e-9), (8, 8), (inertia, motion), read, 1e-3)
-    np.testing.assert_allclose(moved, wanted, rtol=0, atol=2e-2 * max(np.abs(wanted)))
+    wanted = swinging(pad(1e-9), (8, 8), (inertia, motion), read, 1e-3, time)
+    np.testing.assert_allclose(moved, wanted, rtol=0, atol=1e-2 * max(np.abs(wanted)))
     assert all(abs(p["volume_residual"]) < 1e-10 for p in points)
-    held = solve(pad(5.0)).report
-    last = history_sweep(
-        pad(5.0), history_of([0.0, 0.02, 2e3], force_N=[0.0, 5.0, 5.0])
-    ).points[-1]
-    for key in ("max_displacement_m", "oil_pressure_Pa", "min_gap_m"):
-        assert last[key] == pytest.approx(held[key], rel=1e-6), key
