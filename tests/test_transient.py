@@ -14,6 +14,7 @@ from suas_jax.dynamics.film import film_of
 from suas_jax.dynamics.history import Course, history_of, history_sweep
 from suas_jax.dynamics.inertia import densities_of, flow_of, inertia_of, weights_of
 from suas_jax.dynamics.motion import free_unknowns, motion_of
+from suas_jax.dynamics.pad import pad_inertia, pad_motion
 from suas_jax.scene.build import build_problem, plan_for
 from suas_jax.scene.program import inputs_of
 
@@ -43,16 +44,30 @@ def small() -> list[dict[str, Any]]:
 def exact(force: float) -> list[float]:
     """Displacement under the load of small motions, by exponentials of matrices."""
     scene = tapped(1e-9)
-    solution = solve(scene)
-    motion, given = motion_of(solution), densities_of(scene)
+    motion, given = motion_of(solve(scene)), densities_of(scene)
     weights = weights_of(motion.outline, motion.section, motion.water, given)
     inertia = inertia_of(flow_of(motion.outline, motion.moved, motion.water), weights)
+    crown = np.argmin(np.abs(motion.outline.faces[1, 0]))
+    read = -motion.moved[1, 1, crown]
+    return swinging(scene, (16,), (inertia, motion), read, force)
+
+
+def swinging(
+    scene: SceneSpec,
+    counts: tuple[int, ...],
+    moves: Any,
+    read: np.ndarray,
+    force: float,
+    time: list[float] = TIME,
+) -> list[float]:
+    """What a history makes of a reading of the unknowns, inertia and motion being given."""
+    inertia, motion = moves
     basis = scipy.linalg.null_space(motion.volume[None])
     mass, damping, stiffness = (
         basis.T @ np.asarray(x) @ basis
         for x in (inertia.mass, inertia.damping, motion.stiffness)
     )
-    problem = build_problem(scene, plan_for(scene, "shell", (16,)), inputs_of(scene))
+    problem = build_problem(scene, plan_for(scene, "shell", counts), inputs_of(scene))
     shell: Any = problem.mechanics
     zero = np.zeros(1)
     load = np.asarray(shell.assemble(shell.rest(), zero, zero).load).ravel()
@@ -65,13 +80,12 @@ def exact(force: float) -> list[float]:
     system[n : 2 * n, n : 2 * n] = -np.linalg.solve(mass, damping)
     system[n : 2 * n, 2 * n] = np.linalg.solve(mass, unit)
     system[2 * n, 2 * n + 1] = 1.0
-    crown = np.argmin(np.abs(motion.outline.faces[1, 0]))
-    read = -motion.moved[1, 1, crown] @ basis
+    read = read @ basis
     y = np.zeros(2 * n + 2)
     y[2 * n] = force
     found = [0.0, 0.0]
     for k in (2, 3, 4):
-        duration = TIME[k] - TIME[k - 1]
+        duration = time[k] - time[k - 1]
         y[2 * n + 1] = -force / 2 / duration if k == 3 else 0.0
         y = scipy.linalg.expm(duration * system) @ y
         found.append(float(read @ y[:n]))
@@ -120,3 +134,87 @@ def test_what_the_film_is_not_known_for_is_told() -> None:
     found = film(plain, [0.0, 1.0], [0.0, 1.0])
     assert not found.included
     assert "oil.density, oil.viscosity, material.density" in found.message
+
+
+def pressed(**load: Any) -> SceneSpec:
+    """The tap's skin under one body."""
+    data = tomllib.loads(TAP.read_text(encoding="utf-8"))
+    data["load"] = [{"kind": "body", "angle": "0 deg", **load}]
+    return with_solve(scene_from_dict(data, base=SCENES), model="shell", elements=16)
+
+
+def test_a_plate_that_is_driven_held_and_withdrawn() -> None:
+    plate = pressed(shape="plate", depth="2 mm")
+    time = [0.0, 0.01, 0.02, 2e3, 2e3 + 5e-3, 2e3 + 6e-3]
+    given = history_of(time, depth_m=[0.0, 1e-3, 2e-3, 2e-3, -1e-3, -1e-3])
+    found = history_sweep(plate, given)
+    assert found.film is not None
+    assert found.film["included"]
+    assert all(p["status"] == "converged" for p in found.points)
+    assert all(abs(p["volume_residual"]) < 1e-10 for p in found.points)
+    _, _, driven, held, withdrawn, later = (p["loads"][0] for p in found.points)
+    still = solve(plate).report
+    for key in ("force_N", "contact_half_width_m"):
+        assert held[key] == pytest.approx(still["loads"][0][key], rel=1e-6), key
+    assert found.points[3]["oil_pressure_Pa"] == pytest.approx(
+        still["oil_pressure_Pa"], rel=1e-6
+    )
+    assert driven["force_N"] > 1.05 * held["force_N"]  # the film has to be driven, too
+    # The film is slower than the plate: the skin comes off it.
+    for body, point in ((withdrawn, found.points[4]), (later, found.points[5])):
+        assert body["force_N"] == 0.0
+        assert body["zones"] == 0
+        assert point["max_displacement_m"] > 1e-4
+
+
+def test_a_cylinder_that_taps_by_force_moves_the_skin_as_the_force_does() -> None:
+    """On a thin skin the radius hardly matters; and its travel stays at the skin."""
+    time = [0.0, 0.005, 0.01, 0.02, 0.03, 0.04]
+    force = [0.0, 5.0, 0.0, 0.0, 0.0, 0.0]
+    by_body = history_sweep(
+        pressed(shape="cylinder", radius="5 mm", force="5 N"), history_of(time, force_N=force)
+    ).points
+    by_line = history_sweep(tapped(), history_of(time, force_N=force)).points
+    told = [p["loads"][0]["force_N"] for p in by_body]
+    np.testing.assert_allclose(told, force, atol=5e-8)
+    for key in ("max_displacement_m", "oil_pressure_Pa"):
+        own, other = (np.array([p[key] for p in points]) for points in (by_body, by_line))
+        np.testing.assert_allclose(own, other, atol=0.02 * np.abs(other).max())
+    assert all(abs(p["volume_residual"]) < 1e-10 for p in by_body)
+    assert by_body[-1]["loads"][0]["depth_m"] > 4e-4  # rests on the skin without a force
+
+
+def test_a_travel_that_jumps_is_told() -> None:
+    plate = pressed(shape="plate", depth="2 mm")
+    course = Course.of(plate, history_of([0.0, 1.0], depth_m=[1e-3, 2e-3]))
+    plan = plan_for(plate, "shell", (16,))
+    found = film_of(course.scene, course.largest, plan, course.time, course.values, course.rest)
+    assert not found.included
+    assert "travel jumps" in found.message
+
+
+# Programs of a pad.
+@pytest.mark.long
+def test_small_motions_of_a_pad_are_those_of_the_closed_form() -> None:
+    data = tomllib.loads(TAP.read_text(encoding="utf-8"))
+    data["geometry"] = {"ends": "clamped"}
+    data["load"] = [{"kind": "patch", "angle": "0 deg", "size": ["9 mm", "9 mm"]}]
+
+    def pad(force: float) -> SceneSpec:
+        data["load"][0]["force"] = f"{force} N"
+        scene = scene_from_dict(data, base=SCENES)
+        return with_solve(scene, model="shell", elements=(8, 8), symmetry=False)
+
+    time = [0.0, 0.0, 0.005, 0.01, 0.02]  # a period is 33 ms
+    given = history_of(time, force_N=[0.0, 1e-3, 1e-3, 5e-4, 5e-4])
+    points = history_sweep(pad(1e-3), given).points
+    assert all(p["status"] == "converged" for p in points)
+    moved = [p["loads"][0]["displacement_m"] for p in points]
+    motion = pad_motion(solve(pad(1e-9)))
+    rows, columns = motion.gap.shape
+    read = -motion.middle.moved[:, 1, rows // 2, columns // 2]
+    inertia = pad_inertia(motion, densities_of(pad(1e-9)))
+    wanted = swinging(pad(1e-9), (8, 8), (inertia, motion), read, 1e-3, time)
+    # Shear beneath the patch, which the shell leaves out, is added as in statics.
+    np.testing.assert_allclose(moved, wanted, rtol=0, atol=1.5e-2 * max(np.abs(wanted)))
+    assert all(abs(p["volume_residual"]) < 1e-10 for p in points)

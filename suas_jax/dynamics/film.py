@@ -6,11 +6,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from suas_jax.config import ConfigError, SceneSpec, continuous_inputs, with_inputs, with_solve
+from suas_jax.config import ConfigError, SceneSpec, with_solve
+from suas_jax.dynamics.driven import FACTOR
 from suas_jax.dynamics.inertia import densities_of
 from suas_jax.dynamics.modes import STATIC_ERROR, modes
 from suas_jax.mechanics.model import AbstractPlan
-from suas_jax.mechanics.shell.model import ShellPlan
+from suas_jax.scene.travel import driven_by_force
 
 # Error by the film's lag that a history without it may have, over the wanted relative error.
 _SHARE = 0.1
@@ -46,15 +47,12 @@ def film_of(
     An equilibrium lags behind its loads by the time that its bandwidth tells, and the more the
     thinner the film is.
     """
-    reason = _not_covered(scene, plan)
+    reason = _not_covered(scene, plan) or _jumps(scene, time, values, rest)
     if reason is not None:
         return Film(False, f"The film's inertia and viscosity are left out: {reason}.")
-    loads = {
-        key: 0.0
-        for key in continuous_inputs(largest)
-        if key.startswith("load.") and key.endswith((".force", ".pressure"))
-    }
-    resting = with_solve(with_inputs(scene, loads), oil_pressure=None, elements=None)
+    bare = scene.model_copy(update={"loads": ()})
+    elements = scene.solve.elements if plan.dimension == 3 else None
+    resting = with_solve(bare, oil_pressure=None, elements=elements)
     bandwidth = modes(resting, 1).bandwidth
     if bandwidth is not None and _lag(bandwidth, time, values, rest) <= _SHARE * scene.rtol:
         slow = f"the history is slow against {bandwidth:.3g} Hz, the bandwidth of statics"
@@ -70,10 +68,30 @@ def _not_covered(scene: SceneSpec, plan: AbstractPlan) -> str | None:
         return f"the scene has no {keys}"
     if not scene.oil.trapped:
         return "vented oil flows through an outlet that no file describes"
-    if scene.bodies:
-        return "with bodies the skin is taken to be in equilibrium at every moment"
-    if not isinstance(plan, ShellPlan):
-        return "they are modelled for shells of sections only"
+    if plan.model != "shell":
+        return 'they are modelled for shells only: use solve.model = "shell"'
+    if plan.dimension == 3 and driven_by_force(scene):
+        return "under a force a body on a pad is taken to be in equilibrium; give it a depth"
+    return None
+
+
+def _jumps(
+    scene: SceneSpec,
+    time: Float[np.ndarray, " row"],
+    values: Mapping[str, Float[np.ndarray, " row"]],
+    rest: Mapping[str, float],
+) -> str | None:
+    """Why what moves can't follow: a rigid body that is somewhere else at once."""
+    driven = any(body.force is None for body in scene.bodies)
+    at_once = np.diff(time, prepend=time[0]) == 0
+    for key, x in values.items():
+        comes = np.diff(x, prepend=rest[key]) > 0
+        travel = key.endswith(".depth") or (key == FACTOR and driven)
+        if travel and np.any(at_once & comes):
+            return (
+                "a body's travel jumps, which what has a mass can't follow: give it a time, "
+                "beginning with a row of depth 0"
+            )
     return None
 
 

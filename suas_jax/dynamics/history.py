@@ -16,6 +16,7 @@ jump. The skin has been at rest before the first row.
 """
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -30,13 +31,17 @@ from suas_jax.config.csv_table import number_in, read_csv_table
 from suas_jax.dynamics.driven import FACTOR, responding
 from suas_jax.dynamics.film import Film, film_of
 from suas_jax.dynamics.history_gradient import history_gradient, reason_against, record
+from suas_jax.dynamics.pad import outside_of
 from suas_jax.dynamics.steps import Moment, Rows, at_rest, through
 from suas_jax.dynamics.tr_bdf2 import Moving
-from suas_jax.dynamics.transient import film_at_rest, through_film
-from suas_jax.mechanics.model import AbstractPlan
+from suas_jax.dynamics.transient import film_at_rest, moving_part, through_film
+from suas_jax.mechanics.model import AbstractPlan, Counts
+from suas_jax.mechanics.pad.model import PadMesh
 from suas_jax.mechanics.registry import MODELS
+from suas_jax.mesh.section import measures
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.precision import require_float64
+from suas_jax.scene.build import plan_for
 from suas_jax.scene.curve import total_force
 from suas_jax.scene.program import inputs_of
 from suas_jax.scene.report import plain, report_of
@@ -60,8 +65,13 @@ _FEW = 40
 # Error of the stress that a step may make, over the wanted relative error; of displacements in
 # motion, whose errors fade with it.
 _STEP_SHARE, _MOTION_SHARE = 0.01, 0.03
+# Unknowns of a pad in motion, whose equations have a dense inverse.
+_MOST_MOVING = 1_300
 # Displacement that counts before there is a larger one, over that of the largest load.
 _FIRST_SHARE = 0.01
+# The same where a body's travel says how far the skin will be moved; what it hits rings, and a
+# step shall not be as short as that.
+_DRIVEN_SHARE, _FIRST_DRIVEN = 0.3, 1.0
 
 
 class History(NamedTuple):
@@ -136,6 +146,9 @@ def history_sweep(scene: SceneSpec, history: History, gradient: str | None = Non
     errors = _Errors.at(course.largest)
     changes = course.time, course.values, course.rest
     film = film_of(course.scene, course.largest, errors.plan, *changes)
+    fewer = _fewer(course.scene, errors.plan) if film.included else None
+    if fewer is not None:
+        errors = _Errors.at(course.largest, fewer)
     follower = _Follower(course, errors, film, len(history.time) <= _FEW)
     asked = None if gradient is None else follower.asked(gradient)
     points = follower.points()
@@ -261,8 +274,8 @@ class _Errors(NamedTuple):
     displacement: float = 0.0  # of the solve [m]
 
     @classmethod
-    def at(cls, scene: SceneSpec) -> "_Errors":
-        """Errors under a scene's loads."""
+    def at(cls, scene: SceneSpec, pad_counts: Counts | None = None) -> "_Errors":
+        """Errors under a scene's loads; on a pad with some elements."""
         held, models = responding(scene, "long-term"), MODELS[scene.geometry.dimension]
 
         def solved(name: str) -> Solution:
@@ -282,7 +295,7 @@ class _Errors(NamedTuple):
                 "and elements instead of mesh"
             )
         if pad:
-            held = with_solve(held, model="shell")
+            held = with_solve(held, model="shell", elements=pad_counts or scene.solve.elements)
         whole = bool(scene.bodies) or pad
         found = (
             solve(held)
@@ -300,6 +313,17 @@ class _Errors(NamedTuple):
         return cls(found.plan, np.nan, np.nan, size)
 
 
+def _fewer(scene: SceneSpec, plan: AbstractPlan) -> Counts | None:
+    """Elements of a pad that moves with no more unknowns than it may; None where it does."""
+    model, counts = MODELS[plan.dimension][plan.model], plan.counts
+    while plan.dimension == 3 and scene.solve.elements is None:
+        part = moving_part(scene, plan_for(scene, plan.model, counts))
+        if math.prod(part.unknowns_shape) <= _MOST_MOVING:
+            break
+        counts = model.coarser(counts)
+    return None if counts == plan.counts else counts
+
+
 @dataclasses.dataclass(frozen=True)
 class _Follower:
     """Follows one scene on one mesh."""
@@ -308,6 +332,11 @@ class _Follower:
     errors: _Errors  # the mesh, and what it leaves
     film: Film  # whether it moves
     few: bool = True  # whether rows take less time to follow than to compile for speed
+
+    @property
+    def driven(self) -> bool:
+        """Whether a body's travel moves the skin."""
+        return any(body.force is None for body in self.course.scene.bodies)
 
     def points(self) -> list[dict[str, Any]]:
         """Reports of all rows; with the wall from the block on in which it is reached."""
@@ -360,6 +389,26 @@ class _Follower:
         taken = record(known, rows, course.rest, peak, tolerance)
         return None if taken is None else history_gradient(known, taken, path)
 
+    def _scale(self) -> np.ndarray:
+        """Displacement that counts before there is a larger one [m]."""
+        share = _FIRST_DRIVEN if self.driven else _FIRST_SHARE
+        return np.asarray(share * self.errors.displacement)
+
+    def _outside(self) -> np.ndarray:
+        """Added mass of the water outside a pad; nothing of a section, which knows its own."""
+        plan, spec = self.errors.plan, self.course.scene
+        if plan.dimension == 2:
+            return np.zeros((0, 0))
+        found, g = measures(spec), spec.geometry
+        arc = 2 * found.half_angle * (found.size + g.mean_thickness / 2)
+        mass, part = outside_of(arc, g.width), moving_part(spec, plan)
+        assert isinstance(part, PadMesh)
+        for axis, mirrored in enumerate(part.plan.mirrored):
+            if mirrored:  # the part has half of what even harmonics sweep, and no odd ones
+                odd = np.arange(len(mass)) % 2 == 1
+                mass = 2 * np.where(odd[:, None] if axis == 0 else odd, 0.0, mass)
+        return mass
+
     def _block(
         self, first: int, moment: Moment | Moving | None, *, wall: bool
     ) -> tuple[list[dict[str, Any]], Moment | Moving]:
@@ -370,10 +419,11 @@ class _Follower:
         moves = self.film.included
         if moment is None:
             values = {key: np.asarray(x) for key, x in course.rest.items()}
-            size = (np.asarray(_FIRST_SHARE * self.errors.displacement),) if moves else ()
             begin = film_at_rest if moves else at_rest
-            moment = COMPILED.run(begin, *known, rows.begin[0], values, *size, once=True)
-        share = _MOTION_SHARE if moves else _STEP_SHARE
+            more = (self._scale(), self._outside()) if moves else ()
+            moment = COMPILED.run(begin, *known, rows.begin[0], values, *more, once=True)
+        moving = _DRIVEN_SHARE if self.driven else _MOTION_SHARE
+        share = moving if moves else _STEP_SHARE
         tolerance = np.asarray(share * course.scene.rtol)
         long = moves or self.errors.plan.solves_long
         effort = {"once": long or self.few, "long": long}

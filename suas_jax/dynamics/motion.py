@@ -16,7 +16,9 @@ from jaxtyping import Array, Float
 
 from suas_jax.dynamics.inertia import Outline, Water
 from suas_jax.equilibrium.balance import State
+from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.mechanics.model import AbstractPlan
+from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.numerics.array_types import StationVector
 from suas_jax.numerics.block_tridiagonal import AbstractTangent
@@ -139,9 +141,10 @@ def _along(
     return jnp.concatenate([rows.reshape(*rows.shape[:-2], -1), last[..., 0]], -1)
 
 
-def free_unknowns(shell: Shell) -> np.ndarray:
+def free_unknowns(membrane: AbstractMechanics) -> np.ndarray:
     """Places of the unknowns that may move in a flat station vector."""
-    return np.flatnonzero(shell.elements.free())
+    assert isinstance(membrane, Shell | Pad)
+    return np.flatnonzero(membrane.free)
 
 
 def dense(tangent: AbstractTangent, free: np.ndarray) -> Float[Array, "unknown unknown"]:

@@ -21,26 +21,22 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.sparse
-import scipy.sparse.linalg
 import scipy.special
 from jaxtyping import Array, Float
 
-from suas_jax.dynamics.inertia import THINNEST_FILM, Densities, Inertia, Matrix
+from suas_jax.dynamics.film_grid import Links, areas_of
+from suas_jax.dynamics.inertia import THINNEST_FILM, Densities, Inertia, Matrix, Number
+from suas_jax.dynamics.motion import dense, free_unknowns
+from suas_jax.dynamics.moving_pad import BATCH, HARMONICS, SAMPLES, MovingPad
 from suas_jax.equilibrium.balance import State
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.mechanics.pad.pad import Pad
-from suas_jax.numerics.block_banded import REACH, BlockBanded
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.build import problem_of
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import inputs_of, structure_of
 from suas_jax.scene.solve import Solution
 from suas_jax.scene.structure import Inputs, Structure
-
-_SAMPLES = 2  # intervals along either side of an element
-_HARMONICS = 24  # of the water outside, in either direction
-_BATCH = 64  # unknowns whose motion is sampled at once
 
 
 class Sheet(NamedTuple):
@@ -51,12 +47,7 @@ class Sheet(NamedTuple):
 
     def areas(self) -> Float[np.ndarray, "3 arc axial"]:
         """Vectors of the area that a sample stands for, inwards [m^2]."""
-        along, aside = (np.gradient(self.position, axis=k) for k in (1, 2))
-        count = self.position.shape[1:]
-        found: np.ndarray = (
-            np.cross(along, aside, axis=0) * _ends(count[0])[:, None] * _ends(count[1])
-        )
-        return found
+        return np.array(areas_of(jnp.asarray(self.position)))
 
     def swept(self) -> Float[np.ndarray, "sample unknown"]:
         """Volume that every sample sweeps outwards."""
@@ -105,34 +96,24 @@ def _program(
     assert isinstance(pad, Pad)
     net = state.pressure - state.factor * problem.external_pressure
     a = pad.assemble(q, net, state.factor)
-    assert isinstance(a.tangent, BlockBanded)
-    free = np.flatnonzero(pad.topology.free)
-
-    def sheets(q: Array) -> Array:
-        found = pad.sampled(q, _SAMPLES)
-        rows = found.inner_displacement, found.mid_displacement, found.outer_displacement
-        return jnp.stack(rows)[..., 0]
+    free = free_unknowns(pad)
+    none = Densities(0.0, 0.0, 0.0, 0.0), jnp.zeros((HARMONICS, HARMONICS))
+    near = MovingPad.near(pad, geometry, *none, q)
+    grid, section = pad.sampled(q, SAMPLES), geometry.section
 
     def moved_by(index: Array) -> Array:
-        return move(jnp.zeros(q.size).at[index].set(1.0).reshape(q.shape))
+        return near.push(jnp.zeros(q.size).at[index].set(1.0).reshape(q.shape))
 
-    moved, move = jax.linearize(sheets, q)
-    grid = pad.sampled(q, _SAMPLES)
-    angle, axial, section = grid.angle, grid.axial[..., 0], geometry.section
-    foot, height = section.foot(section.inner_face(angle) + grid.inner_displacement[:2], angle)
     return {
-        "bands": a.tangent.bands[0],
+        "stiffness": dense(a.tangent, free),
         "volume": a.volume_gradient.reshape(-1)[free],
         "compliance": problem.oil.compliance(state.pressure, pad.film_volume)[0],
-        "inner": section.inner_face(angle)[..., 0],
-        "middle": section.mid_line(angle)[..., 0],
-        "normal": section.frame(angle).normal[..., 0],
-        "displaced": moved,
-        "moved": jax.lax.map(moved_by, jnp.asarray(free), batch_size=_BATCH),
-        "gap": (height + geometry.gap(foot))[..., 0],
-        "thickness": jnp.broadcast_to(section.thickness(angle), angle.shape)[..., 0],
-        "axial": axial,
-        "angle": jnp.rad2deg(section.given_angle(angle[:, 0, 0])),
+        "faces": near.faces,
+        "moved": jax.lax.map(moved_by, jnp.asarray(free), batch_size=BATCH),
+        "gap": near.gap,
+        "thickness": jnp.broadcast_to(section.thickness(grid.angle), grid.angle.shape)[..., 0],
+        "axial": grid.axial[0, :, 0],
+        "angle": jnp.rad2deg(section.given_angle(grid.angle[:, 0, 0])),
     }
 
 
@@ -143,33 +124,12 @@ def pad_motion(solution: Solution) -> PadMotion:
     """
     scene = structure_of(solution.scene, wall=solution.wall)
     inputs = inputs_of(solution.scene)
-    found = COMPILED.run(
-        _program, scene, solution.plan, inputs, solution.state, once=True, long=True
-    )
-    x = {key: np.asarray(value) for key, value in found.items()}
-    problem = solution.problem()
-    assert isinstance(problem.mechanics, Pad)
-    free = np.flatnonzero(problem.mechanics.topology.free)
-    outer = x["middle"] + x["thickness"] / 2 * x["normal"]
-    sheets = []
-    for k, rest in enumerate((x["inner"], x["middle"], outer)):
-        position = np.concatenate([rest, x["axial"][None]]) + x["displaced"][k]
-        sheets.append(Sheet(position, x["moved"][:, k]))
-    stiffness, compliance = _dense(x["bands"])[np.ix_(free, free)], float(x["compliance"])
-    inner, middle, outer = sheets
-    film = x["gap"], x["thickness"], x["angle"], x["axial"][0]
-    return PadMotion(stiffness, x["volume"], compliance, inner, middle, outer, *film)
-
-
-def _dense(bands: Float[np.ndarray, "station 4 dof dof"]) -> np.ndarray:
-    """The whole matrix, unknowns in the order of a station vector."""
-    stations, _, dof, _ = bands.shape
-    full = np.zeros((dof, stations, dof, stations))
-    for o in range(min(REACH + 1, stations)):
-        for s in range(stations - o):
-            full[:, s + o, :, s] = bands[s, o]
-            full[:, s, :, s + o] = bands[s, o].T
-    return full.reshape(dof * stations, -1)
+    given = scene, solution.plan, inputs, solution.state
+    x = jax.tree.map(np.asarray, COMPILED.run(_program, *given, once=True, long=True))
+    inner, middle, outer = (Sheet(x["faces"][k], x["moved"][:, k]) for k in range(3))
+    film = x["gap"], x["thickness"], x["angle"], x["axial"]
+    found = x["stiffness"], x["volume"], float(x["compliance"])
+    return PadMotion(*found, inner, middle, outer, *film)
 
 
 def pad_inertia(motion: PadMotion, given: Densities) -> Inertia:
@@ -182,48 +142,20 @@ def pad_inertia(motion: PadMotion, given: Densities) -> Inertia:
     area = np.linalg.norm(motion.inner.areas(), axis=0)
     room = (gap * area).ravel()
     swept -= room[:, None] / np.sum(room) * np.sum(swept, 0)
-    film, damping = (
-        swept.T @ _potential(motion.inner.position, conductance, swept)
-        for conductance in (gap, gap**3)
-    )
+    source = jnp.asarray(swept).reshape(*gap.shape, -1)
+
+    def form(oil: Number, viscosity: Number) -> Matrix:
+        """Of oil that is kept from flowing by either."""
+        fluid = Densities(oil, viscosity, 0.0, 0.0)
+        position, film = jnp.asarray(motion.inner.position), jnp.asarray(gap)
+        pressure = Links.over(position, film, fluid, jnp.ones(())).potential(source)
+        return swept.T @ np.asarray(pressure).reshape(swept.shape)
+
     mass = motion.thickness * np.linalg.norm(motion.middle.areas(), axis=0)
     moved = (motion.middle.moved * np.sqrt(mass)).reshape(len(swept.T), -1)
     membrane = given.membrane * moved @ moved.T
     water = given.water * _outside(motion)
-    return Inertia(given.oil * film, membrane, water, 12 * given.viscosity * damping)
-
-
-def _potential(
-    position: Float[np.ndarray, "3 arc axial"],
-    conductance: Float[np.ndarray, "arc axial"],
-    source: Float[np.ndarray, "sample right"],
-) -> Float[np.ndarray, "sample right"]:
-    """Potential whose flux leaves every sample with what it has, none through the edges."""
-    arc, axial = conductance.shape
-    index = np.arange(arc * axial).reshape(arc, axial)
-    lengths = [np.linalg.norm(np.diff(position, axis=k), axis=0) for k in (1, 2)]
-    rows, columns, weights = [], [], []
-    for axis in (0, 1):
-        first, second = (
-            np.take(index, range(k, index.shape[axis] - 1 + k), axis) for k in (0, 1)
-        )
-        # Width of the strip that a sample's flux has: half of either length beside it.
-        beside, other = lengths[1 - axis], 1 - axis
-        ends = [[(0, 0)] * other + [pad] + [(0, 0)] * axis for pad in ((1, 0), (0, 1))]
-        width = sum(np.pad(beside, end) for end in ends) / 2
-        through = (conductance * width).ravel()
-        mean = (through[first] + through[second]) / 2 / lengths[axis]
-        rows.append(first.ravel())
-        columns.append(second.ravel())
-        weights.append(mean.ravel())
-    i, j, w = (np.concatenate(x) for x in (rows, columns, weights))
-    size = index.size
-    half = scipy.sparse.coo_matrix((w, (i, j)), (size, size)).tocsr()
-    links = half + half.T
-    laplacian = scipy.sparse.diags(np.asarray(links.sum(1)).ravel()) - links
-    # The potential is known but for a constant: it is zero at the last sample.
-    solver = scipy.sparse.linalg.splu(laplacian[:-1, :-1].tocsc())
-    return np.concatenate([solver.solve(source[:-1]), np.zeros_like(source[:1])])
+    return Inertia(form(given.oil, 0.0), membrane, water, form(0.0, given.viscosity))
 
 
 def _outside(motion: PadMotion) -> Matrix:
@@ -233,19 +165,28 @@ def _outside(motion: PadMotion) -> Matrix:
     middle = position[:, :, axial // 2]
     s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(middle, axis=1), axis=0)))
     z = motion.axial - motion.axial[0]
-    radius, width = s[-1] / np.pi, z[-1]
-    n, m = np.arange(_HARMONICS), np.arange(_HARMONICS)
+    width = z[-1]
+    n, m = np.arange(HARMONICS), np.arange(HARMONICS)
     around = np.cos(n[:, None] * np.pi * s / s[-1])
     along = np.cos(m[:, None] * np.pi * z / width)
     flux = np.einsum(
         "ni,mj,iju->nmu", around, along, swept.reshape(arc, axial, -1), optimize=True
     )
-    norms = np.outer(np.where(n > 0, s[-1] / 2, s[-1]), np.where(m > 0, width / 2, width))
-    x = m * np.pi / width * radius
-    weights = added_mass(n[:, None], x[None]) * radius / norms
+    weights = outside_of(s[-1], width)
     rows = flux.reshape(-1, flux.shape[-1])
     form: np.ndarray = rows.T @ (weights.ravel()[:, None] * rows)
     return form
+
+
+def outside_of(arc: float, width: float) -> Float[np.ndarray, "harmonic harmonic"]:
+    """Added mass of what harmonics along arc and axis sweep, per density [1/m^3].
+
+    `arc`: length of the outer face from clamp to clamp [m]. `width`: of the pad [m].
+    """
+    n, m = np.arange(HARMONICS), np.arange(HARMONICS)
+    norms = np.outer(np.where(n > 0, arc / 2, arc), np.where(m > 0, width / 2, width))
+    x = m * arc / width
+    return added_mass(n[:, None], x[None]) * arc / np.pi / norms
 
 
 def added_mass(n: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -256,10 +197,3 @@ def added_mass(n: np.ndarray, x: np.ndarray) -> np.ndarray:
     plane = np.where(n > 0, 1 / np.maximum(n, 1), 0.0)
     found: np.ndarray = np.where(x > 0, far, plane)
     return found
-
-
-def _ends(count: int) -> np.ndarray:
-    """Ones, halves at both ends."""
-    weights = np.ones(count)
-    weights[[0, -1]] = 0.5
-    return weights

@@ -1,4 +1,4 @@
-"""One step of a section in motion, of order two: TR-BDF2.
+"""One step of a skin in motion, of order two: TR-BDF2.
 
 A trapezoidal rule and a backward difference let what is too fast for a step fade (M. E. Hosea,
 L. F. Shampine, Applied Numerical Mathematics 20 (1996), 21-37); after a jump of the loads,
@@ -16,14 +16,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from suas_jax.constitutive.relaxation import Past
-from suas_jax.dynamics.driven import (
-    Travels,
-    Values,
-)
-from suas_jax.dynamics.inertia import (
-    Flow,
-)
-from suas_jax.dynamics.moving_skin import Base, Half, Inverse, MovingSkin
+from suas_jax.dynamics.driven import Travels, Values
+from suas_jax.dynamics.half_step import Base, Half, Inverse
+from suas_jax.dynamics.moving_skin import MovingSkin
 from suas_jax.equilibrium.balance import State
 from suas_jax.numerics.array_types import StationVector
 
@@ -38,11 +33,13 @@ class Moving(NamedTuple):
     time: Float[Array, ""]  # [s]
     step: Float[Array, ""]  # that is tried next [s]
     values: Values  # that the history changes
-    travels: Travels  # none
+    travels: Travels  # of bodies that forces press
+    share: Float[Array, " body"]  # see `Half`
     state: State  # unknowns and pressure
     velocity: StationVector  # of the unknowns
-    flow: Flow  # velocities of oil and faces
-    rate: Flow  # of the flow
+    flow: Any  # velocities of oil and faces
+    rate: Any  # of the flow
+    outside: Float[Array, "harmonic harmonic"]  # added mass of a pad's water
     past: Past  # what the material remembers
     jumped: Bool[Array, ""]  # whether the rate is not known, as after a jump
     inverse: Inverse  # made last
@@ -96,7 +93,6 @@ def tried(
     now: Moving,
     step: Array,
     values: Callable[[Array], Values],
-    inverse: Inverse,
 ) -> Trial:
     """Both halves of a step."""
     series = moving.skin.series
@@ -105,7 +101,10 @@ def tried(
     )
     exact = _EXACT_STEP * now.largest
     none = jnp.zeros((), jnp.int32)
-    begin = Half(now.state, now.velocity, now.flow, now.rate, none, 0 * step, jnp.asarray(True))
+    begin = Half(
+        *(now.state, now.velocity, now.flow, now.rate, now.travels.length, now.share),
+        *(none, now.inverse, jnp.asarray(True)),
+    )
 
     def based(x: Any, first: Any, before: Any, weights: tuple[Array, Array]) -> Any:
         a, b = (step * w for w in weights)
@@ -121,14 +120,10 @@ def tried(
             LENGTH * step,
         )
         given = values(stage.end)
-        body = moving.at(given, past.seen(series, elapsed))
         guess = last.state._replace(q=base.q + base.length * last.velocity)
-        found = body.found(base, guess, inverse, exact)
-        found = found._replace(
-            corrections=found.corrections + last.corrections,
-            ratio=jnp.maximum(found.ratio, last.ratio),
-            good=found.good & last.good,
-        )
+        begin = last._replace(state=guess)
+        found = moving.half(given, past, elapsed, base, begin, exact)
+        found = found._replace(good=found.good & last.good)
         stress = moving.stress(given, found.state.q)
         past = past.after(series, elapsed, stress)
         return (found, past, stage.end), (found.velocity, stress)
@@ -138,6 +133,8 @@ def tried(
     end, past, _ = carry
     rates = jnp.concatenate([now.velocity[None], velocities])
     wrong = step * jnp.tensordot(stages.wrong, rates, 1)
+    body = moving.at(values(jnp.ones(())), now.past.seen(series, step))
+    wrong = body.lasting(end, wrong)
     middle = stages.end[0]
     slopes = (
         (stresses[0] - now.past.stress) / middle,

@@ -1,6 +1,6 @@
-"""A section in motion followed through time: steps as long as their error allows.
+"""A skin in motion followed through time: steps as long as their error allows.
 
-What balances is in `suas_jax.dynamics.moving_skin`, a step of it in
+What balances is in `suas_jax.dynamics.half_step`, a step of it in
 `suas_jax.dynamics.tr_bdf2`.
 """
 
@@ -11,49 +11,77 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from suas_jax.dynamics.driven import DrivenSkin, Values
-from suas_jax.dynamics.inertia import flow_of
+from suas_jax.config import SceneSpec
+from suas_jax.constitutive.relaxation import Past
+from suas_jax.dynamics.driven import DrivenSkin, Values, membrane_of
+from suas_jax.dynamics.half_step import Inverse
 from suas_jax.dynamics.motion import free_unknowns
-from suas_jax.dynamics.moving_skin import Inverse, MovingSkin
+from suas_jax.dynamics.moving_skin import MovingSkin
 from suas_jax.dynamics.steps import MOST_STEPS, Rows, begun, bend_weight, observed_at
-from suas_jax.dynamics.tr_bdf2 import LENGTH, Moving, tried
+from suas_jax.dynamics.tr_bdf2 import Moving, tried
 from suas_jax.equilibrium.outcomes import index_of
+from suas_jax.mechanics.model import AbstractPlan
+from suas_jax.scene.structure import Inputs, Structure
 
-_SLOW = 0.75  # ratio of corrections from which on an inverse is made anew
-_OTHER_STEP = 0.2  # difference of steps that an inverse serves
 _LONGER, _WORTH, _SHORTER = 4.0, 2.5, 0.2  # of the next step
 _SMALLEST = 1e-12  # step over a row at which the history is given up
 
 
+def moving_part(scene: SceneSpec, plan: AbstractPlan) -> AbstractPlan:
+    """The part of a mesh whose motion is followed: of a symmetric pad the half or quarter.
+
+    A past is known of the whole alone.
+    """
+    whole = plan.dimension == 2 or scene.material.relaxation is not None
+    return plan if whole else plan.reduced()
+
+
+def _whole(skin: DrivenSkin, moves: DrivenSkin, now: Moving) -> Moving:
+    """A part in motion as the whole pad."""
+    part = moves.problem(now.values, now.travels).mechanics
+    q = part.mirrored(now.state.q)
+    stress = membrane_of(skin.problem(now.values, now.travels)).deviator(q)
+    past = Past.none(skin.series, stress.shape)._replace(stress=stress)
+    return now._replace(state=now.state._replace(q=q), past=past)
+
+
 @eqx.filter_jit
 def film_at_rest(
-    scene: Any, plan: Any, inputs: Any, time: Array, values: Values, scale: Array
+    scene: Structure,
+    plan: AbstractPlan,
+    inputs: Inputs,
+    time: Array,
+    values: Values,
+    scale: Array,
+    outside: Array,
 ) -> Moving:
     """A skin that has always been at rest, before it moves.
 
     `scene`: with the instantaneous response of its material. `plan`: mesh of the whole section.
     `inputs`: the scene's numbers. `time`: [s]. `values`: without loads. `scale`: displacement
-    that counts [m].
+    that counts [m]. `outside`: added mass of a pad's water, see `pad.outside_of`.
     """
-    skin = DrivenSkin.of(scene, plan, inputs, values)
+    skin = DrivenSkin.of(scene, moving_part(scene.scene, plan), inputs, values)
     rest = begun(skin, time, values)
-    moving = MovingSkin.of(skin)
+    moving = MovingSkin.of(skin, outside)
     body = moving.at(values, rest.past.relaxed(skin.series))
-    near = body.sampling.near(rest.state.q)
-    still = flow_of(near.at, near.push(0 * rest.state.q), body.sampling.water)
-    size = len(free_unknowns(body.shell)) + 1
+    still, bodies = body.near(rest.state.q).still, len(moving.pressed)
+    size = len(free_unknowns(body.problem.mechanics)) + 1 + bodies
+    none = jnp.zeros(bodies, bool)
     return Moving(
         rest.time,
         rest.step,
         rest.values,
         rest.travels,
+        jnp.ones(bodies),
         rest.state,
         jnp.zeros_like(rest.state.q),
         still,
         still,
+        jnp.asarray(outside, float),
         rest.past,
         jnp.asarray(True),
-        Inverse(jnp.zeros((size, size)), jnp.zeros(())),
+        Inverse(jnp.zeros((size, size)), jnp.zeros(()), none),
         rest.error,
         jnp.asarray(scale, float),
         rest.largest,
@@ -65,11 +93,18 @@ def film_at_rest(
 
 @eqx.filter_jit
 def through_film(
-    scene: Any, plan: Any, inputs: Any, rows: Rows, start: Moving, tolerance: Array
+    scene: Structure,
+    plan: AbstractPlan,
+    inputs: Inputs,
+    rows: Rows,
+    start: Moving,
+    tolerance: Array,
 ) -> tuple[dict[str, Any], dict[str, Array], Moving]:
     """Follow a history through some rows; as `steps.through`, of a skin in motion."""
     skin = DrivenSkin.of(scene, plan, inputs, rows.final)
-    moving = MovingSkin.of(skin)
+    part = moving_part(scene.scene, plan)
+    moves = skin if part is plan else DrivenSkin.of(scene, part, inputs, rows.final)
+    moving = MovingSkin.of(moves, start.outside)
 
     def visit(now: Moving, row: Rows) -> tuple[Moving, Any]:
         now = now._replace(iterations=0 * now.iterations, steps=0 * now.steps)
@@ -89,7 +124,7 @@ def through_film(
         late = (now.time < row.end) & (now.result == 0)
         result = jnp.where(late, index_of("max_steps"), now.result)
         now = now._replace(result=result.astype(now.result.dtype))
-        return now, observed_at(skin, now)
+        return now, observed_at(skin, now if part is plan else _whole(skin, moves, now))
 
     end, (reports, outcomes) = jax.lax.scan(visit, start, rows)
     return reports, outcomes, end
@@ -107,20 +142,12 @@ def _step(moving: MovingSkin, now: Moving, row: Rows, tolerance: Array) -> Movin
         over = jnp.minimum(over, 1.0)
         return jax.tree.map(lambda a, b: a + over * (b - a), row.first, row.final)
 
-    length = LENGTH * step
-    stale = jnp.abs(length / jnp.maximum(now.inverse.step, 1e-300) - 1) > _OTHER_STEP
-
-    def anew() -> Inverse:
-        body = moving.at(values(jnp.zeros(())), now.past.seen(series, length))
-        return body.inverse(now.state, now.velocity, length)
-
-    inverse = jax.lax.cond(stale, anew, lambda: now.inverse)
-    trial = tried(moving, now, step, values, inverse)
+    trial = tried(moving, now, step, values)
     end = trial.half
-    largest = jnp.maximum(now.largest, jnp.max(jnp.abs(end.state.q[:2])))
+    largest = jnp.maximum(now.largest, moving.size(end.state.q))
     strongest = jnp.maximum(now.stress, trial.stress)
     fades = jnp.sum(series.g * bend_weight(step / series.tau))
-    error = jnp.max(jnp.abs(trial.wrong[:2])) / largest
+    error = moving.size(trial.wrong) / largest
     error += fades * trial.bend / jnp.maximum(strongest, 1e-300)
     good = trial.good & (error <= tolerance)
     ratio = 0.9 * (tolerance / jnp.maximum(error, 1e-300)) ** (1 / 3)
@@ -129,15 +156,12 @@ def _step(moving: MovingSkin, now: Moving, row: Rows, tolerance: Array) -> Movin
     longer = jnp.where(ratio > _WORTH, jnp.minimum(ratio, _LONGER) * step, wanted)
     longer = jnp.where(now.step > left, jnp.maximum(longer, _finite(now.step)), longer)
     shorter = jnp.where(trial.good, jnp.maximum(ratio, _SHORTER) * step, _SHORTER * step)
-    # An inverse that fails is made anew before a step is made shorter.
-    shorter = jnp.where(trial.good | stale, shorter, wanted)
-    poor = ~trial.good | (end.ratio > _SLOW)
-    inverse = inverse._replace(step=jnp.where(poor, 0.0, inverse.step))
     ended = ~good & (shorter < _SMALLEST * (row.end - row.begin))
     result = jnp.where(ended, index_of("no_convergence"), now.result)
+    again = jnp.where(trial.good, end.inverse.step, 0.0)
     missed = now._replace(
         step=shorter,
-        inverse=inverse,
+        inverse=end.inverse._replace(step=again),
         iterations=now.iterations + end.corrections,
         steps=now.steps + 1,
         result=result.astype(now.result.dtype),
@@ -146,14 +170,16 @@ def _step(moving: MovingSkin, now: Moving, row: Rows, tolerance: Array) -> Movin
         jnp.where(step >= left, row.end, now.time + step),
         longer,
         values(jnp.ones(())),
-        now.travels,
+        now.travels._replace(length=end.travel),
+        end.share,
         end.state,
         end.velocity,
         end.flow,
         end.rate,
+        now.outside,
         trial.past,
         jnp.asarray(False),
-        inverse,
+        end.inverse,
         now.error + error,
         largest,
         strongest,

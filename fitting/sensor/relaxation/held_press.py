@@ -99,6 +99,9 @@ def _held(data: SensorData, k: int) -> HeldPress:
     so, deviation = _averaged(data.so[:, own], starts)
     low, high = (np.where(np.isfinite(so), so, x) for x in (np.inf, -np.inf))
     so[~(high.max(1) - low.min(1) > _MOVES * np.median(deviation, 1))] = np.nan
+    # The oil's film has come to rest long before a hold is over.
+    material = data.spec.material.model_copy(update={"density": None})
+    spec |= {"material": material}
     held = HeldPress(
         SceneSpec(**spec, load=(at,), solve=SolveSpec(model="shell")),
         "depth_m" if loads.bodies else "force_N",

@@ -93,7 +93,12 @@ class Pad(AbstractMechanics):
 
     def unknowns(self) -> int:
         """Free control displacements."""
-        return int(self.topology.free.sum())
+        return int(self.free.sum())
+
+    @property
+    def free(self) -> np.ndarray:
+        """Mask of the unknowns that may move, of the shape of a station vector."""
+        return self.topology.free
 
     def contact_energy(self, q: StationVector, factor: Lanes | float = 1.0) -> Lanes:
         """Energy of contact with wall and bodies [J]; see the base class."""

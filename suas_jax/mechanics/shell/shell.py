@@ -143,7 +143,12 @@ class Shell(AbstractPlaneStrain):
 
     def unknowns(self) -> int:
         """Free displacements and slopes."""
-        return int(self.elements.free().sum())
+        return int(self.free.sum())
+
+    @property
+    def free(self) -> np.ndarray:
+        """Mask of the unknowns that may move, of the shape of a station vector."""
+        return self.elements.free()
 
     def _points(
         self, xi: np.ndarray, d: Float[Array, "point*order component element lane"]
