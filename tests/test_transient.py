@@ -143,6 +143,7 @@ def pressed(**load: Any) -> SceneSpec:
     return with_solve(scene_from_dict(data, base=SCENES), model="shell", elements=16)
 
 
+@pytest.mark.long  # programs of bodies; steps in the closed forms above
 def test_a_plate_that_is_driven_held_and_withdrawn() -> None:
     plate = pressed(shape="plate", depth="2 mm")
     time = [0.0, 0.01, 0.02, 2e3, 2e3 + 5e-3, 2e3 + 6e-3]
@@ -167,6 +168,7 @@ def test_a_plate_that_is_driven_held_and_withdrawn() -> None:
         assert point["max_displacement_m"] > 1e-4
 
 
+@pytest.mark.long  # a program of bodies that forces press; steps in the closed forms above
 def test_a_cylinder_that_taps_by_force_moves_the_skin_as_the_force_does() -> None:
     """On a thin skin the radius hardly matters; and its travel stays at the skin."""
     time = [0.0, 0.005, 0.01, 0.02, 0.03, 0.04]

@@ -40,7 +40,9 @@ _MOST_CORRECTIONS = 30
 _EXACT = 1e-12  # correction of the volume that does not count, over the film's
 _OTHER_STEP = 0.2  # difference of steps that an inverse serves
 _SLOW = 0.5  # ratio of corrections from which on an inverse is made anew
-_NEAR = 1e-4  # how deep a body that touches nothing is moved in, in thicknesses
+# How deep a body that touches nothing is moved in, and how far off one without a force stays, in
+# thicknesses.
+_NEAR = 1e-4
 
 
 class Inverse(NamedTuple):
@@ -204,7 +206,7 @@ class Body:
             carried = self._carried(at.y.stations, at.travel)
             apart = self._apart(at.y.stations, at.travel)
             held = (carried > 0) & (wanted > 0)
-            idle = -apart - jnp.where(wanted > 0, _NEAR * thick, 0.0)
+            idle = -apart - jnp.where(wanted > 0, 1.0, -1.0) * _NEAR * thick
             forces = jnp.where(held, carried - wanted, idle)
             right = (wrong.stations + own).reshape(-1)[free]
             right = jnp.concatenate([right, defect, forces])
