@@ -40,8 +40,8 @@ _MOST_CORRECTIONS = 30
 _EXACT = 1e-12  # correction of the volume that does not count, over the film's
 _OTHER_STEP = 0.2  # difference of steps that an inverse serves
 _SLOW = 0.5  # ratio of corrections from which on an inverse is made anew
-# How deep a body that touches nothing is moved in, and how far off one without a force stays, in
-# thicknesses.
+# In thicknesses: how deep a body that touches nothing is moved in, and how far off the skin one
+# without a force stays.
 _NEAR = 1e-4
 
 
