@@ -116,7 +116,7 @@ def test_a_large_swing_keeps_the_oil_and_comes_to_rest_where_statics_has_it() ->
 def film(scene: SceneSpec, time: list[float], force: list[float]) -> Any:
     course = Course.of(scene, history_of(time, force_N=force))
     plan = plan_for(scene, "shell", (16,))
-    return film_of(course.scene, course.largest, plan, course.time, course.values, course.rest)
+    return film_of(course.scene, plan, course.time, course.values, course.rest)
 
 
 def test_the_film_is_left_out_where_the_history_is_slow() -> None:
@@ -190,7 +190,7 @@ def test_a_travel_that_jumps_is_told() -> None:
     plate = pressed(shape="plate", depth="2 mm")
     course = Course.of(plate, history_of([0.0, 1.0], depth_m=[1e-3, 2e-3]))
     plan = plan_for(plate, "shell", (16,))
-    found = film_of(course.scene, course.largest, plan, course.time, course.values, course.rest)
+    found = film_of(course.scene, plan, course.time, course.values, course.rest)
     assert not found.included
     assert "travel jumps" in found.message
 

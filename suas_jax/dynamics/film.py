@@ -36,7 +36,6 @@ class Film(NamedTuple):
 
 def film_of(
     scene: SceneSpec,  # what the history changes
-    largest: SceneSpec,  # the same under its largest loads
     plan: AbstractPlan,  # mesh of the whole section
     time: Float[np.ndarray, " row"],  # of the rows [s]
     values: Mapping[str, Float[np.ndarray, " row"]],  # numbers that change, one a row

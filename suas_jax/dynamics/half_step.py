@@ -76,7 +76,7 @@ class Base(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Body:
+class SkinAtMoment:
     """A skin at some values, its membrane answering as its past has it."""
 
     problem: Problem  # membrane, oil and loads

@@ -145,7 +145,7 @@ def history_sweep(scene: SceneSpec, history: History, gradient: str | None = Non
     course = Course.of(scene, history)
     errors = _Errors.at(course.largest)
     changes = course.time, course.values, course.rest
-    film = film_of(course.scene, course.largest, errors.plan, *changes)
+    film = film_of(course.scene, errors.plan, *changes)
     fewer = _fewer(course.scene, errors.plan) if film.included else None
     if fewer is not None:
         errors = _Errors.at(course.largest, fewer)

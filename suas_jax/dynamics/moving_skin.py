@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from suas_jax.constitutive.relaxation import Past, Response
 from suas_jax.dynamics.driven import DrivenSkin, Values, answering, membrane_of
-from suas_jax.dynamics.half_step import Base, Body, Half
+from suas_jax.dynamics.half_step import Base, Half, SkinAtMoment
 from suas_jax.dynamics.inertia import Densities, densities_of
 from suas_jax.numerics.array_types import StationVector
 
@@ -46,12 +46,12 @@ class MovingSkin:
         """Largest displacement among unknowns [m]."""
         return jnp.max(jnp.abs(q[:2] if self.skin.plan.dimension == 2 else q))
 
-    def at(self, values: Values, response: Response) -> Body:
+    def at(self, values: Values, response: Response) -> SkinAtMoment:
         """The skin at some values, answering as its past has it."""
         parts, problem = self.skin.parts(values, self.skin.no_travels)
         problem, level = answering(problem, response), self.skin.level(values)
         geometry = parts.skin.geometry
-        return Body(problem, level, geometry, self.given, self.outside, self.pressed)
+        return SkinAtMoment(problem, level, geometry, self.given, self.outside, self.pressed)
 
     def half(
         self,
@@ -68,18 +68,18 @@ class MovingSkin:
         balance have not: their ratio is found by repetition, and hardly changes.
         """
         series = self.skin.series
-        body = self.at(values, past.seen(series, elapsed))
+        moment = self.at(values, past.seen(series, elapsed))
         if not self.pressed:
-            return body.found(base, last, exact, last.share)
+            return moment.found(base, last, exact, last.share)
         wanted = jnp.stack(
             [jnp.reshape(values[f"load.{i}.force"], ()) for i in self.skin.pressed]
         )
-        scale = wanted / body.scale
+        scale = wanted / moment.scale
         one = jnp.where(wanted > 0, wanted, 1.0)
 
         def attempt(at: tuple[Half, Array, Array]) -> tuple[Half, Array, Array]:
             half, _, tries = at
-            half = body.found(base, half, exact, half.share * scale)
+            half = moment.found(base, half, exact, half.share * scale)
             travels = self.skin.no_travels._replace(length=half.travel)
             parts, problem = self.skin.parts(values, travels)
             stress = membrane_of(problem).deviator(half.state.q)

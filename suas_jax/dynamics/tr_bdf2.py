@@ -133,8 +133,8 @@ def tried(
     end, past, _ = carry
     rates = jnp.concatenate([now.velocity[None], velocities])
     wrong = step * jnp.tensordot(stages.wrong, rates, 1)
-    body = moving.at(values(jnp.ones(())), now.past.seen(series, step))
-    wrong = body.lasting(end, wrong)
+    moment = moving.at(values(jnp.ones(())), now.past.seen(series, step))
+    wrong = moment.lasting(end, wrong)
     middle = stages.end[0]
     slopes = (
         (stresses[0] - now.past.stress) / middle,

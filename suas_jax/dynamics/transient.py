@@ -64,9 +64,9 @@ def film_at_rest(
     skin = DrivenSkin.of(scene, moving_part(scene.scene, plan), inputs, values)
     rest = begun(skin, time, values)
     moving = MovingSkin.of(skin, outside)
-    body = moving.at(values, rest.past.relaxed(skin.series))
-    still, bodies = body.near(rest.state.q).still, len(moving.pressed)
-    size = len(free_unknowns(body.problem.mechanics)) + 1 + bodies
+    moment = moving.at(values, rest.past.relaxed(skin.series))
+    still, bodies = moment.near(rest.state.q).still, len(moving.pressed)
+    size = len(free_unknowns(moment.problem.mechanics)) + 1 + bodies
     none = jnp.zeros(bodies, bool)
     return Moving(
         rest.time,

@@ -83,7 +83,7 @@ class AbstractMechanics(eqx.Module):
         growth: free size of the membrane over that of its seat; None where it fits.
         bodies: what is pressed on the outer face.
         omitted_margin: share of the first-order effect of what is left out that the rest rarely
-            exceeds; for plane strain from a study of random scenes, see docs/errors.md.
+            exceeds; for plane strain from a study of random scenes, see docs/errors_method.md.
         omitted_floor: relative error that may remain where first-order effects cancel by
             chance.
         omitted_at_wall: relative error that remains where the wall carries all of the loads,

@@ -56,7 +56,7 @@ class Pad(AbstractMechanics):
 
     per_width: ClassVar[bool] = False
     corrected: ClassVar[bool] = True
-    omitted_at_wall: ClassVar[float] = 0.02  # from the solid, see docs/pad.md
+    omitted_at_wall: ClassVar[float] = 0.02  # from the solid, see docs/pad_method.md
     # order four at least; the finer solution's own error is a sixteenth
     error_shares: ClassVar[tuple[float, ...]] = (16 / 15,)
     law: AbstractLaw  # the membrane's material
