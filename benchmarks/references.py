@@ -138,11 +138,12 @@ def body(row: Row) -> tuple[dict[str, Any], Errors]:
     )
 
 
-FILES: dict[str, Callable[[Row], tuple[dict[str, Any], Errors]]] = {
-    "arch.csv": arch,
-    "profile2d.csv": profile,
-    "contact2d.csv": contact,
-    "indenter2d.csv": body,
+# With how well each reference is known, by its header: to another program or a coarser mesh.
+FILES: dict[str, tuple[Callable[[Row], tuple[dict[str, Any], Errors]], float]] = {
+    "arch.csv": (arch, 3e-4),
+    "profile2d.csv": (profile, 2e-4),
+    "contact2d.csv": (contact, 2e-4),
+    "indenter2d.csv": (body, 5e-4),
 }
 
 
@@ -150,10 +151,12 @@ def main() -> None:
     """Print every row, and write the table of all."""
     configure()
     wanted = sys.argv[1:] or [""]
-    lines = ["| reference | rows | by the solid | largest true error | stated there |"]
-    lines.append("|---|---|---|---|---|")
+    lines = [
+        "| reference | known to | rows | by the solid | largest true error | stated there |",
+        "|---|---|---|---|---|---|",
+    ]
     beyond = 0
-    for name, compared in FILES.items():
+    for name, (compared, known) in FILES.items():
         if not any(word in name for word in wanted):
             continue
         found = []
@@ -162,12 +165,13 @@ def main() -> None:
             worst = max(errors, key=lambda key: errors[key])
             stated = report["error_estimate"]
             found.append((errors[worst], stated, report["model"]))
-            beyond += errors[worst] > stated
+            beyond += errors[worst] > stated + known
             told = {key: f"{value:.1e}" for key, value in errors.items()}
             print(name, report["model"], report["status"], f"stated {stated:.1e}", told)
         true, stated, _ = max(found)
         solids = sum(model == "solid" for *_, model in found)
-        lines.append(f"| {name} | {len(found)} | {solids} | {true:.1e} | {stated:.1e} |")
+        cells = f"{known:.0e} | {len(found)} | {solids} | {true:.1e} | {stated:.1e}"
+        lines.append(f"| {name} | {cells} |")
     print("\n".join(lines), f"\nbeyond what is stated: {beyond}")
     if wanted == [""]:
         write_section("validation.md", "references", lines)
