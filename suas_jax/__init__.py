@@ -16,7 +16,7 @@ _HOMES = {
     "continuous_inputs": "suas_jax.config",
     "forward": "suas_jax.scene.forward",
     "gradient": "suas_jax.scene.gradient",
-    "history_of": "suas_jax.dynamics.history",
+    "history_of": "suas_jax.dynamics.history_table",
     "history_sweep": "suas_jax.dynamics.history",
     "jit": "suas_jax.runtime.jit",
     "load_jacobian": "suas_jax.scene.forward",

@@ -58,7 +58,7 @@ from suas_jax.scene.program import prepared, run_program, structure_of
 from suas_jax.scene.solve import Solution, solve
 from suas_jax.scene.sweep import SweepError, sweep
 from suas_jax.scene.travel import under_forces
-from suas_jax.skin.body import AbstractShape, Box, Plate, Round, Wedge
+from suas_jax.skin.body_shapes import AbstractShape, Box, Plate, Round, Wedge
 from suas_jax.skin.wall import Wall
 
 CYLINDER = {"shape": "cylinder", "radius": "10 mm"}

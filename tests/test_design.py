@@ -12,7 +12,8 @@ from fitting.datasheet.variants import STEP
 from fitting.design.design import designed_skin
 from fitting.design.front import front
 from fitting.design.problem import Outcome, bound_of_units
-from fitting.design.search import search
+from fitting.design.resume import KeptSearches
+from fitting.design.search import Found, search
 from fitting.design.want import Front, Limit, Variable, Want, load_want
 from suas_jax.config import ConfigError, continuous_inputs, load_skin
 
@@ -78,6 +79,44 @@ def test_searches_of_workers_are_those_of_this_process() -> None:
     assert by_workers.calls == alone.calls > 3
     for found, expected in zip(by_workers.trials, alone.trials, strict=True):
         np.testing.assert_array_equal(found.x, expected.x)
+
+
+class _StopError(Exception):
+    """What ends a program from outside."""
+
+
+class _Stopped(Problem):
+    def __call__(self, x: Any) -> Outcome:
+        """Figures, of the first designs."""
+        if len(self.asked) > 12:
+            raise _StopError
+        return super().__call__(x)
+
+
+def test_a_design_goes_on_from_the_searches_that_ended(tmp_path: Path) -> None:
+    file, skin = tmp_path / "searches.json", load_skin(ROOT / "configs" / "skins" / "suas.toml")
+
+    def searched(problem: Problem, *, again: bool = True) -> Found:
+        problem.want = dataclasses.replace(problem.want, spec=skin)
+        return search(problem, kept=KeptSearches(file) if again else None)  # type: ignore[arg-type]
+
+    whole, rest, nothing = Problem(5), Problem(5), Problem(5)
+    expected = searched(whole, again=False)
+    with pytest.raises(_StopError):
+        searched(_Stopped(5))
+    found = searched(rest)
+    assert 0 < len(rest.asked) < len(whole.asked)
+    np.testing.assert_array_equal(found.x, expected.x)
+    assert (found.prices, found.calls) == (expected.prices, expected.calls)
+    searched(nothing)
+    assert not nothing.asked
+    # Another goal has searches of its own.
+    other = dataclasses.replace(rest.want, maximise=True)
+    assert KeptSearches(file).known(rest.want, rest.want.start) is not None
+    assert KeptSearches(file).known(other, rest.want.start) is None
+    file.write_text('{"searches": {"a": 1}}')
+    with pytest.raises(ValueError, match="does not hold searches"):
+        KeptSearches(file)
 
 
 def test_front_between_two_goals_is_the_closed_form() -> None:

@@ -19,9 +19,11 @@ from suas_jax.config import BodyLoadSpec, SceneSpec
 from suas_jax.config.schema_load import EnvironmentSpec
 from suas_jax.constitutive.relaxation import Past, PronySeries, Response
 from suas_jax.dynamics import history, steps
+from suas_jax.dynamics.course import Course
 from suas_jax.dynamics.driven import answering
 from suas_jax.dynamics.film import Film
-from suas_jax.dynamics.history import Course, history_of, history_sweep, read_history
+from suas_jax.dynamics.history import history_sweep
+from suas_jax.dynamics.history_table import history_of, read_history
 from suas_jax.scene.build import build_problem, plan_for
 from suas_jax.scene.sweep import SweepError
 
@@ -268,10 +270,11 @@ def test_the_wall_holds_what_creeps_onto_it() -> None:
     assert not points[1]["wall_contact"]
     assert points[2]["wall_contact"]
     held = with_inputs(load_scene(HOLD), {"load.0.force": 80.0})
-    report = solve(with_solve(held, model="shell", elements=64)).report
-    # The wall's own small yield goes with the law's modulus, which is the instantaneous one.
-    assert points[2]["wall"]["force_N"] == pytest.approx(report["wall"]["force_N"], rel=5e-4)
-    assert points[2]["oil_pressure_Pa"] == pytest.approx(report["oil_pressure_Pa"], rel=1e-4)
+    report = solve(held).report
+    assert report["model"] == points[2]["model"] == "solid"
+    errors = [p["wall"]["force_error_N"] for p in (points[2], report)]
+    assert abs(points[2]["wall"]["force_N"] - report["wall"]["force_N"]) < sum(errors)
+    assert points[2]["oil_pressure_Pa"] == pytest.approx(report["oil_pressure_Pa"], rel=3e-4)
     # Released at once it keeps a dent, which does not buckle it, and recovers.
     assert all(p["status"] == "converged" and p["stable"] for p in points)
     left, later, end = (p["max_displacement_m"] for p in points[3:])

@@ -10,8 +10,10 @@ from test_cli import SCENES
 
 from suas_jax import load_scene, scene_from_dict, solve, with_inputs, with_solve
 from suas_jax.config import SceneSpec
+from suas_jax.dynamics.course import Course
 from suas_jax.dynamics.film import film_of
-from suas_jax.dynamics.history import Course, history_of, history_sweep
+from suas_jax.dynamics.history import history_sweep
+from suas_jax.dynamics.history_table import history_of
 from suas_jax.dynamics.inertia import densities_of, flow_of, inertia_of, weights_of
 from suas_jax.dynamics.motion import free_unknowns, motion_of
 from suas_jax.dynamics.pad import pad_inertia, pad_motion

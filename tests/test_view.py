@@ -51,7 +51,8 @@ from suas_jax.acquisition.log.log_file import LogWriter, log_header, read_log
 from suas_jax.acquisition.stream import Stream
 from suas_jax.config import LineLoadSpec, SceneSpec, load_scene, load_skin, with_solve
 from suas_jax.config.geometry import AlongSpec
-from suas_jax.dynamics.history import history_of, history_sweep
+from suas_jax.dynamics.history import history_sweep
+from suas_jax.dynamics.history_table import history_of
 from suas_jax.scene.solve import solve
 from suas_jax.scene.taxel_film import TaxelFilm
 

@@ -34,6 +34,10 @@ def design(
     starts: Annotated[
         int | None, option("Number of starts of the search; default: the file's.", min=1)
     ] = None,
+    resume: Annotated[
+        Path | None,
+        option("File that keeps searches that have ended; one that exists is gone on with."),
+    ] = None,
     workers: Workers = None,
     trust_network: TrustNetwork = False,
     overwrite: Overwrite = False,
@@ -54,6 +58,8 @@ def design(
         if starts is not None:
             wanted = dataclasses.replace(wanted, starts=starts)
         check_files(plot, others=[output], overwrite=overwrite)
+        if resume is not None and wanted.keep is not None:
+            raise ValueError("--resume: a choice of taxels has no searches to go on with")
         with computing("designing", workers, trust_network) as (show, processes):
             designed: Choice | Design
             if wanted.keep is not None:
@@ -64,8 +70,10 @@ def design(
                 text = partial(skin_with_taxels, wanted, designed.kept)
             else:
                 from fitting.design.design import design_skin, designed_skin
+                from fitting.design.resume import KeptSearches
 
-                designed = design_skin(wanted, show, processes)
+                kept = None if resume is None else KeptSearches(resume)
+                designed = design_skin(wanted, show, processes, kept)
                 text = partial(designed_skin, wanted, designed.found.x)
             if output is not None:
                 write_text(output, text(output))

@@ -18,7 +18,7 @@ from fitting.datasheet.sheet import DataSheet, data_sheet
 from fitting.datasheet.words import WORDS
 from fitting.design.front import FrontPoint, front
 from fitting.design.problem import Problem
-from fitting.design.search import Found, Price, search
+from fitting.design.search import Found, Kept, Price, search
 from fitting.design.want import Want
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.report.description import Headline, Part, Remark, ReportTable
@@ -189,6 +189,7 @@ def design_skin(
     want: Want,
     progress: Callable[[str], None] = lambda text: None,
     workers: Executor | None = None,
+    kept: Kept | None = None,
 ) -> Design:
     """Find the skin that makes a figure of its data sheet as good as it can be.
 
@@ -196,6 +197,7 @@ def design_skin(
         want: variables, goal and limits: `load_want`.
         progress: called with what is being done.
         workers: that search from several starts at once; None: this process.
+        kept: searches that ended before; None: all are made.
 
     Raises:
         ValueError: the skin has no electrodes or is a pad, or no design keeps the limits.
@@ -210,8 +212,8 @@ def design_skin(
         assert want.front is not None
         progress(f"design {done + 1} of {want.front.points} between both goals")
 
-    found = search(problem, shown, workers)
-    between, calls = ([], 0) if want.front is None else front(problem, found, counted)
+    found = search(problem, shown, workers, kept)
+    between, calls = ([], 0) if want.front is None else front(problem, found, counted, kept)
     progress("data sheets")
     angle = problem.angle
     # Twice as many places, so that what lies between those of the search is seen.

@@ -16,7 +16,7 @@ import numpy as np
 from fitting.arrays import Floats
 from fitting.datasheet.words import WORDS
 from fitting.design.problem import Problem
-from fitting.design.search import Found, Trial, best_first, keeping, worst
+from fitting.design.search import Found, Kept, Trial, best_first, keeping, worst
 from fitting.design.want import Limit, Want
 
 _GIVEN = 1e-3  # share of the second figure's best that the last point gives up
@@ -34,6 +34,7 @@ def front(
     problem: Problem,
     found: Found,  # the best design by the goal
     progress: Callable[[int], None] = lambda done: None,  # hears how many points are known
+    kept: Kept | None = None,
 ) -> tuple[list[FrontPoint], int]:
     """The front, from the best design by the goal to the best by the second figure.
 
@@ -51,7 +52,8 @@ def front(
 
     known = [point(found.trials[0])]
     progress(1)
-    trials = keeping(best_first(problem, turned, [found.x, *(t.start for t in found.trials)]))
+    starts = [found.x, *(t.start for t in found.trials)]
+    trials = keeping(best_first(problem, turned, starts, kept=kept))
     far, calls = trials[0], sum(t.calls for t in trials)
     # Of all designs as good by the second figure, the best by the goal.
     values = np.linspace(known[0].other, far.goal, points)[1:]
@@ -59,7 +61,7 @@ def front(
     last = far.x
     for value in values:
         limited = _limited(want, Limit(key, float(value), least))
-        trials = best_first(problem, limited, [known[-1].x, last])
+        trials = best_first(problem, limited, [known[-1].x, last], kept=kept)
         calls += sum(t.calls for t in trials)
         if np.isfinite(trials[0].goal):
             known.append(point(trials[0]))

@@ -12,7 +12,7 @@ multipliers say what each limit costs.
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import scipy.optimize
@@ -66,10 +66,21 @@ class Found(NamedTuple):
     calls: int  # designs evaluated by all of them
 
 
+class Kept(Protocol):
+    """Searches that ended before: `fitting.design.resume.KeptSearches`."""
+
+    def known(self, want: Want, start: Floats) -> Trial | None:
+        """The search from a start, if it has ended."""
+
+    def add(self, want: Want, trial: Trial) -> None:
+        """Keep one that has."""
+
+
 def search(
     problem: Problem,
     progress: Callable[[int, float], None] = lambda done, goal: None,
     workers: Executor | None = None,
+    kept: Kept | None = None,
 ) -> Found:
     """Search from every start; `progress` hears how many are done, and the best goal so far.
 
@@ -78,7 +89,7 @@ def search(
     want = problem.want
     sampler = qmc.LatinHypercube(len(want.variables), seed=want.seed)
     starts = [want.start, *sampler.random(want.starts - 1)]
-    trials = keeping(best_first(problem, want, starts, progress, workers))
+    trials = keeping(best_first(problem, want, starts, progress, workers, kept))
     best = trials[0]
     agreeing = sum(abs(t.goal / best.goal - 1) < _AGREE for t in trials)
     start = next(t.first for t in trials if np.array_equal(t.start, starts[0]))
@@ -94,12 +105,21 @@ def best_first(
     starts: Iterable[Floats],
     progress: Callable[[int, float], None] = lambda done, goal: None,
     workers: Executor | None = None,
+    kept: Kept | None = None,
 ) -> list[Trial]:
     """Searches from starts, the best first; those whose design breaks a limit come last."""
     sign = -1.0 if want.maximise else 1.0
     trials: list[Trial] = []
     run = partial(_tried, problem, want)
-    for trial in map(run, starts) if workers is None else workers.map(run, starts):
+    starts = list(starts)
+    before = [None if kept is None else kept.known(want, start) for start in starts]
+    missing = [s for s, trial in zip(starts, before, strict=True) if trial is None]
+    anew = iter(map(run, missing) if workers is None else workers.map(run, missing))
+    for trial in before:
+        if trial is None:
+            trial = next(anew)
+            if kept is not None:
+                kept.add(want, trial)
         trials.append(trial)
         progress(len(trials), sign * min(sign * t.goal for t in trials))
     return sorted(trials, key=lambda t: (np.isnan(t.goal), sign * t.goal))

@@ -12,7 +12,7 @@ from fitting.view.grid import Grid
 from suas_jax.config import SceneSpec
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import inputs_of
-from suas_jax.skin.body import AbstractShape
+from suas_jax.skin.body_shapes import AbstractShape
 from suas_jax.skin.plain import plain_geometry
 
 _HALF_WIDTHS = "contact_half_width_m", "contact_half_width_axial_m"

@@ -34,6 +34,9 @@ class Film(NamedTuple):
         }
 
 
+LEFT_OUT = Film(False, "The film's inertia and viscosity are left out, as was asked.")
+
+
 def film_of(
     scene: SceneSpec,  # what the history changes
     plan: AbstractPlan,  # mesh of the whole section

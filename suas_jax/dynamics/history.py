@@ -1,38 +1,21 @@
-"""A scene's loads over time, on a membrane whose stress relaxes.
-
-A history is a table::
-
-    t_s,force_N
-    0,0
-    0.1,20
-    60.1,20
-    60.2,0
-
-`force_N` is the sum of the loads' magnitudes, as for a curve, `factor` multiplies all loads as
-the scene has them, `depth_m` is the travel of the body that is pressed in most and
-`temperature_degC` that of the whole skin; one of them at least is needed. What no column names
-stays as the scene has it. Between rows everything changes linearly; two rows of one time are a
-jump. The skin has been at rest before the first row.
-"""
+"""A scene's loads over time, on a membrane whose stress relaxes: see `history_table`."""
 
 import dataclasses
 import math
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 
-from suas_jax.config import SceneSpec, continuous_inputs, with_inputs, with_solve
-from suas_jax.config.csv_table import number_in, read_csv_table
-from suas_jax.dynamics.driven import FACTOR, responding
-from suas_jax.dynamics.film import Film, film_of
+from suas_jax.config import SceneSpec, with_solve
+from suas_jax.dynamics.course import Course
+from suas_jax.dynamics.driven import responding
+from suas_jax.dynamics.film import LEFT_OUT, Film, film_of
 from suas_jax.dynamics.history_gradient import history_gradient, reason_against, record
+from suas_jax.dynamics.history_table import History
 from suas_jax.dynamics.pad import outside_of
-from suas_jax.dynamics.steps import Moment, Rows, at_rest, through
+from suas_jax.dynamics.steps import Moment, at_rest, through
 from suas_jax.dynamics.tr_bdf2 import Moving
 from suas_jax.dynamics.transient import film_at_rest, moving_part, through_film
 from suas_jax.mechanics.model import AbstractPlan, Counts
@@ -48,17 +31,7 @@ from suas_jax.scene.report import plain, report_of
 from suas_jax.scene.solve import Solution, solve
 from suas_jax.scene.structure import Structure
 from suas_jax.scene.sweep import Sweep, SweepError
-from suas_jax.scene.travel import driven_by_force
 
-MOST_ROWS = 100_000
-_TEMPERATURE, _WARMTH, _FREEZING = "temperature_degC", "environment.temperature", 273.15
-_COLUMNS = ("force_N", "factor", "depth_m", _TEMPERATURE)
-_CHOICE = f"at least one of force_N (or factor), depth_m and {_TEMPERATURE}"
-_NOTHING = {
-    "force_N": "there is no load with a force to scale; add [[load]] with force",
-    "depth_m": "there is no body with a depth to change; give a [[load]] a depth",
-    _TEMPERATURE: "the scene has no temperature to change; give [environment] a temperature",
-}
 # Rows that one call follows, so that histories of any length share one program.
 _BLOCK = 8
 _FEW = 40
@@ -74,50 +47,9 @@ _FIRST_SHARE = 0.01
 _DRIVEN_SHARE, _FIRST_DRIVEN = 0.3, 1.0
 
 
-class History(NamedTuple):
-    """Loads over time."""
-
-    time: Float[np.ndarray, " row"]  # of the rows [s], never falling
-    columns: dict[str, Float[np.ndarray, " row"]]  # values by name, one for each row
-
-
-def read_history(file: Path) -> History:
-    """Read a history.
-
-    Raises ValueError: a column is missing or unknown, a field is not a number, or time falls;
-    OSError: the file can't be read.
-    """
-    table = read_csv_table(file)
-    found = [name for name in table.names if name != "t_s"]
-    if "t_s" not in table.names or not _allowed(found) or not table.rows:
-        listed = ", ".join(table.names) or "none"
-        raise ValueError(
-            f"{file}: the columns are {listed}; t_s and {_CHOICE} are needed, and a row"
-        )
-    if len(table.rows) > MOST_ROWS:
-        raise ValueError(f"{file}: {len(table.rows)} rows; at most {MOST_ROWS} are followed")
-    rows = np.array([[number_in(text) for text in fields] for _, fields in table.rows])
-    for (line, fields), row in zip(table.rows, rows, strict=True):
-        if not np.all(np.isfinite(row)):
-            raise ValueError(
-                f"{file}, line {line}: {','.join(fields)[:80]}: numbers are needed"
-            )
-    columns = dict(zip(table.names, rows.T, strict=True))
-    time = columns.pop("t_s")
-    falls = np.flatnonzero(np.diff(time) < 0)
-    if len(falls):
-        line = table.rows[falls[0] + 1][0]
-        raise ValueError(f"{file}, line {line}: t_s is less than in the row before")
-    return History(time, columns)
-
-
-def _allowed(names: Sequence[str]) -> bool:
-    """Whether columns go together."""
-    known = bool(names) and len(set(names)) == len(names) and set(names) <= set(_COLUMNS)
-    return known and not {"factor", "force_N"} <= set(names)
-
-
-def history_sweep(scene: SceneSpec, history: History, gradient: str | None = None) -> Sweep:
+def history_sweep(
+    scene: SceneSpec, history: History, gradient: str | None = None, *, film: bool = True
+) -> Sweep:
     """Follow a scene through its history.
 
     The mesh is that of a curve; with bodies and on pads, that of a solve. Its error and the
@@ -129,6 +61,8 @@ def history_sweep(scene: SceneSpec, history: History, gradient: str | None = Non
         history: its loads over time.
         gradient: a quantity to differentiate by every continuous input, as a path in the
             report of the last row, or of another one: ``points.3.oil_pressure_Pa``.
+        film: whether the oil's film moves where the history is fast enough for it; without it
+            the skin is in equilibrium at every moment.
 
     Returns:
         A report for each row, with `t_s`.
@@ -145,11 +79,11 @@ def history_sweep(scene: SceneSpec, history: History, gradient: str | None = Non
     course = Course.of(scene, history)
     errors = _Errors.at(course.largest)
     changes = course.time, course.values, course.rest
-    film = film_of(course.scene, errors.plan, *changes)
-    fewer = _fewer(course.scene, errors.plan) if film.included else None
+    moves = film_of(course.scene, errors.plan, *changes) if film else LEFT_OUT
+    fewer = _fewer(course.scene, errors.plan) if moves.included else None
     if fewer is not None:
         errors = _Errors.at(course.largest, fewer)
-    follower = _Follower(course, errors, film, len(history.time) <= _FEW)
+    follower = _Follower(course, errors, moves, len(history.time) <= _FEW)
     asked = None if gradient is None else follower.asked(gradient)
     points = follower.points()
     shown = [point.pop("shown") for point in points]
@@ -163,106 +97,7 @@ def history_sweep(scene: SceneSpec, history: History, gradient: str | None = Non
             "angle_deg": hits[0]["min_gap_angle_deg"],
         }
     slopes = None if asked is None else follower.gradient(*asked, points)
-    return Sweep(points, contact, course.scaled, film.report(), slopes, shown, errors.plan)
-
-
-class Course(NamedTuple):
-    """A scene and how its numbers change."""
-
-    scene: SceneSpec  # at full load
-    time: Float[np.ndarray, " row"]  # of the rows [s]
-    # of a factor on all loads, or of inputs by their paths; one a row each
-    values: dict[str, Float[np.ndarray, " row"]]
-    rest: dict[str, float]  # the values before the first row
-
-    @classmethod
-    def of(cls, scene: SceneSpec, history: History) -> Self:
-        """That of a history: a factor if nothing but all loads change, together.
-
-        Raises SweepError: the scene has nothing that a column changes.
-        """
-        columns = history.columns
-        shares = {name: _driven(scene, name) for name in columns if name != "factor"}
-        for name, found in shares.items():
-            if not found:
-                raise SweepError(_NOTHING[name])
-        loads = _load_inputs(scene)
-        alone = set().union(*shares.values()) | (set(loads) if "factor" in columns else set())
-        others = set(loads) - alone
-        together = len(columns) == 1 and not others and not driven_by_force(scene)
-        if together and _TEMPERATURE not in columns:
-            ((name, values),) = columns.items()
-            if name == "factor":
-                return cls(scene, history.time, {FACTOR: values}, {FACTOR: 0.0})
-            top = float(values[np.argmax(np.abs(values))]) or 1.0
-            full = with_inputs(scene, {k: share * top for k, share in shares[name].items()})
-            return cls(full, history.time, {FACTOR: values / top}, {FACTOR: 0.0})
-        factor = columns.get("factor", np.ones(len(history.time)))
-        driven = {key: factor * value for key, value in loads.items()}
-        for name, found in shares.items():
-            offset = _FREEZING if name == _TEMPERATURE else 0.0
-            driven |= {key: share * columns[name] + offset for key, share in found.items()}
-        rest = dict.fromkeys(loads, 0.0)
-        if _TEMPERATURE in columns:
-            rest[_WARMTH] = float(driven[_WARMTH][0])
-        return cls(scene, history.time, driven, rest)
-
-    @property
-    def scaled(self) -> SceneSpec:
-        """The scene by whose inputs derivatives are: at a factor of one, or the largest."""
-        return self.scene if FACTOR in self.values else self.largest
-
-    @property
-    def largest(self) -> SceneSpec:
-        """The scene with the largest value of everything that changes."""
-        known = continuous_inputs(self.scene)
-        if FACTOR in self.values:
-            level = float(np.max(np.abs(self.values[FACTOR])))
-            loads = {key: level * known[key] for key in _load_inputs(self.scene)}
-            return with_inputs(self.scene, loads)
-        middle = {_WARMTH: self.scene.reference.temperature}
-        peak = {
-            key: float(x[np.argmax(np.abs(x - middle.get(key, 0.0)))])
-            for key, x in self.values.items()
-        }
-        return with_inputs(self.scene, peak)
-
-    def block(self, first: int, count: int) -> tuple[Rows, int]:
-        """Some rows, and how many of them there are; the last one is repeated to fill up."""
-        index = np.minimum(np.arange(first, first + count), len(self.time) - 1)
-        before = np.maximum(index - 1, 0)
-        more = np.arange(first, first + count) >= len(self.time)
-        begin = np.where(more, self.time[index], self.time[before])
-        start = {
-            key: np.where(index == 0, self.rest[key], np.where(more, x[index], x[before]))
-            for key, x in self.values.items()
-        }
-        end = {key: x[index] for key, x in self.values.items()}
-        found = jax.tree.map(jnp.asarray, (begin, self.time[index], start, end))
-        return Rows(*found), int(np.sum(~more))
-
-
-def _load_inputs(scene: SceneSpec) -> dict[str, float]:
-    """Sizes of all loads, by the paths of their inputs."""
-    known = continuous_inputs(scene)
-    ends = (".force", ".pressure", ".depth")
-    return {k: x for k, x in known.items() if k.startswith("load.") and k.endswith(ends)}
-
-
-def _driven(scene: SceneSpec, column: str) -> dict[str, float]:
-    """Which inputs a column changes, and by how much for every unit of it."""
-    if column == _TEMPERATURE:
-        known = scene.environment is not None and scene.environment.temperature is not None
-        return {_WARMTH: 1.0} if known else {}
-    loads = _load_inputs(scene)
-    if column == "depth_m":
-        own = {key: x for key, x in loads.items() if key.endswith(".depth")}
-        top = max(map(abs, own.values()), default=0.0)
-        return {key: x / top if top else 1.0 for key, x in own.items()}
-    total = sum(abs(x) for key, x in loads.items() if key.endswith(".force"))
-    # What presses from all sides goes with the forces, as along a curve.
-    ends = (".force", ".pressure")
-    return {k: x / total for k, x in loads.items() if k.endswith(ends)} if total else {}
+    return Sweep(points, contact, course.scaled, moves.report(), slopes, shown, errors.plan)
 
 
 class _Errors(NamedTuple):
@@ -443,15 +278,3 @@ class _Follower:
             report |= {"time_error": outcome["time_error"], "time_steps": outcome["steps"]}
             points.append({"t_s": outcome["t_s"], **report, "shown": shown[i]})
         return points, jax.tree.map(jnp.asarray, last)
-
-
-def history_of(time: Sequence[float], **values: Sequence[float]) -> History:
-    """A history from Python: times [s] and any columns that a file may have.
-
-    Raises:
-        ValueError: another name, none, or different lengths.
-    """
-    columns = {name: np.asarray(x, float) for name, x in values.items()}
-    if not _allowed(list(columns)) or any(len(x) != len(time) for x in columns.values()):
-        raise ValueError(f"a value a time is needed for {_CHOICE}")
-    return History(np.asarray(time, float), columns)

@@ -15,17 +15,18 @@ def power_coefficients(
 
     `t`: where the samples are, all different. `values`: of the function there.
     """
+    # Whole columns at a time: one by one, XLA computes each again for all that is made of it.
     n = t.shape[0]
-    table = list(values)
+    newton, column = [values[0]], values
     for order in range(1, n):
-        for i in range(n - 1, order - 1, -1):
-            table[i] = (table[i] - table[i - 1]) / (t[i] - t[i - order])
-    powers = [table[-1]]
+        column = (column[1:] - column[:-1]) / (t[order:] - t[:-order])
+        newton.append(column[0])
+    powers = newton[-1][None]
     for i in range(n - 2, -1, -1):
-        shifted = [table[i] - t[i] * powers[0]]
-        shifted += [powers[k - 1] - t[i] * powers[k] for k in range(1, len(powers))]
-        powers = [*shifted, powers[-1]]
-    return jnp.stack(powers)
+        powers = jnp.concatenate([newton[i][None], powers]) - t[i] * jnp.concatenate(
+            [powers, jnp.zeros_like(powers[:1])]
+        )
+    return powers
 
 
 def polynomial(powers: Sequence[Array], t: Array) -> Array:

@@ -163,14 +163,14 @@ class ChartedSection(AbstractSection):
         ends = jnp.concatenate([angle[0], angle[-1, -1:]])
         local = (2 * angle - ends[:-1] - ends[1:]) / (ends[1:] - ends[:-1])
         fields = (t, arc - length / 2, direction, mid_direction, thick, place[0], place[1])
-        powers = jnp.stack([power_coefficients(local, x) for x in fields])
+        powers = power_coefficients(local[:, None], jnp.stack(fields, 1))
         return cls(
             curve=curve,
             mean_thickness=mean,
             half_angle=jnp.full_like(total, np.pi / 2),
             mid_length=total,
             ends=ends,
-            table=jnp.moveaxis(powers, 2, 0),
+            table=jnp.moveaxis(powers, (2, 1), (0, 1)),
             kinks=tuple(each * k for k in curve.kinks),
             mirrored=symmetric,
         )

@@ -11,7 +11,8 @@ from fitting.sensor.shapes.scene_states import scene_load
 from suas_jax.config import SceneSpec, SolveSpec, continuous_inputs, with_inputs
 from suas_jax.config.inelastic import RelaxationSpec
 from suas_jax.config.input_errors import stresses_of
-from suas_jax.dynamics.history import History, history_sweep
+from suas_jax.dynamics.history import history_sweep
+from suas_jax.dynamics.history_table import History
 
 # A load that changes by less than this, relative to its largest, is held.
 _STEADY = 0.02
@@ -43,7 +44,9 @@ class HeldPress(NamedTuple):
         scene = self.scene.model_copy(update={"material": material})
         known = continuous_inputs(scene)
         scene = with_inputs(scene, {key: stiffness * known[key] for key in stresses_of(scene)})
-        found = history_sweep(scene, History(self.time, {self.column: self.load}))
+        # The oil's film has come to rest long before a hold is over.
+        given = History(self.time, {self.column: self.load})
+        found = history_sweep(scene, given, film=False)
         for point in found.points:
             if point["status"] != "converged":
                 raise NoCalibration(
@@ -99,9 +102,6 @@ def _held(data: SensorData, k: int) -> HeldPress:
     so, deviation = _averaged(data.so[:, own], starts)
     low, high = (np.where(np.isfinite(so), so, x) for x in (np.inf, -np.inf))
     so[~(high.max(1) - low.min(1) > _MOVES * np.median(deviation, 1))] = np.nan
-    # The oil's film has come to rest long before a hold is over.
-    material = data.spec.material.model_copy(update={"density": None})
-    spec |= {"material": material}
     held = HeldPress(
         SceneSpec(**spec, load=(at,), solve=SolveSpec(model="shell")),
         "depth_m" if loads.bodies else "force_N",

@@ -1,0 +1,121 @@
+"""A scene and how its numbers change over a history."""
+
+from typing import NamedTuple, Self
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from suas_jax.config import SceneSpec, continuous_inputs, with_inputs
+from suas_jax.dynamics.driven import FACTOR
+from suas_jax.dynamics.history_table import TEMPERATURE, History
+from suas_jax.dynamics.steps import Rows
+from suas_jax.scene.sweep import SweepError
+from suas_jax.scene.travel import driven_by_force
+
+_WARMTH, _FREEZING = "environment.temperature", 273.15
+_NOTHING = {
+    "force_N": "there is no load with a force to scale; add [[load]] with force",
+    "depth_m": "there is no body with a depth to change; give a [[load]] a depth",
+    TEMPERATURE: "the scene has no temperature to change; give [environment] a temperature",
+}
+
+
+class Course(NamedTuple):
+    """A scene and how its numbers change."""
+
+    scene: SceneSpec  # at full load
+    time: Float[np.ndarray, " row"]  # of the rows [s]
+    # of a factor on all loads, or of inputs by their paths; one a row each
+    values: dict[str, Float[np.ndarray, " row"]]
+    rest: dict[str, float]  # the values before the first row
+
+    @classmethod
+    def of(cls, scene: SceneSpec, history: History) -> Self:
+        """That of a history: a factor if nothing but all loads change, together.
+
+        Raises SweepError: the scene has nothing that a column changes.
+        """
+        columns = history.columns
+        shares = {name: _driven(scene, name) for name in columns if name != "factor"}
+        for name, found in shares.items():
+            if not found:
+                raise SweepError(_NOTHING[name])
+        loads = _load_inputs(scene)
+        alone = set().union(*shares.values()) | (set(loads) if "factor" in columns else set())
+        others = set(loads) - alone
+        together = len(columns) == 1 and not others and not driven_by_force(scene)
+        if together and TEMPERATURE not in columns:
+            ((name, values),) = columns.items()
+            if name == "factor":
+                return cls(scene, history.time, {FACTOR: values}, {FACTOR: 0.0})
+            top = float(values[np.argmax(np.abs(values))]) or 1.0
+            full = with_inputs(scene, {k: share * top for k, share in shares[name].items()})
+            return cls(full, history.time, {FACTOR: values / top}, {FACTOR: 0.0})
+        factor = columns.get("factor", np.ones(len(history.time)))
+        driven = {key: factor * value for key, value in loads.items()}
+        for name, found in shares.items():
+            offset = _FREEZING if name == TEMPERATURE else 0.0
+            driven |= {key: share * columns[name] + offset for key, share in found.items()}
+        rest = dict.fromkeys(loads, 0.0)
+        if TEMPERATURE in columns:
+            rest[_WARMTH] = float(driven[_WARMTH][0])
+        return cls(scene, history.time, driven, rest)
+
+    @property
+    def scaled(self) -> SceneSpec:
+        """The scene by whose inputs derivatives are: at a factor of one, or the largest."""
+        return self.scene if FACTOR in self.values else self.largest
+
+    @property
+    def largest(self) -> SceneSpec:
+        """The scene with the largest value of everything that changes."""
+        known = continuous_inputs(self.scene)
+        if FACTOR in self.values:
+            level = float(np.max(np.abs(self.values[FACTOR])))
+            loads = {key: level * known[key] for key in _load_inputs(self.scene)}
+            return with_inputs(self.scene, loads)
+        middle = {_WARMTH: self.scene.reference.temperature}
+        peak = {
+            key: float(x[np.argmax(np.abs(x - middle.get(key, 0.0)))])
+            for key, x in self.values.items()
+        }
+        return with_inputs(self.scene, peak)
+
+    def block(self, first: int, count: int) -> tuple[Rows, int]:
+        """Some rows, and how many of them there are; the last one is repeated to fill up."""
+        index = np.minimum(np.arange(first, first + count), len(self.time) - 1)
+        before = np.maximum(index - 1, 0)
+        more = np.arange(first, first + count) >= len(self.time)
+        begin = np.where(more, self.time[index], self.time[before])
+        start = {
+            key: np.where(index == 0, self.rest[key], np.where(more, x[index], x[before]))
+            for key, x in self.values.items()
+        }
+        end = {key: x[index] for key, x in self.values.items()}
+        found = jax.tree.map(jnp.asarray, (begin, self.time[index], start, end))
+        return Rows(*found), int(np.sum(~more))
+
+
+def _load_inputs(scene: SceneSpec) -> dict[str, float]:
+    """Sizes of all loads, by the paths of their inputs."""
+    known = continuous_inputs(scene)
+    ends = (".force", ".pressure", ".depth")
+    return {k: x for k, x in known.items() if k.startswith("load.") and k.endswith(ends)}
+
+
+def _driven(scene: SceneSpec, column: str) -> dict[str, float]:
+    """Which inputs a column changes, and by how much for every unit of it."""
+    if column == TEMPERATURE:
+        known = scene.environment is not None and scene.environment.temperature is not None
+        return {_WARMTH: 1.0} if known else {}
+    loads = _load_inputs(scene)
+    if column == "depth_m":
+        own = {key: x for key, x in loads.items() if key.endswith(".depth")}
+        top = max(map(abs, own.values()), default=0.0)
+        return {key: x / top if top else 1.0 for key, x in own.items()}
+    total = sum(abs(x) for key, x in loads.items() if key.endswith(".force"))
+    # What presses from all sides goes with the forces, as along a curve.
+    ends = (".force", ".pressure")
+    return {k: x / total for k, x in loads.items() if k.endswith(ends)} if total else {}
