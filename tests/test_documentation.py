@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import inspect
 import io
 import json
 import re
@@ -16,6 +17,7 @@ import numpy as np
 import pytest
 import typer.main
 from PIL import Image
+from rich.text import Text
 
 from fitting.cli.app import app
 from fitting.cli.commands import EXAMPLES, commands_of
@@ -89,6 +91,21 @@ def test_every_command_has_examples_that_parse() -> None:
         for line in lines:
             assert line.startswith(f"suas {words}")
             parse(line)
+
+
+def test_the_help_shows_tables_and_units_as_they_are_written() -> None:
+    """Rich takes [lower case] for a style and leaves it out."""
+    texts = []
+    for command in commands_of(app):
+        assert command.registered.callback is not None
+        texts.append(inspect.getdoc(command.registered.callback) or "")
+        parsed: Any = typer.main.get_command_from_info(
+            command.registered, pretty_exceptions_short=True, rich_markup_mode="rich"
+        )
+        texts += [parameter.help or "" for parameter in parsed.params]
+    assert any("[mm]" in Text.from_markup(text).plain for text in texts)
+    for text in texts:
+        assert Text.from_markup(text).plain == text.replace("\\[", "[")
 
 
 def command_lines(page: Path) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Sensitivity: counts per newton of every taxel, wherever 8 N press."""
+"""Counts per newton of every taxel, wherever 8 N press."""
 
 import numpy as np
 from matplotlib.figure import Figure

@@ -1,4 +1,4 @@
-"""Warmth: the dent that 5 N make, and the oil's pressure before they come."""
+"""A dent in cold and warm water: under 5 N, and the oil's pressure before they come."""
 
 import numpy as np
 from matplotlib.figure import Figure
