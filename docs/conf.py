@@ -123,9 +123,11 @@ def _add_unlisted_pages(app: Sphinx, page: str, source: list[str]) -> None:
         return
     texts = {path.stem: path.read_text(encoding="utf-8") for path in HERE.glob("*.md")}
     tables = re.findall(r"{toctree}(.*?)```", "\n".join(texts.values()), re.DOTALL)
-    rest = sorted(texts.keys() - {"index"} - set(" ".join(tables).split()))
+    listed = re.sub(r"^:.*", "", "\n".join(tables), flags=re.MULTILINE).split()
+    rest = sorted(texts.keys() - {"index", *listed})
     if rest:
-        lines = ["", "## More", "", "```{toctree}", ":maxdepth: 1", "", *rest, "```", ""]
+        head = ["", "```{toctree}", ":maxdepth: 1", ":caption: More", ""]
+        lines = [*head, *rest, "```", ""]
         source[0] += "\n".join(lines)
 
 

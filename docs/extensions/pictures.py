@@ -38,6 +38,12 @@ PICTURES = {
         "--data equibiaxial=configs/data/treloar1944_equibiaxial.csv "
         "--data pure_shear=configs/data/treloar1944_pure_shear.csv --plot picture.png",
     ),
+    "indentation": ("suas sweep configs/scenes/body.toml --depth 0:4:41 --plot picture.png",),
+    "range": ("suas range configs/skins/suas.toml --plot picture.png",),
+    "calibration": (
+        "suas simulate configs/scenes/press_path.csv -o press.csv",
+        "suas fit sensor configs/skins/suas.toml press.csv --plot picture.png",
+    ),
     "loads_pad": (
         "suas simulate configs/scenes/pad_slide.csv -o slide.csv",
         "suas invert configs/skins/suas-pad.toml slide.csv --plot picture.png",

@@ -1,4 +1,4 @@
-"""Sinking: what the water's pressure does to a skin that 20 N press."""
+"""A skin that sinks: what the water's pressure does while 20 N press."""
 
 import numpy as np
 from matplotlib.figure import Figure

@@ -61,14 +61,14 @@ def calibrate(
     plan: Annotated[
         int | None,
         option(
-            "Press where it tells most of this unit, N times at most, with --force or "
-            "half of it; then --fit as-built.",
+            "Choose up to N presses that tell most about this unit, each with --force or "
+            "half of it; sets --fit as-built.",
             min=1,
             metavar="N",
         ),
     ] = None,
     accuracy: Annotated[
-        str, option("Plan no more presses once forces are known to this (median).")
+        str, option("End the plan once the median force should be known to this.")
     ] = "0 %",
     place_error: PlaceError = "1 mm",
     plot: Plot = None,
@@ -89,7 +89,7 @@ def calibrate(
             "as-built with --plan."
         ),
     ] = None,
-    model: Annotated[str, option("Shapes of the membrane, as for `suas fit sensor`.")] = "auto",
+    model: Annotated[str, option("Model of the membrane, as for `suas fit sensor`.")] = "auto",
     overwrite: Overwrite = False,
     as_json: JsonInSI = False,
 ) -> None:

@@ -44,8 +44,9 @@ def design(
 ) -> None:
     """Find dimensions, materials or taxels that make a figure of the data sheet best.
 
-    With [variables] the skin is a section: limits on other figures hold at every place, and
-    derivatives are exact. With [taxels] it is a section or a pad: the best taxels are kept.
+    WANT with a table `variables` needs a section: limits on other figures hold at every place,
+    and derivatives are exact. With a table `taxels` the best taxels of a section or a pad are
+    kept.
 
     Exit status: 0 done, 2 bad input, or no design keeps the limits.
     """

@@ -19,7 +19,7 @@ from suas_jax.files.writing import check_output
 
 
 def mcap(
-    log: Annotated[Path, argument("SO log.", metavar="LOG")],
+    log: Annotated[Path, argument("Log of taxels.", metavar="LOG")],
     output: Annotated[
         Path | None, output_option("File to write; default: LOG as .mcap.")
     ] = None,

@@ -98,7 +98,8 @@ def material(
     thin: Annotated[
         int | None,
         option(
-            "Most readings of a curve; of more, half as many means. 0 keeps all.",
+            "Largest number of readings of a curve; a longer one becomes half as many means. "
+            "0 keeps all.",
             min=0,
             show_default="500; 10000 with --prony or --mullins",
         ),

@@ -40,7 +40,7 @@ def sensor(
     logs: Annotated[
         list[Path],
         argument(
-            "SO logs; known inputs in columns such as load_0_force_N, "
+            "Logs of taxels; known inputs in columns such as load_0_force_N, "
             "load_0_displacement_mm, load_0_angle_deg and fluid.",
             metavar="LOG...",
         ),
@@ -59,7 +59,7 @@ def sensor(
     ] = "global",
     model: Annotated[
         str,
-        option("Shapes of the membrane: shell, solid, auto (solid; shell for simulated logs)."),
+        option("Model of the membrane: shell, solid, auto (solid; shell for simulated logs)."),
     ] = "auto",
     field: Annotated[
         bool,

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 def health(
     source: Annotated[
-        str, argument("SO log, or a port as for `suas log`.", metavar="LOG|PORT")
+        str, argument("Log of taxels, or a port as for `suas log`.", metavar="LOG|PORT")
     ],
     skin: Annotated[
         Path | None,

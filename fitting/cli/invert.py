@@ -36,7 +36,9 @@ def invert(
     skin: SkinFile,
     log: Annotated[
         Path | None,
-        argument("SO log; with --live, where readings are recorded (optional).", metavar="LOG"),
+        argument(
+            "Log of taxels; with --live, where readings are recorded (optional).", metavar="LOG"
+        ),
     ] = None,
     live: LivePort = None,
     format_name: Format = "text",
@@ -111,7 +113,7 @@ def invert(
     """
     with bad_input():
         if (log is None) == (live is None) and live is None:
-            raise ValueError("LOG: missing; give an SO log, or --live PORT")
+            raise ValueError("LOG: missing; give a log, or --live PORT")
         record = log if live is not None else None
         check_outputs([plot, record, mcap], overwrite=overwrite)
         if serve is not None and live is None:

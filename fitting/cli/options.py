@@ -1,6 +1,7 @@
 """Options that several commands share, and what is read of their values."""
 
 import contextlib
+import re
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -22,7 +23,12 @@ if TYPE_CHECKING:
 
 def option(text: str, *names: str, **rules: Any) -> Any:
     """An option of a command, described by a text."""
-    return typer.Option(*names, help=text, **rules)
+    return typer.Option(*names, help=_as_written(text), **rules)
+
+
+def _as_written(text: str) -> str:
+    """A text whose [tables] and [units] the help doesn't take for markup."""
+    return re.sub(r"\[(?=[a-z])", r"\[", text)
 
 
 def output_option(text: str, metavar: str = "FILE") -> Any:
@@ -32,7 +38,7 @@ def output_option(text: str, metavar: str = "FILE") -> Any:
 
 def argument(text: str, **rules: Any) -> Any:
     """An argument of a command, described by a text."""
-    return typer.Argument(help=text, **rules)
+    return typer.Argument(help=_as_written(text), **rules)
 
 
 Plot = Annotated[Path | None, option("Write a figure (PNG, PDF, SVG).")]
@@ -72,7 +78,8 @@ LoadsOfLog = Annotated[
 ]
 TaxelsOnly = Annotated[bool, option("Of a log: leave the loads out.", "--taxels-only")]
 PlaceError = Annotated[
-    str, option("Standard deviation of the presses' places, as built.", metavar="LENGTH")
+    str,
+    option("Of --fit as-built: standard deviation of the places of presses.", metavar="LENGTH"),
 ]
 Sample = Annotated[bool, option("Sample the posterior of the constants (emcee).", "--sample")]
 Walkers = Annotated[int, option("Number of walkers of the sampler, even.", min=4)]

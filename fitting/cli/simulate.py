@@ -19,11 +19,11 @@ def simulate(
     scene: Annotated[
         Path,
         argument(
-            "Scene (TOML), load path (CSV) that names one, or, with --live, an SO log.",
+            "Scene (TOML), load path (CSV) that names one, or, with --live, a log.",
             metavar="SCENE|PATH",
         ),
     ],
-    output: Annotated[Path | None, output_option("SO log to write.", "LOG.csv")] = None,
+    output: Annotated[Path | None, output_option("Log to write.", "LOG.csv")] = None,
     rate: Annotated[float, option("Frames per second.", metavar="HZ")] = 10.0,
     duration: Annotated[
         float | None,
@@ -108,7 +108,7 @@ def simulate(
             )
         if scene.suffix.lower() != ".toml" and is_log(scene):
             if output is not None or on_air is None:
-                raise ValueError(f"{scene}: is an SO log; it can be played with --live only")
+                raise ValueError(f"{scene}: is a log; it can be played with --live only")
             play_log(scene, on_air)
             return
         with computing("simulating"):
@@ -154,7 +154,7 @@ def convert(
     target: Annotated[Path, argument("File to write: .csv, .parquet or .nc.", metavar="FILE")],
     overwrite: Overwrite = False,
 ) -> None:
-    """Convert an SO log between CSV, Parquet and NetCDF (xarray).
+    """Convert a log between CSV, Parquet and NetCDF (xarray).
 
     Exit status: 0 converted, 2 bad input.
     """

@@ -40,7 +40,7 @@ _ROWS, _COLUMNS = 9, 49  # characters of a picture
 def tour(as_json: AsJson = False, plot: Plot = None, overwrite: Overwrite = False) -> None:
     """Show a pressed section and a pressed pad at once, and what to do next.
 
-    Both answers were computed before. Exit status: 0 done, 2 bad input.
+    Both answers are precomputed. Exit status: 0 done, 2 bad input.
     """
     states = json.loads(STATES.read_text(encoding="utf-8"))
     with bad_input():

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 def view(
     source: Annotated[
         Path,
-        argument("Scene (TOML), SO log, or with --live the skin file.", metavar="SOURCE"),
+        argument("Scene (TOML), log, or with --live the skin file.", metavar="SOURCE"),
     ],
     record: Annotated[
         Path | None,

@@ -23,9 +23,7 @@ if TYPE_CHECKING:
 
 def zero(
     skin: SkinFile,
-    log: Annotated[
-        Path, argument("SO log: some seconds at rest, then presses.", metavar="LOG")
-    ],
+    log: Annotated[Path, argument("Log: some seconds at rest, then presses.", metavar="LOG")],
     known: Annotated[
         list[str] | None,
         option(
@@ -40,7 +38,7 @@ def zero(
     ] = None,
     diameter: Annotated[
         str | None,
-        option("Of what presses on a pad; default: 6 mm.", metavar="LENGTH"),
+        option("Diameter of what presses on a pad; default: 6 mm.", metavar="LENGTH"),
     ] = None,
     output: Annotated[
         Path | None,

@@ -25,17 +25,17 @@ def plot_range(found: ForceRange, file: Path | None = None) -> Figure:
         at, found.smallest, found.largest, alpha=0.2, label=f"measurable to {TOLD:.0%}"
     )
     left.plot(at, found.saturation, "x", color="k", label="a taxel saturates")
-    left.set(xlabel=f"{what} of the load", ylabel="force [N]", yscale="log")
+    left.set(xlabel=what, ylabel="force [N]", yscale="log")
     left.legend()
     known = np.flatnonzero(np.isfinite(found.first_contact))
     for i in known[:: max(1, len(known) // 5)]:
         relative = found.force_error[i] / found.force[i]
         label = f"{at[i]:.3g}"
         right.plot(found.force[i] / found.first_contact[i], relative, ".-", label=label)
-    right.axvline(1.0, color=CONTACT, lw=1)
+    right.axvline(1.0, color="0.5", lw=1)
     right.axhline(TOLD, color="0.5", lw=1, ls="--")
     right.set(
-        xlabel="force, in terms of first contact",
+        xlabel="force over that of first contact",
         ylabel="least standard deviation of the force, relative",
         xscale="log",
         yscale="log",

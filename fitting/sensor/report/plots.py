@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
@@ -49,13 +50,16 @@ def _draw_counts(fit: SensorFit, axes: "Axes") -> None:
         if used.any():
             predicted = measured[i, used] + errors[i, used]
             label = f"{modules[i]}.{numbers[i]}" if len(modules) <= 20 else None
-            axes.plot(measured[i, used], predicted, ".", ms=3, label=label)
+            colour = colormaps["viridis"](
+                i / len(modules)
+            )  # they have an order, and may be many
+            axes.plot(measured[i, used], predicted, ".", ms=3, color=colour, label=label)
     ends = np.array(axes.get_xlim())
     axes.plot(ends, ends, "k-", lw=0.8)
     axes.set_xlabel("measured [counts]")
     axes.set_ylabel("predicted [counts]")
     if len(modules) <= 20:
-        axes.legend(title="taxel", frameon=False, fontsize="x-small", ncols=2)
+        axes.legend(title="taxel", frameon=False, fontsize="x-small", ncols=2, markerscale=3)
 
 
 def _draw_pad(fit: SensorFit, axes: "Axes") -> None:
@@ -81,6 +85,8 @@ def _draw_pad(fit: SensorFit, axes: "Axes") -> None:
     axes.figure.colorbar(drawn, ax=axes, label="mean residual [counts]")
     axes.set_xlabel("along the arc, on the wall [mm]")
     axes.set_ylabel("axial [mm]")
+    if not np.ptp(y):
+        axes.set_yticks(y[:1])  # a row of taxels: no zoom into the same number
 
 
 def _draw_corner(fit: SensorFit, figure: Any, posterior: Posterior | None) -> None:
