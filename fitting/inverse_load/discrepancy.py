@@ -16,7 +16,7 @@ from fitting.inverse_load.search.table import LoadTable
 from fitting.statistics.discrepancy import Discrepancy, Numbers, Presses
 from suas_jax.config import SkinSpec
 
-_ANGLES, _LEVELS = 46, 7  # of the table that is kept
+_ANGLES, _LEVELS = 46, 13  # of the table that is kept
 
 
 class ReadingDiscrepancy:
