@@ -1,10 +1,13 @@
 """What presses show beyond a model: the process against closed forms, and its evidence."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 import tomlkit
+from scipy.optimize import least_squares
 from scipy.stats import multivariate_normal
 
 from fitting.inverse_load.discrepancy import ReadingDiscrepancy
@@ -119,6 +122,72 @@ def test_estimates_read_it_between_the_states_of_their_table(
     share = np.trace(covariance, axis1=1, axis2=2) / np.trace(spread, axis1=1, axis2=2)
     assert 0.95 < np.median(share) < 1.2
     assert share.min() > 0.8
+
+
+class _OneContact:
+    """Least squares for one contact on the made-up skin, in place of `Selection`."""
+
+    nodes: "_OneContact"
+
+    def __init__(self) -> None:
+        self.nodes = self
+
+    def nearest(self, y: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return np.abs(y).argmax(1), np.zeros(len(y), int)
+
+    def near(self, y: np.ndarray, weight: np.ndarray, node: np.ndarray) -> np.ndarray:
+        found = []
+        for row, w, k in zip(y, weight, node, strict=True):
+
+            def misfit(p: np.ndarray, row: np.ndarray = row, w: np.ndarray = w) -> np.ndarray:
+                return np.sqrt(w) * (change_at(p[:1], p[1:])[0] - row)
+
+            found.append(least_squares(misfit, [TAXELS[k], 5.0]).x)
+        return np.array(found)
+
+    def explain(self, y: np.ndarray, weight: np.ndarray) -> tuple[Any, list[None]]:
+        parameters = self.near(y, weight, self.nearest(y, weight)[0])
+        jacobian = np.stack(
+            [
+                (change_at(*(parameters + h).T) - change_at(*(parameters - h).T)) / 2e-5
+                for h in 1e-5 * np.eye(2)
+            ],
+            1,
+        )
+        information = (jacobian * weight[:, None]) @ np.swapaxes(jacobian, 1, 2)
+        contacts = np.ones(len(y), int)
+        contacts[-1] = 2  # whatever it is, two contacts explain it better
+        best = SimpleNamespace(
+            parameters=parameters, jacobian=jacobian, information=information,
+            contacts=contacts, weight=weight,
+        )  # fmt: skip
+        return best, [None] * len(y)
+
+
+def test_loads_of_readings_without_it(shown: tuple[Discrepancy, Evidence]) -> None:
+    """Forces lose the model's error, and their intervals hold what is left of it."""
+    found = shown[0]
+    angles, forces = np.linspace(-1.5, 1.5, 91), np.geomspace(0.1, 20.0, 24)
+    so = np.stack([change_at(angles, np.full(91, f)) for f in forces], 1)
+    none = np.zeros((91, 24))
+    grid = np.repeat(forces[None], 91, 0)
+    table = LoadTable(angles, grid, so, np.zeros(8), none, none, none[:, 0])
+    own, selection = ReadingDiscrepancy(found, table), _OneContact()
+    told, true = made(2, 40, 0.02)
+    y = told.change + true
+    weight = 1 / (4 + (2.5e-3 * told.change) ** 2)
+    before = selection.explain(y, weight)[0].parameters[:, 1] / told.force - 1
+    readings, weights, left = own.taken_off(selection, y, weight)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(readings[-1], y[-1])
+    assert not left[-1].any()
+    best, _ = selection.explain(readings, weights)
+    after = best.parameters[:, 1] / told.force - 1
+    assert np.median(np.abs(after[:-1])) < 0.3 * np.median(np.abs(before[:-1]))
+    more = own.of_loads(best, left, 2)
+    deviation = np.sqrt((np.linalg.inv(best.information) + more)[:, 1, 1]) / told.force
+    assert np.mean(np.abs(after / deviation)[:-1] < 1.96) > 0.9
+    assert np.isnan(more[-1]).sum() == 0
+    assert not more[-1].any()
 
 
 def test_a_skin_file_keeps_it(tmp_path: Path) -> None:
