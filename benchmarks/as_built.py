@@ -12,7 +12,7 @@ does, with what the presses showed beyond the model and without; loads of a body
 wide as well. A Gaussian process and a network learn from random presses of the same unit.
 Prints the table of docs/as_built.md after each unit; `--plot` draws its figure::
 
-    python -m benchmarks.as_built --units 2 --kinds random --presses 10 30 100
+    python -m benchmarks.as_built --units 2 --kinds random --presses 10 100
 """
 
 import argparse
@@ -298,7 +298,7 @@ def plot(table: dict[tuple[str, int], tuple[float, ...]], file: Path) -> None:
                 axes.plot(x, y, "o-", label=kind)
         axes.set(xscale="log", yscale="log", xlabel="presses of the unit", ylabel=label)
         axes.grid(alpha=0.3, which="both")
-        axes.legend()
+        axes.legend(fontsize="small")
     written(figure, file)
 
 
