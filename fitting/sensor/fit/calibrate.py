@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from fitting.sensor.fit.checks import check_agreement, drift_warning
-from fitting.sensor.fit.lacking import discrepancy_of
+from fitting.sensor.fit.lacking import with_discrepancy
 from fitting.sensor.fit.priors import (
     as_built_priors,
     hierarchical,
@@ -185,10 +185,7 @@ def fit_sensor(
     if not own:
         problem, found, noise = _with_measured_noise(problem, found)
     judged = judged_fit(data, problem, found, shapes, loads, noise, touching, steady, warnings)
-    if own and drawing.geometry.dimension == 2:
-        progress("looking for what the model lacks")
-        return dataclasses.replace(judged, discrepancy=discrepancy_of(judged))
-    return judged
+    return with_discrepancy(judged) if own else judged
 
 
 def _as_built(data: SensorData) -> SensorData:

@@ -4,6 +4,8 @@ Places and forces are those that were told: their errors, which a fit finds pres
 would take up part of it.
 """
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 
@@ -12,17 +14,19 @@ from fitting.sensor.fit.result import SensorFit
 from fitting.sensor.model.as_built import FORCE_ERROR
 from fitting.sensor.model.constants import PLACE, PUSH
 from fitting.sensor.model.counts import parts_of
-from fitting.statistics.discrepancy import Discrepancy, Evidence, Presses, learned
+from fitting.statistics.discrepancy import Presses, learned
 from fitting.statistics.residuals import sensitivity
 
 
-def discrepancy_of(fit: SensorFit) -> tuple[Discrepancy | None, Evidence]:
-    """The discrepancy of a section as built; None where nothing shows."""
-    *_, electrodes = parts_of(
-        fit.data.spec, fit.problem.model.numbers(jnp.asarray(fit.constants))
-    )
+def with_discrepancy(fit: SensorFit) -> SensorFit:
+    """A unit's calibration with what its presses show beyond the model; a pad's as it is."""
+    if fit.data.spec.geometry.dimension == 3:
+        return fit
+    numbers = fit.problem.model.numbers(jnp.asarray(fit.constants))
+    *_, electrodes = parts_of(fit.data.spec, numbers)
     taxels = np.asarray(electrodes.taxels.angle)[:, 0]
-    return learned(presses_of(fit), taxels, FORCE_ERROR)
+    found = learned(presses_of(fit), taxels, FORCE_ERROR)
+    return dataclasses.replace(fit, discrepancy=found)
 
 
 def presses_of(fit: SensorFit) -> Presses:
