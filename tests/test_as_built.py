@@ -64,8 +64,8 @@ def test_ten_presses_find_a_unit(tmp_path: Path) -> None:
     assert "geometry.thickness.value.4" in errors.paths
     assert own.calibration is not None
     assert not any(name.startswith(("place", "push")) for name in own.calibration.parameters)
-    force, *_ = summary([unit.found(own)])
-    drawn, *_ = summary([unit.found(spec)])
+    force, *_ = summary([unit.found(own)[1]])
+    drawn, *_ = summary([unit.found(spec)[1]])
     assert force < min(3.0, drawn / 2)
 
 

@@ -20,6 +20,7 @@ from fitting.inverse_load.estimator import MODEL_ERROR as ESTIMATOR_ERROR
 from fitting.inverse_load.estimator import PAD_MODEL_ERROR
 from fitting.sensor.fit.calibrate import _as_built
 from fitting.sensor.fit.residuals import Prior, SensorProblem, SensorResiduals
+from fitting.sensor.fit.sensor_posterior import sample_sensor
 from fitting.sensor.logs.data import SensorData
 from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.logs.readings import averaged, held_presses
@@ -37,6 +38,8 @@ from fitting.sensor.model.counts import SensorModel, parts_of
 from fitting.sensor.report.skin_file import _set_as_built
 from fitting.sensor.shapes.scene_states import SceneStates
 from fitting.sensor.shapes.state_programs import TaxelFace
+from fitting.statistics.posterior import Settings
+from fitting.statistics.residuals import AbstractResiduals
 from suas_jax.config import UncertainQuantity, continuous_inputs, load_skin
 from suas_jax.config.input_errors import input_errors
 from suas_jax.config.schema_calibration import CalibrationSpec
@@ -335,6 +338,16 @@ def test_a_plan_without_sense_is_refused(options: list[str], said: str) -> None:
     assert said in found.output.replace("\n", " ")
 
 
+def test_a_pad_as_built_is_not_sampled(tmp_path: Path) -> None:
+    skin = str(ROOT / "configs/skins/suas-pad.toml")
+    log = tmp_path / "log.csv"
+    log.write_text("")
+    command = ["fit", "sensor", skin, str(log), "--fit", "as-built", "--sample"]
+    found = CliRunner().invoke(app, [*command, "-o", str(tmp_path / "unit.toml")])
+    assert found.exit_code == 2
+    assert "too many constants to sample" in " ".join(found.output.split())
+
+
 def test_known_loads_of_a_unit_stay_where_the_drawing_has_them() -> None:
     """Sections of uneven thickness count from -90 to 90 degrees, whatever they span."""
     geometry = SKIN.geometry.model_copy(update={"half_angle": np.deg2rad(60.0)})
@@ -345,3 +358,40 @@ def test_known_loads_of_a_unit_stay_where_the_drawing_has_them() -> None:
         none.astype(int), np.arange(3), loads, none + np.nan, (), (), (),
     )  # fmt: skip
     np.testing.assert_allclose(_as_built(data).loads.angle, 1.5 * angle, atol=1e-9)
+
+
+class _Linear(AbstractResiduals):
+    """Residuals that are linear in the constants."""
+
+    value: Any
+    inverse_scale: Any
+    family: SensorFamily = eqx.field(static=True)
+    slopes: Any
+
+    def of_constants(self, constants: Any) -> Any:
+        """See the base class."""
+        return self.slopes @ constants - self.value
+
+
+def test_a_sampled_unit_has_the_errors_of_presses_integrated_out() -> None:
+    """The marginal of a Gaussian, with as many walkers as it needs."""
+    names = ("geometry.mounting", "electrodes.taxels.0.gain", "place.0", "place.1", "push.0")
+    family = SensorFamily(tuple(SensorConstant(n, "1", 1.0, positive=False) for n in names))
+    random = np.random.default_rng(0)
+    slopes = random.normal(size=(12, 5))
+    slopes[:, 2] += slopes[:, 0]  # a place that does much the same as the mounting
+    residuals = _Linear(jnp.asarray(random.normal(size=12)), jnp.ones(12), family, slopes)
+    covariance = np.linalg.inv(slopes.T @ slopes)
+    best = covariance @ slopes.T @ np.asarray(residuals.value)
+    fit: Any = SimpleNamespace(
+        family=family, residuals=residuals, constants=best, held=(),
+        uncertainty=SimpleNamespace(covariance=covariance),
+        misfit=SimpleNamespace(inflation=1.0),
+    )  # fmt: skip
+    chain, report = sample_sensor(fit, Settings(walkers=4, steps=6000, check=1000))
+    assert chain.names == names[:2]
+    assert report["covariance_order"] == list(names[:2])
+    errors = np.sqrt(np.diag(covariance))
+    for i, name in enumerate(names[:2]):
+        assert report["mean"][name] == pytest.approx(best[i], abs=0.15 * errors[i])
+        assert report["standard_deviations"][name] == pytest.approx(errors[i], rel=0.1)

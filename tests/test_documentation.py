@@ -133,11 +133,7 @@ def test_code_of_the_pages_fits_the_column_at_1280_px(page: Path) -> None:
     assert [line for line in lines if len(line) > 96] == []
 
 
-@pytest.mark.parametrize(
-    "page",
-    [page for page in PAGES if page.stem != "as_built_method"],  # line 43 of it is lost
-    ids=lambda page: page.stem,
-)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_no_line_of_a_page_is_lost_as_a_comment(page: Path) -> None:
     """The site takes a line that begins with a per cent sign for a comment."""
     prose = FENCE.sub("", page.read_text(encoding="utf-8"))

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from fitting.report.description import Part
     from fitting.sensor.fit.result import SensorFit
     from fitting.sensor.logs.data import SensorData
+    from suas_jax.config import SkinSpec
 
 _OF_MATERIAL = "material.", "as-built", "relaxation"  # constants that are told by forces
 
@@ -125,6 +126,7 @@ def sensor(
             if joint:
                 names += [k for k in continuous_inputs(spec) if k.startswith("material.")]
             of_material = any(name.startswith(_OF_MATERIAL) for name in names)
+            _refuse_sample(sample, names, spec)
             place_deviation = quantity_option("--place-error", place_error, "length")
             data = load_sensor_data(spec, logs, inputs or (), fluid or (), joint=of_material)
             from suas_jax.runtime.settings import configure
@@ -204,6 +206,15 @@ def _constants(
 
         plot_sensor(found, plot, posterior)
     return calibrated_skin(skin, found), report, described(report, found)
+
+
+def _refuse_sample(sample: bool, names: list[str], spec: "SkinSpec") -> None:
+    """Raise a ValueError for a pad as built, whose chain no memory holds."""
+    if sample and "as-built" in names and spec.geometry.dimension == 3:
+        raise ValueError(
+            "--sample: a pad as built has a gain for each of its channels, too many constants "
+            "to sample; leave it out, [calibration] holds their covariance"
+        )
 
 
 _WITH_RELAXATION = {"skin", "logs", "output", "fit", "inputs", "plot", "overwrite", "as_json"}

@@ -7,6 +7,7 @@
              -> nearest states of a table                   `table`, `search`
              -> least squares with exact derivatives        `model`, `explanation`
              -> number of contacts, faulty taxels           `pairs`, `selection`
+             -> the same, less what presses showed          `discrepancy`
              -> covariances, statuses                       `systematic`, `assessment`
 
 Readings are compared with the skin's own model in counts, weighed by their variances
@@ -25,6 +26,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from fitting.arrays import Flags, Floats
+from fitting.inverse_load.discrepancy import ReadingDiscrepancy
 from fitting.inverse_load.drift import (
     ROUNDING,
     Drift,
@@ -139,6 +141,10 @@ class LoadEstimator:
             self.pressure_noise if pad else None,
         )
         self._systematic = parts.systematic
+        self.discrepancy: ReadingDiscrepancy | None = None
+        if not pad:
+            places = np.asarray(self.skin.electrodes.taxels.angle)[:, 0]
+            self.discrepancy = ReadingDiscrepancy.of(self.spec, self.table, places)
         self._drift: DriftFollower | None = None
         if self.follow_drift and self.rest is not None:
             at_rest = np.nan_to_num(self.rest, nan=0.0)
@@ -418,6 +424,9 @@ class LoadEstimator:
         pulled: bool,
     ) -> tuple[Explanations, list[LoadEstimate]]:
         """Estimates of frames that are not at rest, whether pressed or pulled."""
+        discrepancy, left = None if pulled else self.discrepancy, None
+        if discrepancy is not None:
+            y, weight, left = discrepancy.taken_off(selection, y, weight)
         if pulled:
             best = selection.pulled(y, weight)
             others: list[Alternative | None] = [None] * len(y)
@@ -427,6 +436,9 @@ class LoadEstimator:
         if systematic is not None:
             per_contact = self._parts.fitter.per_contact
             covariance = systematic.covariance(best, y, per_contact)
+        if discrepancy is not None and left is not None:
+            own = discrepancy.of_loads(best, left, self._parts.fitter.per_contact)
+            covariance = own if covariance is None else covariance + own
         return best, self._parts.assessment.estimates(best, others, full_scale, covariance)
 
 

@@ -1,8 +1,9 @@
 """What a calibrated skin file says about where its numbers come from."""
 
-from typing import Annotated
+import math
+from typing import Annotated, Self
 
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, model_validator
 
 from suas_jax.config.fields import NOT_A_LIST, AsList, Spec, file_key
 
@@ -19,6 +20,9 @@ def rows_of_numbers(value: object) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(map(float, row)) for row in value)
 
 
+Rows = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(rows_of_numbers)]
+
+
 class LogRecord(Spec):
     """A file that a calibration was made from.
 
@@ -29,6 +33,60 @@ class LogRecord(Spec):
 
     path: str = file_key('"press.csv"')
     sha256: str = file_key('"e3b0c442..."')
+
+
+class DiscrepancySpec(Spec):
+    """What presses showed beyond the fitted model: numbers of a process, and the presses.
+
+    `suas invert` takes it off readings; see `fitting.statistics.discrepancy`.
+
+    Attributes:
+        common: deviation of all readings of a press together, relative.
+        pattern: deviation of single readings, relative.
+        apart: over which angle between taxel and press readings err alike [rad].
+        along: over which angle of the press [rad].
+        force: over which logarithm of its force.
+        scatter: deviation of a press's force, relative.
+        angles: of the presses [rad].
+        forces: of the presses [N].
+        changes: of the model's readings from rest, in rows of one press [counts].
+        left: readings less the model's, likewise; nan where one was left out [counts].
+        noise: their standard deviations, likewise [counts].
+        places: what one standard deviation of a place does to them, likewise [counts].
+        pushes: what the relative force does, likewise [counts].
+    """
+
+    common: float = file_key("0.01", ge=0, le=1)
+    pattern: float = file_key("0.02", ge=0, le=1)
+    apart: float = file_key("0.35", gt=0)
+    along: float = file_key("0.5", gt=0)
+    force: float = file_key("1.0", gt=0)
+    scatter: float = file_key("0.004", ge=0, le=1)
+    angles: Numbers = file_key("[-0.3, 0.4]", min_length=1, max_length=300)
+    forces: Numbers = file_key("[5.0, 10.0]")
+    changes: Rows = file_key("[[420.0, -35.0], [-60.0, 800.0]]")
+    left: Rows = file_key("[[3.1, -0.4], [nan, 5.2]]")
+    noise: Rows = file_key("[[1.1, 0.3], [0.4, 2.0]]")
+    places: Rows = file_key("[[25.0, -1.2], [3.0, 40.0]]")
+    pushes: Rows = file_key("[[510.0, -40.0], [-70.0, 980.0]]")
+
+    @model_validator(mode="after")
+    def _of_one_shape(self) -> Self:
+        taxels = len(self.changes[0]) if self.changes else 0
+        if len(self.forces) != len(self.angles):
+            raise ValueError(f"forces: {len(self.angles)} are needed, one for each of angles")
+        for key in ("changes", "left", "noise", "places", "pushes"):
+            rows = getattr(self, key)
+            if len(rows) != len(self.angles) or {len(row) for row in rows} != {taxels}:
+                raise ValueError(
+                    f"{key}: {len(self.angles)} rows of {taxels} numbers are needed, a row for "
+                    "each press, a number for each taxel"
+                )
+            if key != "left" and not all(math.isfinite(x) for row in rows for x in row):
+                raise ValueError(f"{key}: finite numbers are needed")
+        if min(self.forces) <= 0 or min(x for row in self.noise for x in row) <= 0:
+            raise ValueError("forces and noise: numbers above zero are needed")
+        return self
 
 
 class CalibrationSpec(Spec):
@@ -48,6 +106,7 @@ class CalibrationSpec(Spec):
             where it is unknown.
         offset_errors: their standard errors [counts].
         masked: taxels that took no part, in words.
+        discrepancy: what presses showed beyond the model, where they did.
         skin: the file that was calibrated.
         logs: files of readings and known inputs.
     """
@@ -58,14 +117,13 @@ class CalibrationSpec(Spec):
     units: Names = file_key('["m"]', ())
     values: Numbers = file_key("[5e-3]", ())
     standard_errors: Numbers = file_key("[1e-6]", ())
-    covariance: Annotated[tuple[tuple[float, ...], ...], BeforeValidator(rows_of_numbers)] = (
-        file_key("[[1e-12]]", ())
-    )
+    covariance: Rows = file_key("[[1e-12]]", ())
     priors: Names = file_key('["oil_gap: 5 mm +- 0.25 mm"]', ())
     unidentifiable: Names = file_key('["lsb is not determined"]', ())
     offsets: Numbers = file_key("[1.5, -0.3]", ())
     offset_errors: Numbers = file_key("[0.1, 0.1]", ())
     masked: Names = file_key('["module 0, taxel 3: stuck"]', ())
+    discrepancy: DiscrepancySpec | None = file_key("{ common = 0.01 }", None)
     skin: LogRecord | None = file_key('{ path = "suas.toml", sha256 = "e3b0c442..." }', None)
     logs: Annotated[tuple[LogRecord, ...], AsList] = file_key(
         '[ { path = "press.csv", sha256 = "e3b0c442..." } ]', ()

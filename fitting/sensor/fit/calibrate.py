@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from fitting.sensor.fit.checks import check_agreement, drift_warning
+from fitting.sensor.fit.lacking import with_discrepancy
 from fitting.sensor.fit.priors import (
     as_built_priors,
     hierarchical,
@@ -183,7 +184,8 @@ def fit_sensor(
     noise = readings.sigma.min(1, keepdims=True) * np.ones(readings.logs)
     if not own:
         problem, found, noise = _with_measured_noise(problem, found)
-    return judged_fit(data, problem, found, shapes, loads, noise, touching, steady, warnings)
+    judged = judged_fit(data, problem, found, shapes, loads, noise, touching, steady, warnings)
+    return with_discrepancy(judged) if own else judged
 
 
 def _as_built(data: SensorData) -> SensorData:

@@ -20,6 +20,7 @@ from fitting.sensor.logs.log import Masked
 from fitting.sensor.model.constants import GAP, PATHS, PERMITTIVITY, SensorFamily
 from fitting.sensor.shapes.shapes import Shapes
 from fitting.statistics.diagnostics import Misfit, misfit
+from fitting.statistics.discrepancy import Discrepancy, Evidence
 from fitting.statistics.identifiability import Uncertainty, uncertainty
 
 
@@ -49,6 +50,8 @@ class SensorFit:
     findings: tuple[str, ...]  # what the data don't determine, in words
     contributions: tuple[dict[str, Any], ...]  # what each log, and each fluid, tells
     warnings: tuple[str, ...]  # what a person should know
+    # what presses show beyond the model, and its evidence; of sections as built
+    discrepancy: tuple[Discrepancy | None, Evidence] | None = None
 
     @property
     def residuals(self) -> SensorResiduals:

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from fitting.sensor.fit.result import SensorFit
+from fitting.sensor.model.constants import SensorFamily
 from fitting.sensor.model.counts import parts_of
 from fitting.statistics.chain import Posterior
 from suas_jax.figures.style import FIRST, styled, written
@@ -100,8 +101,9 @@ def _draw_corner(fit: SensorFit, figure: Any, posterior: Posterior | None) -> No
     draws = np.zeros((0, shown))
     if posterior is not None:
         thinned = posterior.samples[:: max(1, len(posterior.samples) // _DRAWS)]
-        found = np.asarray(jax.vmap(fit.family.constants)(jnp.asarray(thinned)))
-        draws = 100 * ((found - fit.constants)[:, :shown] / sizes)
+        first = SensorFamily(fit.family.parts[:shown])  # errors of presses come last
+        found = np.asarray(jax.vmap(first.constants)(jnp.asarray(thinned[:, :shown])))
+        draws = 100 * ((found - fit.constants[:shown]) / sizes)
     for row in range(shown):
         for column in range(shown):
             own = axes[row, column]

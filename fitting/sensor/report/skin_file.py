@@ -27,6 +27,7 @@ from fitting.sensor.model.constants import (
     is_press_error,
 )
 from fitting.sensor.report.mark import MARK
+from fitting.statistics.discrepancy import Discrepancy
 from suas_jax.config import SkinSpec
 from suas_jax.config.geometry import SheetSpec
 from suas_jax.config.input_errors import stresses_of
@@ -200,6 +201,8 @@ def _record(skin: Path, fit: SensorFit) -> Any:
     table["masked"] = [
         f"module {m.module}, taxel {m.taxel}: {m.reason}" for m in fit.masked if m.whole
     ]
+    if fit.discrepancy is not None and fit.discrepancy[0] is not None:
+        table["discrepancy"] = _discrepancy(fit.discrepancy[0])
     table["skin"] = _file(str(skin), hashlib.sha256(read_bytes(skin, MOST_BYTES)).hexdigest())
     logs = tomlkit.array()
     for file in fit.data.files:
@@ -208,6 +211,23 @@ def _record(skin: Path, fit: SensorFit) -> Any:
             logs.append(_file(*file.inputs))
     table["logs"] = logs
     return table
+
+
+def _discrepancy(found: Discrepancy) -> Any:
+    """Its numbers, and the presses that it was learned from."""
+    presses = found.presses
+    table = tomlkit.inline_table()
+    table.update({key: float(f"{x:.6g}") for key, x in found.numbers._asdict().items()})
+    lists = (presses.angle, presses.force)
+    table.update({key: _rounded(x) for key, x in zip(("angles", "forces"), lists, strict=True)})
+    rows = (presses.change, presses.left, presses.noise, presses.place, presses.push)
+    keys = ("changes", "left", "noise", "places", "pushes")
+    table.update({key: [_rounded(row) for row in x] for key, x in zip(keys, rows, strict=True)})
+    return table
+
+
+def _rounded(values: np.ndarray) -> list[float]:
+    return [float(f"{x:.6g}") for x in values]
 
 
 def _file(path: str, digest: str) -> Any:

@@ -84,6 +84,12 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
         "warnings": list(fit.warnings),
         "status": fit.status,
     }
+    if fit.discrepancy is not None:
+        found, evidence = fit.discrepancy
+        report["discrepancy"] = {
+            "log_evidence": evidence._asdict(),
+            "numbers": None if found is None else found.numbers._asdict(),
+        }
     if fit.ratio is not None:
         report["permittivity_per_gap"] = {
             "value": fit.ratio[0],
@@ -91,6 +97,20 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
             "unit": "1/m",
         }
     return report
+
+
+def _lacking(log_evidence: dict[str, float], numbers: dict[str, float] | None) -> str:
+    """What presses show beyond the model, in a sentence."""
+    if numbers is None:
+        return "beyond the model: nothing; the stated errors of presses explain the readings"
+    gain = max(log_evidence.values()) - log_evidence["none"]
+    found = f"presses scatter by {100 * numbers['scatter']:.2g} %"
+    if numbers["pattern"]:
+        found += (
+            f", readings err by {100 * numbers['common']:.2g} % together and "
+            f"{100 * numbers['pattern']:.2g} % one by one; suas invert takes that off"
+        )
+    return f"beyond the model: {found} (log evidence +{gain:.0f})"
 
 
 def _taxels(
@@ -155,6 +175,8 @@ def described(report: dict[str, Any], fit: SensorFit) -> Iterator[Part]:
     if ratio := report.get("permittivity_per_gap"):
         error = f"{ratio['standard_error']:.2g}"
         yield Remark(f"permittivity / gap: {ratio['value']:.6g} +- {error} 1/m")
+    if lacking := report.get("discrepancy"):
+        yield Remark(_lacking(**lacking))
     if posterior := report.get("posterior"):
         good = posterior["status"] == "converged"
         yield Headline(f"posterior {posterior['status']}", posterior["message"], good)

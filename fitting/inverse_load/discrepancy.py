@@ -1,0 +1,137 @@
+"""What presses of a unit showed beyond its model, taken off readings that are estimated.
+
+`[calibration] discrepancy` of a skin file holds presses and the numbers of a process
+(`fitting.statistics.discrepancy`). Its mean and its covariance under one contact are tabulated
+over the states of the skin's table, per newton, and read between them. Both were learned from
+single presses: frames with several contacts are read without them.
+"""
+
+import numpy as np
+
+from fitting.arrays import Floats
+from fitting.inverse_load.fit.covariance import inverse
+from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.fit.selection import Selection
+from fitting.inverse_load.search.table import LoadTable
+from fitting.statistics.discrepancy import Discrepancy, Numbers, Presses
+from suas_jax.config import SkinSpec
+
+_ANGLES, _LEVELS = 46, 13  # of the table that is kept
+
+
+class ReadingDiscrepancy:
+    """The discrepancy of one skin's readings under one radial contact."""
+
+    def __init__(self, found: Discrepancy, table: LoadTable) -> None:
+        self._scatter = found.numbers.scatter**2
+        angles, levels = (
+            np.linspace(0, size - 1, min(size, count)).round().astype(int)
+            for size, count in zip(table.forces.shape, (_ANGLES, _LEVELS), strict=True)
+        )
+        self._angles = table.angles[angles]
+        # Levels of force are the same shares of the largest at all angles.
+        self._lowest = np.log(table.forces[angles, 0])
+        self._levels = np.log(table.forces[0, levels] / table.forces[0, 0])
+        force = table.forces[np.ix_(angles, levels)].reshape(-1)
+        change = np.nan_to_num((table.so - table.rest)[np.ix_(angles, levels)])
+        change = change.reshape(len(force), -1)
+        mean, covariance = found.at(np.repeat(self._angles, len(levels)), force, change)
+        shape, taxels = (len(angles), len(levels)), change.shape[1]
+        self._mean = (mean / force[:, None]).reshape(*shape, taxels)
+        per_newton = covariance / force[:, None, None] ** 2
+        self._covariance = per_newton.reshape(*shape, taxels, taxels)
+
+    @classmethod
+    def of(
+        cls, spec: SkinSpec, table: LoadTable, taxels: Floats
+    ) -> "ReadingDiscrepancy | None":
+        """That of a skin file; None where it has none. `taxels`: their angles [taxel] [rad].
+
+        Raises ValueError: it was learned on other taxels, or its numbers are of no process.
+        """
+        record = None if spec.calibration is None else spec.calibration.discrepancy
+        if record is None:
+            return None
+        rows = (record.changes, record.left, record.noise, record.places, record.pushes)
+        told = Presses(*(np.array(x, float) for x in (record.angles, record.forces, *rows)))
+        if told.left.shape[1] != len(taxels):
+            raise ValueError(
+                f"[calibration] discrepancy: {told.left.shape[1]} numbers a press for the "
+                f"skin's {len(taxels)} taxels; fit the sensor again"
+            )
+        numbers = Numbers(**{key: getattr(record, key) for key in Numbers._fields})
+        try:
+            return cls(Discrepancy(told, numbers, taxels), table)
+        except np.linalg.LinAlgError:
+            raise ValueError(
+                "[calibration] discrepancy: its numbers have no covariance that can be "
+                "inverted; fit the sensor again"
+            ) from None
+
+    def under(self, angle: Floats, force: Floats) -> tuple[Floats, Floats]:
+        """Mean [frame, taxel] and covariance [frame, taxel, taxel] under contacts.
+
+        They have angles [frame, rad] and forces [frame, N].
+        """
+        size = np.abs(force)
+        last, top = len(self._angles) - 1, len(self._levels) - 1
+        place = np.interp(angle, self._angles, np.arange(last + 1))
+        low = np.minimum(place.astype(int), last - 1)
+        mean = np.zeros((len(angle), self._mean.shape[-1]))
+        covariance = np.zeros((*mean.shape, mean.shape[1]))
+        log = np.log(np.maximum(size, 1e-12))
+        for i, share in ((low, low + 1 - place), (low + 1, place - low)):
+            level = np.interp(log - self._lowest[i], self._levels, np.arange(top + 1))
+            k = np.minimum(level.astype(int), top - 1)
+            for own, part in ((k, share * (k + 1 - level)), (k + 1, share * (level - k))):
+                mean += part[:, None] * self._mean[i, own]
+                covariance += part[:, None, None] * self._covariance[i, own]
+        return mean * force[:, None], covariance * size[:, None, None] ** 2
+
+    def taken_off(
+        self, selection: Selection, y: Floats, weight: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """Readings without it, inverse variances, and the covariance of what is left.
+
+        Readings and weights are [frame, taxel], the covariance [frame, taxel, taxel]. Frames
+        that are then explained by several contacts stay as they are.
+        """
+        nodes = selection.nodes
+        near = nodes.near(y, weight, nodes.nearest(y, weight)[0])
+        best, _ = selection.explain(*self._without(y, weight, near)[:2])
+        one = best.contacts == 1
+        own, weights, left = self._without(
+            y, weight, np.where(one[:, None], best.parameters[:, :2], near)
+        )
+        readings, weights = (
+            np.where(one[:, None], *pair) for pair in ((own, y), (weights, weight))
+        )
+        return readings, weights, left * one[:, None, None]
+
+    def _without(
+        self, y: Floats, weight: Floats, loads: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """The same under known contacts, angle and force [frame, 2]."""
+        mean, covariance = self.under(*loads.T)
+        own = np.diagonal(covariance, axis1=1, axis2=2)
+        return y - mean, weight / (1 + weight * own), covariance
+
+    def of_loads(self, best: Explanations, left: Floats, per_contact: int) -> Floats:
+        """Covariances of the parameters, beside those of noise, padded as the information is.
+
+        The weights of the explanations have the variances of what is left; with its covariance
+        C [frame, taxel, taxel] and G = (J^T W J)^-1 J^T W it is G (C - diag C) G^T, and the
+        scatter of presses.
+        """
+        total = np.full(best.information.shape, np.nan)
+        for count in np.unique(best.contacts):
+            width = per_contact * int(count)
+            total[best.contacts == count, :width, :width] = 0.0
+        own = slice(0, per_contact)
+        for i in np.flatnonzero(best.contacts == 1):
+            jacobian = np.nan_to_num(best.jacobian[i, own]) * best.weight[i]
+            gain = inverse(best.information[i : i + 1, own, own])[0] @ jacobian
+            apart = left[i] - np.diag(np.diag(left[i]))
+            total[i, own, own] = np.nan_to_num(gain @ apart @ gain.T)
+            total[i, 1, 1] += self._scatter * best.parameters[i, 1] ** 2
+        return total

@@ -1,0 +1,184 @@
+"""What readings do beyond a fitted model, learned over place and force of presses.
+
+Readings of a press of force F at the angle a, less the fitted model's, are taken for ::
+
+    r_k = delta_k(a, F) + p_k e + f_k t z + noise,    e, z ~ N(0, 1)
+
+p_k is what one standard deviation of the place does, f_k what the force does, relative, and t
+the scatter of presses: that of the scale, or more where creep or a loose bar adds to it. delta
+is a Gaussian process of mean zero that taxels share by their angle d from the press; c is the
+model's change of a reading from rest, m the largest of a press ::
+
+    cov = (g^2 c c' + s^2 (c c' + f^2 m m') exp(-(d - d')^2 / 2 l_d^2))
+          exp(-(a - a')^2 / 2 l_a^2 - log(F / F')^2 / 2 l_F^2)
+
+g is an error of all readings of a press, like one of its force, s one of their pattern. The
+numbers are the most probable ones, lengths with log-normal priors (C. E. Rasmussen and C. K. I.
+Williams, Gaussian Processes for Machine Learning, 2006, chapters 2 and 5). They are there where
+the logarithm of the marginal likelihood gains more than Schwarz's criterion asks for them:
+log(n) / 2 each for n readings.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.optimize import minimize
+
+from fitting.arrays import Floats
+
+MOST_PRESSES = 300
+"""Of which values are learned; further ones tell little, and cost as their cube."""
+_TELLING = 60  # presses that the numbers of the process are found from
+_FLOOR = 0.05  # f: a taxel's own error where its reading hardly changes
+_STARTS = ((0.01, 0.01, 0.35, 0.5, 1.0, 0.004), (0.03, 0.01, 0.3, 0.3, 1.0, 0.01))
+_MEANS, _WIDTHS = np.log([0.35, 0.5, 1.0]), np.array([0.5, 0.7, 0.7])  # of lengths' logarithms
+_BOUNDS = ((5e-4, 0.3), (5e-4, 0.3), (0.08, 2.0), (0.1, 4.0), (0.2, 6.0))
+_LARGEST_SCATTER = 0.2
+
+
+class Presses(NamedTuple):
+    """Presses, and what the fitted model leaves of their readings."""
+
+    angle: Floats  # [press] [rad]
+    force: Floats  # [press] [N]
+    change: Floats  # of the model's readings from rest [press, taxel] [counts]
+    left: Floats  # readings less the model's [press, taxel] [counts]; NaN where not used
+    noise: Floats  # standard deviation of a reading [press, taxel] [counts]
+    place: Floats  # readings by one standard deviation of a place [press, taxel] [counts]
+    push: Floats  # readings by the relative force [press, taxel] [counts]
+
+    def rows(self, most: int) -> "Presses":
+        """At most so many of them, evenly."""
+        count = len(self.force)
+        index = np.linspace(0, count - 1, min(count, most)).round().astype(int)
+        return Presses(*(x[index] for x in self))
+
+
+class Numbers(NamedTuple):
+    """The numbers of a discrepancy."""
+
+    common: float  # g, relative
+    pattern: float  # s, relative
+    apart: float  # l_d [rad]
+    along: float  # l_a [rad]
+    force: float  # l_F, of the logarithm of a force
+    scatter: float  # t, relative
+
+
+class Evidence(NamedTuple):
+    """Logarithms of marginal likelihoods, less what Schwarz's criterion asks for."""
+
+    none: float  # of noise and the stated errors of presses alone
+    scatter: float  # with presses that scatter more
+    process: float  # with the process as well
+
+
+class Discrepancy:
+    """A Gaussian process given presses."""
+
+    def __init__(self, presses: Presses, numbers: Numbers, taxels: Floats) -> None:
+        """`taxels`: their angles [taxel] [rad]. Raises LinAlgError: numbers of no process."""
+        self.presses, self.numbers, self.taxels = presses, numbers, taxels
+        used = np.isfinite(presses.left)
+        keep = used.reshape(-1)
+        inputs = self._inputs(presses.angle, presses.force, presses.change)
+        self._points = inputs[0][keep], inputs[1][keep]
+        press = np.nonzero(used)[0]
+        p, f = presses.place[used], numbers.scatter * presses.push[used]
+        same = press[:, None] == press
+        own = np.where(same, np.outer(p, p) + np.outer(f, f), 0.0)
+        own[np.diag_indices_from(own)] += presses.noise[used] ** 2
+        own += self._kernel(self._points, self._points)
+        self._factor = cho_factor(own, lower=True, check_finite=False)
+        self._left = presses.left[used]
+        self._weights = cho_solve(self._factor, self._left)
+
+    @property
+    def log_likelihood(self) -> float:
+        """Logarithm of the marginal likelihood, up to a constant."""
+        spread = np.log(np.diag(self._factor[0])).sum()
+        return float(-0.5 * self._left @ self._weights - spread)
+
+    def at(self, angle: Floats, force: Floats, change: Floats) -> tuple[Floats, Floats]:
+        """Mean [press, taxel] and covariance [press, taxel, taxel] under other presses.
+
+        They have angles [press, rad], forces [press, N], and changes of the model's readings
+        from rest [press, taxel].
+        """
+        points, sizes = self._inputs(angle, force, change)
+        cross = self._kernel((points, sizes), self._points)
+        half = solve_triangular(self._factor[0], cross.T, lower=True, check_finite=False)
+        half = half.reshape(-1, *change.shape)
+        pairs = zip(
+            points.reshape(*change.shape, 3), sizes.reshape(*change.shape, 2), strict=True
+        )
+        before = np.stack([self._kernel(own, own) for own in pairs])
+        mean = (cross @ self._weights).reshape(change.shape)
+        return mean, before - np.einsum("npk,npl->pkl", half, half)
+
+    def _inputs(self, angle: Floats, force: Floats, change: Floats) -> tuple[Floats, Floats]:
+        """d, a and log F [reading, 3], and sizes c and f m [reading, 2]."""
+        d = self.taxels - angle[:, None]
+        columns = np.broadcast_arrays(d, angle[:, None], np.log(force)[:, None])
+        most = np.broadcast_to(np.abs(change).max(1, keepdims=True), change.shape)
+        sizes = np.stack([change, _FLOOR * most], -1)
+        return np.stack(columns, -1).reshape(-1, 3), sizes.reshape(-1, 2)
+
+    def _kernel(self, one: tuple[Floats, Floats], other: tuple[Floats, Floats]) -> Floats:
+        n = self.numbers
+        (x, a), (y, b) = one, other
+        scale = np.array([n.apart, n.along, n.force])
+        x, y = x / scale, y / scale
+
+        def near(x: Floats, y: Floats) -> Floats:
+            square = (x**2).sum(1)[:, None] + (y**2).sum(1) - 2 * x @ y.T
+            return np.asarray(np.exp(-np.maximum(square, 0.0) / 2))
+
+        pattern = n.pattern**2 * (a @ b.T) * near(x[:, :1], y[:, :1])
+        whole = pattern + n.common**2 * np.outer(a[:, 0], b[:, 0])
+        return np.asarray(whole * near(x[:, 1:], y[:, 1:]))
+
+
+def learned(
+    presses: Presses, taxels: Floats, scatter: float
+) -> tuple[Discrepancy | None, Evidence]:
+    """The discrepancy that presses show; None where their stated errors explain all.
+
+    `taxels`: their angles [taxel] [rad]. `scatter`: the stated deviation of a force, relative.
+    """
+    told = presses.rows(_TELLING)
+    asked = 0.5 * np.log(max(np.isfinite(told.left).sum(), 1))
+
+    def cost(p: Floats) -> float:
+        try:
+            value = -Discrepancy(told, _numbers(p), taxels).log_likelihood
+        except np.linalg.LinAlgError:
+            return 1e10
+        off = (p[2:5] - _MEANS) / _WIDTHS if len(p) > 1 else np.zeros(1)
+        return value + 0.5 * float((off**2).sum())
+
+    last = (np.log(scatter), np.log(_LARGEST_SCATTER))
+    bounds = [*(tuple(np.log(pair)) for pair in _BOUNDS), last]
+    alone = minimize(cost, [last[0] + 0.5], method="L-BFGS-B", bounds=[last])
+    tried = [
+        minimize(cost, np.log(s), method="L-BFGS-B", bounds=bounds) for s in np.array(_STARTS)
+    ]
+    whole = min(tried, key=lambda found: found.fun)
+    evidence = Evidence(
+        -cost(np.array([last[0]])),
+        float(-alone.fun - asked),
+        float(-whole.fun - asked * len(whole.x)),
+    )
+    best = int(np.argmax(evidence))
+    if best == 0:
+        return None, evidence
+    numbers = _numbers((alone, whole)[best - 1].x)
+    return Discrepancy(presses.rows(MOST_PRESSES), numbers, taxels), evidence
+
+
+def _numbers(p: Floats) -> Numbers:
+    """From their logarithms; from that of the scatter alone, no process."""
+    if len(p) == 1:
+        return Numbers(0.0, 0.0, 1.0, 1.0, 1.0, float(np.exp(p[0])))
+    return Numbers(*map(float, np.exp(p)))

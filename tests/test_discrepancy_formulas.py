@@ -1,0 +1,235 @@
+"""What presses show beyond a model: the process against closed forms, and its evidence."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import tomlkit
+from scipy.optimize import least_squares
+from scipy.stats import multivariate_normal
+
+from fitting.inverse_load.discrepancy import ReadingDiscrepancy
+from fitting.inverse_load.search.table import LoadTable
+from fitting.sensor.report.skin_file import _discrepancy
+from fitting.statistics.discrepancy import Discrepancy, Evidence, Numbers, Presses, learned
+from suas_jax.config import load_skin
+from suas_jax.config.schema_calibration import DiscrepancySpec
+
+SKIN = Path(__file__).parent.parent / "configs/skins/suas.toml"
+TAXELS = np.deg2rad(np.arange(-70.0, 71.0, 20.0))
+SCATTER = 2e-3
+
+
+def change_at(angle: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Changes of readings of a made-up skin [press, taxel]."""
+    d = TAXELS - angle[:, None]
+    return force[:, None] * (300 * np.exp(-(d**2) / 0.08) - 40 * np.exp(-(d**2) / 0.72))
+
+
+def made(
+    seed: int, count: int, share: float, scatter: float = SCATTER
+) -> tuple[Presses, np.ndarray]:
+    """Presses whose readings err by a smooth share of their change, and what they err by."""
+    random = np.random.default_rng(seed)
+    angle, force = random.uniform(-1.25, 1.25, count), random.uniform(2.5, 10.0, count)
+    change, d = change_at(angle, force), TAXELS - angle[:, None]
+    place = 3 * force[:, None] * np.sin(6 * d) * np.exp(-(d**2) / 0.08)
+    noise = np.hypot(0.3, 2.5e-3 * change)
+    true = share * (np.sin(3 * angle + 1)[:, None] + 0.5 * np.cos(4 * d)) * change
+    left = true + random.normal(size=(count, 1)) * place
+    left = left + scatter * random.normal(size=(count, 1)) * change
+    left = left + noise * random.normal(size=change.shape)
+    return Presses(angle, force, change, left, noise, place, change), true
+
+
+def test_mean_covariance_and_likelihood_are_those_of_a_gaussian() -> None:
+    """One taxel, which the pattern's length does not matter to, and presses at one place."""
+    n = Numbers(0.02, 0.0, 1.0, 1.0, 0.8, 0.01)
+    force = np.array([2.0, 5.0, 9.0])
+    change, left = 10 * force[:, None], np.array([[0.3], [0.9], [-0.2]])
+    noise, place = np.full((3, 1), 0.2), np.full((3, 1), 0.1)
+    angle = np.zeros(3)
+    own = Discrepancy(Presses(angle, force, change, left, noise, place, change), n, np.zeros(1))
+    far = np.log(force[:, None] / force) ** 2 / (2 * 0.8**2)
+    process = 0.02**2 * (change @ change.T) * np.exp(-far)
+    whole = process + np.diag(0.2**2 + 0.1**2 + 0.01**2 * change[:, 0] ** 2)
+    told = multivariate_normal(np.zeros(3), whole).logpdf(left[:, 0])
+    assert own.log_likelihood - 1.5 * np.log(2 * np.pi) == pytest.approx(told)
+    mean, covariance = own.at(angle, force, change)
+    np.testing.assert_allclose(mean[:, 0], process @ np.linalg.solve(whole, left[:, 0]))
+    after = process - process @ np.linalg.solve(whole, process)
+    np.testing.assert_allclose(covariance[:, 0, 0], np.diag(after), atol=1e-12)
+
+
+@pytest.mark.parametrize("count", [10, 30])
+def test_evidence_picks_nothing_where_presses_have_their_stated_errors(count: int) -> None:
+    for seed in range(100 // count):
+        found, evidence = learned(made(seed, count, 0.0)[0], TAXELS, SCATTER)
+        assert found is None
+        assert evidence.none == max(evidence)
+
+
+@pytest.fixture(scope="module")
+def shown() -> tuple[Discrepancy, Evidence]:
+    found, evidence = learned(made(0, 40, 0.02)[0], TAXELS, SCATTER)
+    assert found is not None
+    return found, evidence
+
+
+def test_what_presses_show_is_found_with_its_own_uncertainty(
+    shown: tuple[Discrepancy, Evidence],
+) -> None:
+    found, evidence = shown
+    assert evidence.process > max(evidence.none, evidence.scatter) + 50
+    other, true = made(1, 60, 0.02)
+    mean, covariance = found.at(other.angle, other.force, other.change)
+    assert np.sqrt(np.mean((true - mean) ** 2)) < 0.25 * np.sqrt(np.mean(true**2))
+    z = (true - mean) / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    assert np.mean(np.abs(z) < 1.96) > 0.85
+    # Far from all presses there is nothing to take off, and as much uncertainty as before.
+    angle, force = np.array([9.0]), np.array([5.0])
+    mean, covariance = found.at(angle, force, np.full((1, 8), 100.0))
+    assert np.abs(mean).max() < 1e-6
+    n = found.numbers
+    expected = 1e4 * (n.common**2 + n.pattern**2 * (1 + 0.05**2))
+    assert covariance[0, 0, 0] == pytest.approx(expected)
+
+
+def test_presses_that_scatter_are_no_process() -> None:
+    found, evidence = learned(made(0, 30, 0.0, scatter=0.02)[0], TAXELS, SCATTER)
+    assert found is not None
+    assert evidence.scatter == max(evidence)
+    assert found.numbers.scatter == pytest.approx(0.02, rel=0.4)
+    assert found.numbers.common == found.numbers.pattern == 0
+
+
+def test_estimates_read_it_between_the_states_of_their_table(
+    shown: tuple[Discrepancy, Evidence],
+) -> None:
+    found, presses = shown[0], shown[0].presses
+    angles, forces = np.linspace(-1.5, 1.5, 91), np.geomspace(0.1, 20.0, 24)
+    grid = np.repeat(forces[None], 91, 0)
+    so = np.stack([change_at(angles, np.full(91, f)) for f in forces], 1)
+    none = np.zeros((91, 24))
+    table = LoadTable(angles, grid, so, np.zeros(8), none, none, none[:, 0])
+    own = ReadingDiscrepancy(found, table)
+    mean, covariance = own.under(presses.angle, presses.force)
+    exact, spread = found.at(presses.angle, presses.force, presses.change)
+    assert np.abs(mean - exact).max() < 0.03 * np.abs(exact).max()
+    # Between the states it is above that at a press, and never far below.
+    share = np.trace(covariance, axis1=1, axis2=2) / np.trace(spread, axis1=1, axis2=2)
+    assert 0.95 < np.median(share) < 1.2
+    assert share.min() > 0.8
+
+
+class _OneContact:
+    """Least squares for one contact on the made-up skin, in place of `Selection`."""
+
+    nodes: "_OneContact"
+
+    def __init__(self) -> None:
+        self.nodes = self
+
+    def nearest(self, y: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return np.abs(y).argmax(1), np.zeros(len(y), int)
+
+    def near(self, y: np.ndarray, weight: np.ndarray, node: np.ndarray) -> np.ndarray:
+        found = []
+        for row, w, k in zip(y, weight, node, strict=True):
+
+            def misfit(p: np.ndarray, row: np.ndarray = row, w: np.ndarray = w) -> np.ndarray:
+                return np.sqrt(w) * (change_at(p[:1], p[1:])[0] - row)
+
+            found.append(least_squares(misfit, [TAXELS[k], 5.0]).x)
+        return np.array(found)
+
+    def explain(self, y: np.ndarray, weight: np.ndarray) -> tuple[Any, list[None]]:
+        parameters = self.near(y, weight, self.nearest(y, weight)[0])
+        jacobian = np.stack(
+            [
+                (change_at(*(parameters + h).T) - change_at(*(parameters - h).T)) / 2e-5
+                for h in 1e-5 * np.eye(2)
+            ],
+            1,
+        )
+        information = (jacobian * weight[:, None]) @ np.swapaxes(jacobian, 1, 2)
+        contacts = np.ones(len(y), int)
+        contacts[-1] = 2  # whatever it is, two contacts explain it better
+        best = SimpleNamespace(
+            parameters=parameters, jacobian=jacobian, information=information,
+            contacts=contacts, weight=weight,
+        )  # fmt: skip
+        return best, [None] * len(y)
+
+
+def test_loads_of_readings_without_it(shown: tuple[Discrepancy, Evidence]) -> None:
+    """Forces lose the model's error, and their intervals hold what is left of it."""
+    found = shown[0]
+    angles, forces = np.linspace(-1.5, 1.5, 91), np.geomspace(0.1, 20.0, 24)
+    so = np.stack([change_at(angles, np.full(91, f)) for f in forces], 1)
+    none = np.zeros((91, 24))
+    grid = np.repeat(forces[None], 91, 0)
+    table = LoadTable(angles, grid, so, np.zeros(8), none, none, none[:, 0])
+    own, selection = ReadingDiscrepancy(found, table), _OneContact()
+    told, true = made(2, 40, 0.02)
+    y = told.change + true
+    weight = 1 / (4 + (2.5e-3 * told.change) ** 2)
+    before = selection.explain(y, weight)[0].parameters[:, 1] / told.force - 1
+    readings, weights, left = own.taken_off(selection, y, weight)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(readings[-1], y[-1])
+    assert not left[-1].any()
+    best, _ = selection.explain(readings, weights)
+    after = best.parameters[:, 1] / told.force - 1
+    assert np.median(np.abs(after[:-1])) < 0.3 * np.median(np.abs(before[:-1]))
+    more = own.of_loads(best, left, 2)
+    deviation = np.sqrt((np.linalg.inv(best.information) + more)[:, 1, 1]) / told.force
+    assert np.mean(np.abs(after / deviation)[:-1] < 1.96) > 0.9
+    assert np.isnan(more[-1]).sum() == 0
+    assert not more[-1].any()
+
+
+def test_a_skin_file_keeps_it(tmp_path: Path) -> None:
+    presses, _ = made(0, 10, 0.02)
+    presses.left[3, 2] = np.nan  # a reading that was left out
+    found = Discrepancy(presses, Numbers(0.02, 0.01, 0.3, 0.5, 1.0, 0.004), TAXELS)
+    document = tomlkit.parse(SKIN.read_text())
+    document["calibration"] = tomlkit.table()
+    document["calibration"]["discrepancy"] = _discrepancy(found)
+    file = tmp_path / "unit.toml"
+    file.write_text(tomlkit.dumps(document))
+    angles, forces = np.linspace(-1.5, 1.5, 46), np.geomspace(0.1, 20.0, 13)
+    so = np.stack([change_at(angles, np.full(46, f)) for f in forces], 1)
+    none = np.zeros((46, 13))
+    grid = np.repeat(forces[None], 46, 0)
+    table = LoadTable(angles, grid, so, np.zeros(8), none, none, none[:, 0])
+    own = ReadingDiscrepancy.of(load_skin(file), table, TAXELS)
+    assert own is not None
+    for told, kept in zip(
+        ReadingDiscrepancy(found, table).under(presses.angle, presses.force),
+        own.under(presses.angle, presses.force),
+        strict=True,
+    ):
+        np.testing.assert_allclose(kept, told, atol=1e-3 * np.abs(told).max())
+    assert ReadingDiscrepancy.of(load_skin(SKIN), table, TAXELS) is None
+    with pytest.raises(ValueError, match="8 numbers a press for the skin's 7 taxels"):
+        ReadingDiscrepancy.of(load_skin(file), table, TAXELS[:7])
+
+
+def test_a_record_of_other_shape_is_refused() -> None:
+    rows = ((1.0, 2.0),)
+    told = {
+        "common": 0.01, "pattern": 0.01, "apart": 0.3, "along": 0.5, "force": 1.0,
+        "scatter": 0.004, "angles": (0.1,), "forces": (5.0,), "changes": rows, "left": rows,
+        "noise": rows, "places": rows, "pushes": rows,
+    }  # fmt: skip
+    assert DiscrepancySpec(**told).angles == (0.1,)
+    for key, value, said in (
+        ("left", ((1.0,),), "left: 1 rows of 2 numbers"),
+        ("forces", (5.0, 6.0), "one for each of angles"),
+        ("noise", ((0.0, 1.0),), "above zero"),
+        ("places", ((np.nan, 1.0),), "finite"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            DiscrepancySpec(**told | {key: value})
