@@ -16,6 +16,7 @@ import jax
 import numpy as np
 
 from fitting.arrays import Flags, Floats, Rows
+from fitting.inverse_load.fit.covariance import covariance_of
 from fitting.inverse_load.fit.doubts import Doubts, FaultyTaxels
 from fitting.inverse_load.fit.explanation import UNSETTLED, AbstractLoadFitter, Explanations
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors
@@ -121,7 +122,6 @@ class Selection:
         frames = np.arange(len(y))
         best, narrow = self._or_wide(y, weight, frames, best)
         best = self._more_contacts(y, weight, narrow[doubtful[narrow]], best)
-        best = self._fewer_contacts(y, weight, best)
         best = self._or_pulled(y, weight, frames, best)
         bad = frames[self._p_value(best) < SUSPECT / 10]
         return self._faulty.explained_without(y, weight, bad, best) if bad.size else best
@@ -234,15 +234,32 @@ class Selection:
             state = jax.tree.map(lambda x, rows=kept: x[..., rows], state)
             found = self._fit_several(y[at], weight[at], parameters, state, count)
             best, improved = best.cheapest(at, found)
+            best = self._without_weakest(y, weight, at, found, best)
             frames = improved[self._p_value(best)[improved] < _PLAUSIBLE]
         return best
 
     def _fit_several(
         self, y: Any, weight: Any, start: Any, state: State, count: int
     ) -> Explanations:
-        """Fits by some contacts, each beyond the first with its penalty."""
+        """Fits by some contacts, each beyond the first with its penalty, all of them told.
+
+        A contact that readings do not determine fits what a wrong model leaves, whatever that
+        is: to be there, each has to gain its penalty with all others free.
+        """
         found = self._loads.fit(y, weight, start, state, count)
-        return found.penalised((count - 1) * self.penalty)
+        told = count == 1 or self._significance(found).min(1) >= self.penalty
+        return found.penalised(np.where(told, (count - 1) * self.penalty, np.inf))
+
+    def _significance(self, found: Explanations) -> Floats:
+        """Squares of forces over their variances, of one number of contacts [frame, contact].
+
+        To first order they are what chi2 rises by without the contact, all others fitted anew.
+        """
+        count = int(found.contacts[0])
+        rows = self.fitter.parameters.rows("force", count)
+        covariance = covariance_of(found, self.fitter.per_contact)
+        variance = np.diagonal(covariance, axis1=1, axis2=2)[:, rows]
+        return np.asarray(found.parameters[:, rows] ** 2 / variance)
 
     def _starts(
         self, y: Any, weight: Any, best: Explanations, i: int, count: int
@@ -263,16 +280,7 @@ class Selection:
         found = self._fit_several(y, weight, self._predicted(y, weight), last.state, count)
         if self._p_value(found)[0] < _PLAUSIBLE or found.absorbed[0]:
             return None
-        return found if self._gains(found).min() >= self.penalty else None
-
-    def _gains(self, best: Explanations) -> Floats:
-        """What each contact of frames of one number of them takes off chi2 [frame, contact].
-
-        It is what one would take off were it alone.
-        """
-        rows = self.fitter.parameters.rows("force", int(best.contacts[0]))
-        curvature = np.diagonal(best.information, axis1=1, axis2=2)
-        return np.asarray(best.parameters[:, rows] ** 2 * curvature[:, rows])
+        return found if np.isfinite(found.score[0]) else None
 
     def _as_before(
         self, y: Any, weight: Any, frames: Any, best: Explanations
@@ -287,27 +295,24 @@ class Selection:
             frames = improved[self._p_value(best) < SUSPECT]
         return best, frames
 
-    def _fewer_contacts(self, y: Any, weight: Any, best: Explanations) -> Explanations:
-        """Take contacts out again that the fit leaves without a force to speak of."""
-        for count in range(self.most_contacts, 1, -1):
-            frames = np.flatnonzero(best.contacts == count)
-            if not frames.size:
-                continue
-            gains = self._gains(best.rows(frames))
-            weakest = gains.argmin(1)
-            rows = np.flatnonzero(gains.min(1) < self.penalty)
-            if not rows.size:
-                continue
-            frames, kept = frames[rows], np.ones((len(rows), count), bool)
-            kept[np.arange(len(rows)), weakest[rows]] = False
-            columns = best.parameters[frames, : count * self.fitter.per_contact]
-            start = columns.reshape(len(rows), -1, count).transpose(0, 2, 1)[kept]
-            start = start.reshape(len(rows), count - 1, -1).transpose(0, 2, 1)
-            start = start.reshape(len(rows), -1)
-            state = best.rows(frames).state
-            found = self._fit_several(y[frames], weight[frames], start, state, count - 1)
-            best, _ = best.cheapest(frames, found)
-        return best
+    def _without_weakest(
+        self, y: Any, weight: Any, at: Rows, found: Explanations, best: Explanations
+    ) -> Explanations:
+        """Frames again, from fits by one contact that is not told beside others."""
+        count = int(found.contacts[0])
+        least = found.chi2 + (count - 1) * self.penalty
+        rows = np.flatnonzero(np.isinf(found.score) & (least < best.score[at]))
+        if not rows.size:
+            return best
+        found, at = found.rows(rows), at[rows]
+        kept = np.ones((len(rows), count), bool)
+        kept[np.arange(len(rows)), self._significance(found).argmin(1)] = False
+        columns = found.parameters[:, : count * self.fitter.per_contact]
+        start = columns.reshape(len(rows), -1, count).transpose(0, 2, 1)[kept]
+        start = start.reshape(len(rows), count - 1, -1).transpose(0, 2, 1)
+        start = start.reshape(len(rows), -1)
+        fewer = self._fit_several(y[at], weight[at], start, found.state, count - 1)
+        return best.cheapest(at, fewer)[0]
 
     # --- pulls ------------------------------------------------------------------------
 
