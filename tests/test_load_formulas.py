@@ -604,6 +604,18 @@ def test_what_a_wrong_model_leaves_is_no_contact_that_readings_do_not_determine(
     np.testing.assert_allclose(best.parameters[0, :2], [place, 6.0], atol=0.35)
 
 
+def test_what_errors_of_the_inputs_explain_is_no_contact_even_where_a_fit_is_not_poor() -> None:
+    """An error that does what a light contact does: chi2 24 of 11, and a hint."""
+    both = dimple_readings([[0.1, -0.3, 6.0, 0.5]], 2) - dimple_readings([[0.1, 6.0]])
+    moved = both * np.sqrt(24.0 / (both**2).sum())
+    for errors, contacts in ((None, 2), (KnownErrors(moved / 1.5), 1)):
+        selection, y, weight = selected([[0.1, 6.0]], errors=errors)
+        best, _ = selection.explain(y + moved, weight)
+        assert best.contacts.tolist() == [contacts]
+        assert best.absorbed.tolist() == [errors is not None]
+    np.testing.assert_allclose(best.parameters[0, :2], [0.1, 6.0], rtol=1e-2)
+
+
 def test_a_fit_with_a_contact_too_much_leads_to_the_others() -> None:
     selection, y, weight = selected([[-0.25, 8.0]])
     two = selection._fit_several(y, weight, np.array([[0.3, -0.25, 0.3, 8.0]]), None, 2)

@@ -62,6 +62,13 @@ class LoadsAndErrors:
             found = found.cheapest(rows, better)[0]
         return found
 
+    def with_errors(self, y: Any, weight: Any, begin: Explanations) -> Explanations:
+        """Explanations by loads alone, of one number of contacts, with errors beside them."""
+        if self.errors is None or not self.errors.names:
+            return begin
+        told = self.errors.of(begin, y - begin.so, self.fitter.per_contact)
+        return self._with_errors(self.fitter, y, weight, begin, told.likely, pull=False)
+
     def _with_errors(
         self,
         fitter: AbstractLoadFitter,

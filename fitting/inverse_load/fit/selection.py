@@ -26,6 +26,8 @@ from fitting.inverse_load.search.base import AbstractNodeSearch, PairSearch, Sta
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.runtime.compiled import COMPILED
 
+FELT = 2.0
+"""Standard deviations of a force that is there beside others."""
 _PLAUSIBLE = 0.05  # p-value of chi2 above which no further contact is sought
 
 
@@ -90,7 +92,7 @@ class Selection:
         first, second = self.nodes.nearest(y, weight)
         best = self._single(y, weight, first)
         best, others = self._second_modes(y, weight, second, best)
-        doubtful = self._doubts.of(y, best)
+        best, doubtful = self._errors_first(y, weight, self._doubts.of(y, best), best)
         rows, pairs = self.fitter.pairs_for_wide(y, best)
         doubtful[rows] |= pairs.chi2 < best.chi2[rows] - self.penalty
         # What errors of the inputs explain may be a width as well.
@@ -125,6 +127,21 @@ class Selection:
         best = self._or_pulled(y, weight, frames, best)
         bad = frames[self._p_value(best) < SUSPECT / 10]
         return self._faulty.explained_without(y, weight, bad, best) if bad.size else best
+
+    def _errors_first(
+        self, y: Any, weight: Any, doubtful: Flags, best: Explanations
+    ) -> tuple[Explanations, Flags]:
+        """Single contacts with what errors of the inputs explain; frames still in doubt."""
+        rows = np.flatnonzero(doubtful & ~best.absorbed & np.isfinite(best.chi2))
+        if not rows.size:
+            return best, doubtful
+        found = self._loads.with_errors(y[rows], weight[rows], best.rows(rows))
+        best, rows = best.cheapest(rows, found)
+        doubtful = doubtful.copy()
+        own = best.rows(rows)
+        doubtful[rows] = self._p_value(own) < SUSPECT
+        doubtful[rows] |= self._doubts.hinted(y[rows], own)
+        return best, doubtful
 
     def _single(self, y: Any, weight: Any, node: Any) -> Explanations:
         """One contact, from the nearest nodes or, live, from the last frame if nearer."""
@@ -243,11 +260,11 @@ class Selection:
     ) -> Explanations:
         """Fits by some contacts, each beyond the first with its penalty, all of them told.
 
-        A contact that readings do not determine fits what a wrong model leaves, whatever that
-        is: to be there, each has to gain its penalty with all others free.
+        A contact whose force readings do not determine, all others free, fits what a wrong
+        model leaves, whatever that is.
         """
         found = self._loads.fit(y, weight, start, state, count)
-        told = count == 1 or self._significance(found).min(1) >= self.penalty
+        told = count == 1 or self._significance(found).min(1) >= FELT**2
         return found.penalised(np.where(told, (count - 1) * self.penalty, np.inf))
 
     def _significance(self, found: Explanations) -> Floats:
