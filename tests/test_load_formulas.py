@@ -299,7 +299,7 @@ def test_covariance_by_errors_is_their_spread_and_shift_carried_to_the_loads(
         so=np.zeros((1, 6)),
         jacobian=[SLOPES],
         weight=WEIGHT,
-        absorbed=np.array([absorbed]),
+        shift=np.full((1, 6), float(absorbed)),
     )
     errors = KnownErrors(ERROR_SLOPES)
     told = errors.of(best, RESIDUAL[None], 2)

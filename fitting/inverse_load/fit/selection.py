@@ -92,7 +92,8 @@ class Selection:
         first, second = self.nodes.nearest(y, weight)
         best = self._single(y, weight, first)
         best, others = self._second_modes(y, weight, second, best)
-        best, doubtful = self._errors_first(y, weight, self._doubts.of(y, best), best)
+        doubtful = self._doubts.of(y, best)
+        best = self._errors_first(y, weight, doubtful, best)
         rows, pairs = self.fitter.pairs_for_wide(y, best)
         doubtful[rows] |= pairs.chi2 < best.chi2[rows] - self.penalty
         # What errors of the inputs explain may be a width as well.
@@ -130,18 +131,16 @@ class Selection:
 
     def _errors_first(
         self, y: Any, weight: Any, doubtful: Flags, best: Explanations
-    ) -> tuple[Explanations, Flags]:
-        """Single contacts with what errors of the inputs explain; frames still in doubt."""
+    ) -> Explanations:
+        """What further contacts have to beat: frames in doubt with errors of the inputs."""
         rows = np.flatnonzero(doubtful & ~best.absorbed & np.isfinite(best.chi2))
         if not rows.size:
-            return best, doubtful
-        found = self._loads.with_errors(y[rows], weight[rows], best.rows(rows))
-        best, rows = best.cheapest(rows, found)
-        doubtful = doubtful.copy()
+            return best
         own = best.rows(rows)
-        doubtful[rows] = self._p_value(own) < SUSPECT
-        doubtful[rows] |= self._doubts.hinted(y[rows], own)
-        return best, doubtful
+        start = own.parameters[:, : self.fitter.per_contact]
+        how = start, own.state, 1, own.shift
+        found = self._loads.beside_errors(y[rows], weight[rows], *how)
+        return best.cheapest(rows, found)[0]
 
     def _single(self, y: Any, weight: Any, node: Any) -> Explanations:
         """One contact, from the nearest nodes or, live, from the last frame if nearer."""
@@ -237,6 +236,7 @@ class Selection:
             frames = frames[enough]
             starts = [self._starts(y[i], weight[i], best, i, count) for i in frames]
             at = np.repeat(frames, [len(s) for s in starts])
+            left = y - best.shift  # by errors, if there are any
             if not at.size:
                 break
             parameters = np.array([row[0] for s in starts for row in s])
@@ -244,26 +244,38 @@ class Selection:
             suspect = self._p_value(best)[at] < SUSPECT
             to_beat = best.score[at] - (count - 1) * self.penalty
             to_beat = np.where(suspect, np.inf, to_beat)
-            kept = self.fitter.screened(at, y[at], weight[at], parameters, count, to_beat)
+            kept = self.fitter.screened(at, left[at], weight[at], parameters, count, to_beat)
             if not kept.size:
                 break
             at, parameters = at[kept], parameters[kept]
             state = jax.tree.map(lambda x, rows=kept: x[..., rows], state)
-            found = self._fit_several(y[at], weight[at], parameters, state, count)
+            begin = parameters, state, count, best.shift[at]
+            found = self._fit_several(y[at], weight[at], *begin)
             best, improved = best.cheapest(at, found)
             best = self._without_weakest(y, weight, at, found, best)
             frames = improved[self._p_value(best)[improved] < _PLAUSIBLE]
         return best
 
     def _fit_several(
-        self, y: Any, weight: Any, start: Any, state: State, count: int
+        self,
+        y: Any,
+        weight: Any,
+        start: Any,
+        state: State,
+        count: int,
+        shift: Any = 0.0,
     ) -> Explanations:
         """Fits by some contacts, each beyond the first with its penalty, all of them told.
 
         A contact whose force readings do not determine, all others free, fits what a wrong
-        model leaves, whatever that is.
+        model leaves, whatever that is. Where errors of the inputs move the readings, by a shift
+        [frame, taxel], they are fitted, too.
         """
-        found = self._loads.fit(y, weight, start, state, count)
+        given = y, weight, start, state, count
+        if np.any(shift):
+            found = self._loads.beside_errors(*given, shift)
+        else:
+            found = self._loads.fit(*given)
         told = count == 1 or self._significance(found).min(1) >= FELT**2
         return found.penalised(np.where(told, (count - 1) * self.penalty, np.inf))
 
@@ -282,11 +294,11 @@ class Selection:
         self, y: Any, weight: Any, best: Explanations, i: int, count: int
     ) -> list[Start]:
         """Where fits of a frame by so many contacts begin; a third is added to two."""
-        if count == 2:
-            return self.pairs.of_two(y, weight)
-        if int(best.contacts[i]) != count - 1:
-            return []
-        return self.pairs.of_one_more(y, weight, best.parameters[i], best.so[i], count - 1)
+        y, so = y - best.shift[i], best.so[i] - best.shift[i]
+        starts = self.pairs.of_two(y, weight) if count == 2 else []
+        if int(best.contacts[i]) != count - 1 or (count == 2 and not best.absorbed[i]):
+            return starts
+        return starts + self.pairs.of_one_more(y, weight, best.parameters[i], so, count - 1)
 
     def _followed(self, y: Any, weight: Any) -> Explanations | None:
         """Live: as many contacts as before, two or more, where they explain the readings."""
@@ -328,7 +340,8 @@ class Selection:
         start = columns.reshape(len(rows), -1, count).transpose(0, 2, 1)[kept]
         start = start.reshape(len(rows), count - 1, -1).transpose(0, 2, 1)
         start = start.reshape(len(rows), -1)
-        fewer = self._fit_several(y[at], weight[at], start, found.state, count - 1)
+        begin = start, found.state, count - 1, found.shift
+        fewer = self._fit_several(y[at], weight[at], *begin)
         return best.cheapest(at, fewer)[0]
 
     # --- pulls ------------------------------------------------------------------------
