@@ -452,6 +452,13 @@ def test_statuses_and_their_thresholds(
     assert assessed(parameters, **options).status == status
 
 
+def test_no_error_is_stated_where_a_fit_ends_on_its_bound() -> None:
+    for angle, known in ((0.499, True), (0.5, False)):
+        (contact,) = assessed([angle, 5.0], systematic=[0.0, 0.16]).contacts
+        assert (contact.covariance is not None) is known
+        assert (contact.systematic is not None) is known
+
+
 def test_at_the_wall_a_force_is_bounded_from_below() -> None:
     """95 % one-sided: 1.645 deviations less than the force, or than that of first contact."""
     for force, bound in ((19.9, 19.9), (25.0, 20.0)):

@@ -109,11 +109,14 @@ class LoadAssessment:
                 left_out=out,
                 at_least=bound if wall else None,
             )
+        edge = bool((np.abs(places) >= self._fitter.edge * (1 - 1e-6)).any())
+        # Where a fit ends on its bound its slopes say nothing of how far off it is.
+        told = not (wall or edge)
         contacts = self._contacts(
             best.parameters[i],
             count,
-            None if wall else spread,
-            None if wall else systematic,
+            spread if told else None,
+            systematic if told else None,
             best.beside[i],
             # At the wall no error is stated that would tell which of them are there at all.
             self._felt(best.parameters[i], count, spread) if wall else None,
@@ -129,7 +132,7 @@ class LoadAssessment:
             status = "no_convergence"
         elif poor:
             status = "poor_fit"
-        elif (np.abs(places) >= self._fitter.edge * (1 - 1e-6)).any():
+        elif edge:
             status = "at_edge"
         elif best.parameters[i, self._parameters.rows("force", count)][0] < 0:
             status = "pull"

@@ -306,8 +306,10 @@ class Selection:
         if last is None or last.contacts[0] < 2:
             return None
         count = int(last.contacts[0])
-        found = self._fit_several(y, weight, self._predicted(y, weight), last.state, count)
-        if self._p_value(found)[0] < _PLAUSIBLE or found.absorbed[0]:
+        start = self._predicted(y, weight)
+        found = self._fit_several(y, weight, start, last.state, count, last.shift)
+        new_errors = found.absorbed[0] and not last.absorbed[0]
+        if self._p_value(found)[0] < _PLAUSIBLE or new_errors:
             return None
         return found if np.isfinite(found.score[0]) else None
 
@@ -318,7 +320,7 @@ class Selection:
         assert self.last is not None
         count = int(self.last.contacts[0])
         start = self._predicted(y, weight)
-        found = self._fit_several(y, weight, start, self.last.state, count)
+        found = self._fit_several(y, weight, start, self.last.state, count, best.shift)
         best, improved = best.cheapest(frames, found)
         if improved.size:
             frames = improved[self._p_value(best) < SUSPECT]
