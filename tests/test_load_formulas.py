@@ -616,6 +616,19 @@ def test_what_errors_of_the_inputs_explain_is_no_contact_even_where_a_fit_is_not
     np.testing.assert_allclose(best.parameters[0, :2], [0.1, 6.0], rtol=1e-2)
 
 
+def test_a_light_contact_is_found_beside_errors_of_the_inputs() -> None:
+    """Errors are fitted with one contact, and so with two: else the light one counts less."""
+    errors = KnownErrors(1.0 * np.array([np.cos(9 * TAXELS), np.sin(11 * TAXELS)]))
+    truth = [[-0.25, 0.3, 8.0, 0.7]]
+    selection, y, weight = selected(truth, errors=errors)
+    best, _ = selection.explain(y + [2.0, -2.0] @ errors._slopes, weight)
+    assert best.contacts.tolist() == [2]
+    assert best.absorbed[0]
+    order = np.argsort(best.parameters[0, :2])
+    found = best.parameters[0, :4].reshape(2, 2)[:, order]
+    np.testing.assert_allclose(found, np.reshape(truth, (2, 2)), rtol=0.15)
+
+
 def test_a_fit_with_a_contact_too_much_leads_to_the_others() -> None:
     selection, y, weight = selected([[-0.25, 8.0]])
     two = selection._fit_several(y, weight, np.array([[0.3, -0.25, 0.3, 8.0]]), None, 2)
