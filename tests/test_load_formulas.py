@@ -618,7 +618,7 @@ def test_what_errors_of_the_inputs_explain_is_no_contact_even_where_a_fit_is_not
 
 def test_a_light_contact_is_found_beside_errors_of_the_inputs() -> None:
     """Errors are fitted with one contact, and so with two: else the light one counts less."""
-    errors = KnownErrors(1.0 * np.array([np.cos(9 * TAXELS), np.sin(11 * TAXELS)]))
+    errors = KnownErrors(2.0 * np.array([np.cos(9 * TAXELS), np.sin(11 * TAXELS)]))
     truth = [[-0.25, 0.3, 8.0, 0.7]]
     selection, y, weight = selected(truth, errors=errors)
     best, _ = selection.explain(y + [2.0, -2.0] @ errors._slopes, weight)

@@ -263,21 +263,29 @@ class Selection:
         start: Any,
         state: State,
         count: int,
-        shift: Any = 0.0,
+        shift: Floats | None = None,
     ) -> Explanations:
         """Fits by some contacts, each beyond the first with its penalty, all of them told.
 
         A contact whose force readings do not determine, all others free, fits what a wrong
         model leaves, whatever that is. Where errors of the inputs move the readings, by a shift
-        [frame, taxel], they are fitted, too.
+        [frame, taxel], they are fitted, too, unless loads alone do.
         """
-        given = y, weight, start, state, count
-        if np.any(shift):
-            found = self._loads.beside_errors(*given, shift)
-        else:
-            found = self._loads.fit(*given)
-        told = count == 1 or self._significance(found).min(1) >= FELT**2
-        return found.penalised(np.where(told, (count - 1) * self.penalty, np.inf))
+        found = self._loads.fit(y, weight, start, state, count)
+        if shift is not None:
+            unsure = ~self._told(found) | (self._p_value(found) < _PLAUSIBLE)
+            rows = np.flatnonzero(shift.any(1) & unsure)
+            if rows.size:
+                near = jax.tree.map(lambda x: x[..., rows], state)
+                given = y[rows], weight[rows], start[rows], near, count, shift[rows]
+                found, _ = found.cheapest(rows, self._loads.beside_errors(*given))
+        cost = (count - 1) * self.penalty
+        return found.penalised(np.where(self._told(found), cost, np.inf))
+
+    def _told(self, found: Explanations) -> Flags:
+        """Whether all forces are, where there are several [frame]."""
+        one = int(found.contacts[0]) == 1
+        return np.asarray(one | (self._significance(found).min(1) >= FELT**2))
 
     def _significance(self, found: Explanations) -> Floats:
         """Squares of forces over their variances, of one number of contacts [frame, contact].
