@@ -61,7 +61,7 @@ def explanations(
         "so": readings.copy(),
         "q": np.zeros((frames, 0, 0)),
         "weight": weights,
-        "absorbed": np.zeros(frames, bool),
+        "shift": np.zeros(readings.shape),
         "beside": np.full((frames, 3, 1, 2), np.nan),
     }
     return Explanations(**{**given, **fields})

@@ -367,6 +367,14 @@ class FarNodes(DimpleNodes):
         return np.zeros(len(a))
 
 
+class OnAPad(DimpleNodes):
+    """Nodes on a cylinder of 60 mm."""
+
+    def distance(self, a: Any, b: Any) -> np.ndarray:
+        """Along arc and axis."""
+        return np.asarray(np.hypot(0.06 * (a - b)[..., 0], (a - b)[..., 1]))
+
+
 class Fitter(DimpleFitter):
     """A skin whose wall is reached at 20 N (1 + angle)."""
 
@@ -382,6 +390,7 @@ def assessed(
     other: Alternative | None = None,
     full_scale: bool = False,
     systematic: Any = None,
+    nodes: Any = None,
     **fields: Any,
 ) -> LoadEstimate:
     """The estimate of one frame of 13 taxels, forces with a deviation, angles of 0.01 rad."""
@@ -395,7 +404,7 @@ def assessed(
         chi2=chi2,
         **fields,
     )
-    one = LoadAssessment(Fitter(), FarNodes(), ROUND, TAXELS[:, None])
+    one = LoadAssessment(Fitter(), nodes or FarNodes(), ROUND, TAXELS[:, None])
     shared = None if systematic is None else np.diag(systematic)[None]
     (found,) = one.estimates(best, [other], np.full((1, 13), full_scale), shared)
     return found
@@ -450,6 +459,35 @@ def test_statuses_and_their_thresholds(
     status: str, parameters: list[float], options: dict[str, Any]
 ) -> None:
     assert assessed(parameters, **options).status == status
+
+
+def test_no_error_is_stated_where_a_fit_ends_on_its_bound() -> None:
+    for angle, known in ((0.499, True), (0.5, False)):
+        (contact,) = assessed([angle, 5.0], systematic=[0.0, 0.16]).contacts
+        assert (contact.covariance is not None) is known
+        assert (contact.systematic is not None) is known
+
+
+@pytest.mark.parametrize(
+    ("place", "distance"),
+    [([0.0, 0.0], -0.024), ([0.0, 0.05], 0.02), ([0.6, 0.03], 0.012), ([0.5, 0.06], 0.0306)],
+)
+def test_distance_of_a_place_beyond_the_taxels(place: list[float], distance: float) -> None:
+    """Of a rectangle of +-0.4 rad at 60 mm by +-30 mm, one corner of which is not used."""
+    corners = np.array([[-0.4, -0.03], [-0.4, 0.03], [0.4, -0.03], [0.4, 0.03], [0.5, 0.06]])
+    one = LoadAssessment(Fitter(), OnAPad(), ROUND, corners)
+    found = one._beyond(np.array(place), np.array([True] * 4 + [False]))
+    assert found == pytest.approx(distance, rel=1e-2)
+
+
+@pytest.mark.parametrize(("beyond", "status"), [(0.074, "ok"), (0.076, "at_edge")])
+def test_a_contact_beyond_the_taxels_is_at_an_edge(beyond: float, status: str) -> None:
+    """By more than half of 0.15 rad, within which contacts are one."""
+    used = np.where(TAXELS < 0.25, 1.0, 0.0)  # the last at 0.2
+    nodes = DimpleNodes()
+    found = assessed([0.2 + beyond, 5.0], nodes=nodes, weight=used, chi2=5.0)
+    assert found.status == status
+    assert (found.contacts[0].covariance is None) == (status == "at_edge")
 
 
 def test_at_the_wall_a_force_is_bounded_from_below() -> None:

@@ -244,10 +244,11 @@ def test_a_contact_without_a_force_to_speak_of_is_taken_out_again(
     node, _ = selection.nodes.nearest(y, weight)
     state = selection.fitter.table.start(node)
     two = selection._fit_several(y, weight, np.array([[0.3, 0.9, 11.8, 0.05]]), state, 2)
-    one = selection._fewer_contacts(y, weight, two)
-    assert (two.contacts[0], one.contacts[0]) == (2, 1)
+    lost = dataclasses.replace(two, chi2=two.chi2 + 1e6, score=two.chi2 + 1e6)
+    one = selection._without_weakest(y, weight, np.zeros(1, int), two, lost)
+    assert (two.score[0], one.contacts[0]) == (np.inf, 1)
     np.testing.assert_allclose(one.parameters[0, :2], [0.3, 12.0], rtol=3e-3)
-    assert one.score[0] == pytest.approx(two.score[0] - selection.penalty, abs=1.0)
+    assert one.score[0] == pytest.approx(two.chi2[0], abs=1.0)
 
 
 @pytest.mark.long  # the program of wide contacts; pulls in test_load_formulas

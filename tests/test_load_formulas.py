@@ -37,6 +37,7 @@ from fitting.inverse_load.search.base import _scaled
 from fitting.inverse_load.search.section import NodeSearch
 from fitting.inverse_load.search.table import LoadTable
 from suas_jax.equilibrium.equilibrium import State
+from tests import stand_ins
 from tests.skins import quick
 from tests.stand_ins import (
     AT_REST,
@@ -298,7 +299,7 @@ def test_covariance_by_errors_is_their_spread_and_shift_carried_to_the_loads(
         so=np.zeros((1, 6)),
         jacobian=[SLOPES],
         weight=WEIGHT,
-        absorbed=np.array([absorbed]),
+        shift=np.full((1, 6), float(absorbed)),
     )
     errors = KnownErrors(ERROR_SLOPES)
     told = errors.of(best, RESIDUAL[None], 2)
@@ -569,16 +570,73 @@ def test_three_contacts_are_found_by_adding_one() -> None:
     assert best.score[0] - best.chi2[0] == pytest.approx(40.0)
 
 
-def test_a_contact_whose_force_gains_less_than_the_penalty_is_taken_out() -> None:
+def test_significance_of_a_contact_is_what_chi2_rises_by_without_it() -> None:
+    """Of a model that is linear in all angles and forces."""
+    slopes, x = RNG.normal(size=(4, 6)), np.array([0.1, -0.2, 3.0, 0.7])
+    y = x @ slopes + RNG.normal(size=6)
+    root, rows = np.sqrt(WEIGHT), [0, 1, 2]
+    best, least = np.linalg.lstsq((root * slopes).T, root * y)[:2]
+    without = np.linalg.lstsq((root * slopes[rows]).T, root * y)[1]
+    two = explanations(best, contacts=2, jacobian=[slopes], weight=WEIGHT)
+    found = selected([[0.0, 1.0]])[0]._significance(two)
+    np.testing.assert_allclose(found[0, 1], (without - least)[0], rtol=1e-9)
+
+
+@pytest.mark.parametrize(("steepness", "place"), [(0.13, 0.0), (0.135, 0.1)])
+def test_what_a_wrong_model_leaves_is_no_contact_that_readings_do_not_determine(
+    steepness: float, place: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A device whose dimples are wider, and taxels that end beside the contact.
+
+    Two contacts side by side take off more than their penalty, and how the force is shared
+    between them nothing tells.
+    """
+    selection, _, weight = selected([[place, 6.0]])
+    weight[:, TAXELS > 0.25] = 0.0
+    monkeypatch.setattr(stand_ins, "STEEPNESS", steepness)
+    y = dimple_readings([[place, 6.0]])
+    monkeypatch.undo()
+    start = np.array([[place - 0.05, place + 0.05, 3.0, 3.0]])
+    two = selection._loads.fit(y, weight, start, None, 2)
+    best, _ = selection.explain(y, weight)
+    assert best.chi2[0] > two.chi2[0] + selection.penalty
+    assert best.contacts.tolist() == [1]
+    np.testing.assert_allclose(best.parameters[0, :2], [place, 6.0], atol=0.35)
+
+
+def test_what_errors_of_the_inputs_explain_is_no_contact_even_where_a_fit_is_not_poor() -> None:
+    """An error that does what a light contact does: chi2 24 of 11, and a hint."""
+    both = dimple_readings([[0.1, -0.3, 6.0, 0.5]], 2) - dimple_readings([[0.1, 6.0]])
+    moved = both * np.sqrt(24.0 / (both**2).sum())
+    for errors, contacts in ((None, 2), (KnownErrors(moved / 1.5), 1)):
+        selection, y, weight = selected([[0.1, 6.0]], errors=errors)
+        best, _ = selection.explain(y + moved, weight)
+        assert best.contacts.tolist() == [contacts]
+        assert best.absorbed.tolist() == [errors is not None]
+    np.testing.assert_allclose(best.parameters[0, :2], [0.1, 6.0], rtol=1e-2)
+
+
+def test_a_light_contact_is_found_beside_errors_of_the_inputs() -> None:
+    """Errors are fitted with one contact, and so with two: else the light one counts less."""
+    errors = KnownErrors(2.0 * np.array([np.cos(9 * TAXELS), np.sin(11 * TAXELS)]))
+    truth = [[-0.25, 0.3, 8.0, 0.7]]
+    selection, y, weight = selected(truth, errors=errors)
+    best, _ = selection.explain(y + [2.0, -2.0] @ errors._slopes, weight)
+    assert best.contacts.tolist() == [2]
+    assert best.absorbed[0]
+    order = np.argsort(best.parameters[0, :2])
+    found = best.parameters[0, :4].reshape(2, 2)[:, order]
+    np.testing.assert_allclose(found, np.reshape(truth, (2, 2)), rtol=0.15)
+
+
+def test_a_fit_with_a_contact_too_much_leads_to_the_others() -> None:
     selection, y, weight = selected([[-0.25, 8.0]])
     two = selection._fit_several(y, weight, np.array([[0.3, -0.25, 0.3, 8.0]]), None, 2)
-    # The weak contact explains nothing: without it the score is less by the penalty.
-    found = selection._fewer_contacts(y, weight, two)
+    assert two.score.tolist() == [np.inf]
+    lost = dataclasses.replace(two, chi2=two.chi2 + 1e6, score=two.chi2 + 1e6)
+    found = selection._without_weakest(y, weight, np.zeros(1, int), two, lost)
     assert found.contacts.tolist() == [1]
     np.testing.assert_allclose(found.parameters[0, :2], [-0.25, 8.0], rtol=1e-3)
-    kept, y, weight = selected([[-0.25, 0.3, 8.0, 5.0]])
-    two = kept._fit_several(y, weight, np.array([[-0.25, 0.3, 8.0, 5.0]]), None, 2)
-    assert kept._fewer_contacts(y, weight, two).contacts.tolist() == [2]
 
 
 def test_a_pull_is_one_force_outwards_where_pushes_explain_nothing() -> None:

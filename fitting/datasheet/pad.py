@@ -122,7 +122,7 @@ def _readings(
         so=so,
         q=np.zeros((count, 0, 0)),
         weight=np.ones_like(so),
-        absorbed=none > 0,
+        shift=np.zeros_like(so),
         beside=np.full((count, 1, 0, 2), np.nan),
     )
     moved = np.moveaxis(errors.slopes(best, 3, 1)[..., :-1], 0, -1)  # change, taxel, place

@@ -24,6 +24,7 @@ from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.fit.covariance import covariance_of
 from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.fit.selection import FELT
 from fitting.statistics.chain import Posterior
 from fitting.statistics.log_probability import Gaussian
 from fitting.statistics.posterior import Settings, sample
@@ -32,7 +33,6 @@ PROBABLE = 0.01
 """Modes less probable than this are neither sampled nor reported."""
 _SINGLE_STARTS = 4
 _WORTH_FITTING = 60.0  # chi2, on the table, above its smallest
-_FELT = 2.0  # standard deviations of a force that is there
 _STEPS = 6000
 
 
@@ -151,7 +151,7 @@ def _distinct(estimator: LoadEstimator, one: Explanations) -> bool:
     spread = np.sqrt(np.maximum(np.diag(covariance)[forces], 0.0))
     width = count * parameters.per_contact
     bounded = np.isfinite(covariance[:width, :width]).all()
-    felt = count == 1 or bool((np.abs(one.parameters[0, forces]) > _FELT * spread).all())
+    felt = count == 1 or bool((np.abs(one.parameters[0, forces]) > FELT * spread).all())
     apart = estimator.posterior.apart(estimator.posterior.places(one.parameters[0], count))
     return bool(bounded and felt and apart)
 

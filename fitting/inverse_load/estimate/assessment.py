@@ -19,6 +19,7 @@ POOR = 1e-4
 _BEYOND_MODEL = 9.0  # chi2 per degree of freedom beyond which no number is given
 _AMBIGUOUS = 6.0  # difference of chi2 below which a second mode is reported
 _SURE = 2.0  # standard deviations within which first contact can't be excluded
+_DIRECTIONS = 32  # in which a contact on a pad may lie beyond the taxels
 _ONE_SIDED = 1.645  # standard deviations below which one in twenty lies
 
 
@@ -109,11 +110,16 @@ class LoadAssessment:
                 left_out=out,
                 at_least=bound if wall else None,
             )
+        beyond = max(self._beyond(place, kept[: self._taxels]) for place in places)
+        edge = bool((np.abs(places) >= self._fitter.edge * (1 - 1e-6)).any())
+        edge = edge or beyond > self._nodes.separate / 2
+        # There slopes at the fit's end say nothing of how far off it is.
+        told = not (wall or edge)
         contacts = self._contacts(
             best.parameters[i],
             count,
-            None if wall else spread,
-            None if wall else systematic,
+            spread if told else None,
+            systematic if told else None,
             best.beside[i],
             # At the wall no error is stated that would tell which of them are there at all.
             self._felt(best.parameters[i], count, spread) if wall else None,
@@ -129,7 +135,7 @@ class LoadAssessment:
             status = "no_convergence"
         elif poor:
             status = "poor_fit"
-        elif (np.abs(places) >= self._fitter.edge * (1 - 1e-6)).any():
+        elif edge:
             status = "at_edge"
         elif best.parameters[i, self._parameters.rows("force", count)][0] < 0:
             status = "pull"
@@ -151,6 +157,18 @@ class LoadAssessment:
             alternatives,
             at_least=bound if wall else None,
         )
+
+    def _beyond(self, place: Floats, used: Flags) -> float:
+        """How far a place lies outside of the taxels in use, as distances; negative inside.
+
+        That is the largest distance of a line that parts the place from all of them.
+        """
+        size = len(place)
+        metres = self._nodes.distance(np.eye(size), np.zeros((1, size)))
+        turn = np.linspace(0, 2 * np.pi, 2 if size == 1 else _DIRECTIONS, endpoint=False)
+        ways = np.stack([np.cos(turn), np.sin(turn)][:size])
+        steps = (self._places[used] - place) * metres
+        return float(-(steps @ ways).max(0).min())
 
     def _bound(
         self, parameters: Any, count: int, covariance: Any, systematic: Any, beside: Any

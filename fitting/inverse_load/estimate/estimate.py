@@ -30,7 +30,8 @@ STATUS = {
     "degrees of direction (one standard deviation, without the skin file's tolerances).",
     "ambiguous": "Another load explains the readings almost as well: see alternatives.",
     "pull": "Something pulls the skin outwards: the force is negative.",
-    "at_edge": "The contact is at the clamp or beyond it, where readings hardly change.",
+    "at_edge": "The contact is at the clamp or beyond the taxels, where readings say little: "
+    "how far place and force are off is not known.",
     "poor_fit": "The model is wrong by more than noise and tolerances explain; the covariance "
     "is scaled up accordingly.",
     "wall_contact": "The membrane lies on the wall, which takes all further load unseen: at "

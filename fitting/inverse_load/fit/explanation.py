@@ -40,9 +40,9 @@ class Explanations:
     # parameters of the fit, those eliminated among them [frame, 1, parameter]
     q: Floats
     weight: Floats  # inverse variances, zero where a taxel is left out [1/counts^2]
-    # whether errors of the skin's inputs were fitted with the loads: they are then part of `so`
-    # and `chi2`
-    absorbed: Flags
+    # of the readings, by errors of the skin's inputs that were fitted with the loads: they are
+    # then part of `so` and `chi2`, and zero where none were [frame, taxel] [counts]
+    shift: Floats
     # what was fitted along beside the parameters, and eliminated from jacobian and information:
     # values and standard deviations [frame, contact, quantity, 2]; NaN where not told. On a
     # section the length of the arc that a single contact presses [m].
@@ -100,6 +100,11 @@ class Explanations:
         """The equilibria, a lane a frame."""
         ones = np.ones(len(self))
         return State(np.moveaxis(self.q, 0, -1), self.pressure, ones)  # type: ignore[arg-type]
+
+    @property
+    def absorbed(self) -> Flags:
+        """Whether errors of the skin's inputs were fitted with the loads [frame]."""
+        return np.asarray((self.shift != 0).any(1))
 
     def used(self) -> NDArray[np.int64]:
         """Taxels that were fitted [frame]."""

@@ -62,6 +62,26 @@ class LoadsAndErrors:
             found = found.cheapest(rows, better)[0]
         return found
 
+    def beside_errors(
+        self,
+        y: Any,
+        weight: Any,
+        start: Floats,
+        state: State,
+        count: int,
+        shift: Floats,  # of the readings by errors that are about right [frame, taxel]
+    ) -> Explanations:
+        """Fit loads and errors of the inputs, whatever loads alone would leave."""
+        begin = self.fitter.fit(y - shift, weight, start, state, count)
+        found = replace(begin, score=np.full(len(y), np.inf), chi2=np.full(len(y), np.inf))
+        rows = np.flatnonzero(np.isfinite(begin.chi2))
+        if self.errors is None or not self.errors.names or not rows.size:
+            return found
+        own, y, weight = found.rows(rows), y[rows], weight[rows]
+        told = self.errors.of(own, y - own.so, self.fitter.per_contact)
+        better = self._with_errors(self.fitter, y, weight, own, told.likely, pull=False)
+        return found.with_frames(rows, better, np.arange(len(rows)))
+
     def _with_errors(
         self,
         fitter: AbstractLoadFitter,
@@ -90,7 +110,7 @@ class LoadsAndErrors:
                 score=cost,
                 chi2=cost,
                 so=fit.so + shift,
-                absorbed=np.ones(len(y), bool),
+                shift=shift,
             )
             gained = best.score - cost
             best, _ = best.cheapest(np.arange(len(y)), fit)

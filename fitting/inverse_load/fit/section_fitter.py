@@ -168,6 +168,6 @@ class SectionFitter(AbstractLoadFitter):
             so=np.array(fit.evaluation.so.T),
             q=np.asarray(fit.evaluation.state.q).transpose(2, 0, 1).copy(),
             weight=weight.copy(),
-            absorbed=np.zeros(len(fit.chi2), bool),
+            shift=np.zeros(fit.evaluation.so.T.shape),
             beside=np.full((len(fit.chi2), wide // self.per_contact, 1, 2), np.nan),
         )

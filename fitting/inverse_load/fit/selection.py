@@ -16,6 +16,7 @@ import jax
 import numpy as np
 
 from fitting.arrays import Flags, Floats, Rows
+from fitting.inverse_load.fit.covariance import covariance_of
 from fitting.inverse_load.fit.doubts import Doubts, FaultyTaxels
 from fitting.inverse_load.fit.explanation import UNSETTLED, AbstractLoadFitter, Explanations
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors
@@ -25,6 +26,8 @@ from fitting.inverse_load.search.base import AbstractNodeSearch, PairSearch, Sta
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.runtime.compiled import COMPILED
 
+FELT = 2.0
+"""Standard deviations of a force that is there beside others."""
 _PLAUSIBLE = 0.05  # p-value of chi2 above which no further contact is sought
 
 
@@ -90,6 +93,7 @@ class Selection:
         best = self._single(y, weight, first)
         best, others = self._second_modes(y, weight, second, best)
         doubtful = self._doubts.of(y, best)
+        best = self._errors_first(y, weight, doubtful, best)
         rows, pairs = self.fitter.pairs_for_wide(y, best)
         doubtful[rows] |= pairs.chi2 < best.chi2[rows] - self.penalty
         # What errors of the inputs explain may be a width as well.
@@ -121,10 +125,22 @@ class Selection:
         frames = np.arange(len(y))
         best, narrow = self._or_wide(y, weight, frames, best)
         best = self._more_contacts(y, weight, narrow[doubtful[narrow]], best)
-        best = self._fewer_contacts(y, weight, best)
         best = self._or_pulled(y, weight, frames, best)
         bad = frames[self._p_value(best) < SUSPECT / 10]
         return self._faulty.explained_without(y, weight, bad, best) if bad.size else best
+
+    def _errors_first(
+        self, y: Any, weight: Any, doubtful: Flags, best: Explanations
+    ) -> Explanations:
+        """What further contacts have to beat: frames in doubt with errors of the inputs."""
+        rows = np.flatnonzero(doubtful & ~best.absorbed & np.isfinite(best.chi2))
+        if not rows.size:
+            return best
+        own = best.rows(rows)
+        start = own.parameters[:, : self.fitter.per_contact]
+        how = start, own.state, 1, own.shift
+        found = self._loads.beside_errors(y[rows], weight[rows], *how)
+        return best.cheapest(rows, found)[0]
 
     def _single(self, y: Any, weight: Any, node: Any) -> Explanations:
         """One contact, from the nearest nodes or, live, from the last frame if nearer."""
@@ -220,6 +236,7 @@ class Selection:
             frames = frames[enough]
             starts = [self._starts(y[i], weight[i], best, i, count) for i in frames]
             at = np.repeat(frames, [len(s) for s in starts])
+            left = y - best.shift  # by errors, if there are any
             if not at.size:
                 break
             parameters = np.array([row[0] for s in starts for row in s])
@@ -227,32 +244,69 @@ class Selection:
             suspect = self._p_value(best)[at] < SUSPECT
             to_beat = best.score[at] - (count - 1) * self.penalty
             to_beat = np.where(suspect, np.inf, to_beat)
-            kept = self.fitter.screened(at, y[at], weight[at], parameters, count, to_beat)
+            kept = self.fitter.screened(at, left[at], weight[at], parameters, count, to_beat)
             if not kept.size:
                 break
             at, parameters = at[kept], parameters[kept]
             state = jax.tree.map(lambda x, rows=kept: x[..., rows], state)
-            found = self._fit_several(y[at], weight[at], parameters, state, count)
+            begin = parameters, state, count, best.shift[at]
+            found = self._fit_several(y[at], weight[at], *begin)
             best, improved = best.cheapest(at, found)
+            best = self._without_weakest(y, weight, at, found, best)
             frames = improved[self._p_value(best)[improved] < _PLAUSIBLE]
         return best
 
     def _fit_several(
-        self, y: Any, weight: Any, start: Any, state: State, count: int
+        self,
+        y: Any,
+        weight: Any,
+        start: Any,
+        state: State,
+        count: int,
+        shift: Floats | None = None,
     ) -> Explanations:
-        """Fits by some contacts, each beyond the first with its penalty."""
+        """Fits by some contacts, each beyond the first with its penalty, all of them told.
+
+        A contact whose force readings do not determine, all others free, fits what a wrong
+        model leaves, whatever that is. Where errors of the inputs move the readings, by a shift
+        [frame, taxel], they are fitted, too, unless loads alone do.
+        """
         found = self._loads.fit(y, weight, start, state, count)
-        return found.penalised((count - 1) * self.penalty)
+        if shift is not None:
+            unsure = ~self._told(found) | (self._p_value(found) < _PLAUSIBLE)
+            rows = np.flatnonzero(shift.any(1) & unsure)
+            if rows.size:
+                near = jax.tree.map(lambda x: x[..., rows], state)
+                given = y[rows], weight[rows], start[rows], near, count, shift[rows]
+                found, _ = found.cheapest(rows, self._loads.beside_errors(*given))
+        cost = (count - 1) * self.penalty
+        return found.penalised(np.where(self._told(found), cost, np.inf))
+
+    def _told(self, found: Explanations) -> Flags:
+        """Whether all forces are, where there are several [frame]."""
+        one = int(found.contacts[0]) == 1
+        return np.asarray(one | (self._significance(found).min(1) >= FELT**2))
+
+    def _significance(self, found: Explanations) -> Floats:
+        """Squares of forces over their variances, of one number of contacts [frame, contact].
+
+        To first order they are what chi2 rises by without the contact, all others fitted anew.
+        """
+        count = int(found.contacts[0])
+        rows = self.fitter.parameters.rows("force", count)
+        covariance = covariance_of(found, self.fitter.per_contact)
+        variance = np.diagonal(covariance, axis1=1, axis2=2)[:, rows]
+        return np.asarray(found.parameters[:, rows] ** 2 / variance)
 
     def _starts(
         self, y: Any, weight: Any, best: Explanations, i: int, count: int
     ) -> list[Start]:
         """Where fits of a frame by so many contacts begin; a third is added to two."""
-        if count == 2:
-            return self.pairs.of_two(y, weight)
-        if int(best.contacts[i]) != count - 1:
-            return []
-        return self.pairs.of_one_more(y, weight, best.parameters[i], best.so[i], count - 1)
+        y, so = y - best.shift[i], best.so[i] - best.shift[i]
+        starts = self.pairs.of_two(y, weight) if count == 2 else []
+        if int(best.contacts[i]) != count - 1 or (count == 2 and not best.absorbed[i]):
+            return starts
+        return starts + self.pairs.of_one_more(y, weight, best.parameters[i], so, count - 1)
 
     def _followed(self, y: Any, weight: Any) -> Explanations | None:
         """Live: as many contacts as before, two or more, where they explain the readings."""
@@ -260,19 +314,12 @@ class Selection:
         if last is None or last.contacts[0] < 2:
             return None
         count = int(last.contacts[0])
-        found = self._fit_several(y, weight, self._predicted(y, weight), last.state, count)
-        if self._p_value(found)[0] < _PLAUSIBLE or found.absorbed[0]:
+        start = self._predicted(y, weight)
+        found = self._fit_several(y, weight, start, last.state, count, last.shift)
+        new_errors = found.absorbed[0] and not last.absorbed[0]
+        if self._p_value(found)[0] < _PLAUSIBLE or new_errors:
             return None
-        return found if self._gains(found).min() >= self.penalty else None
-
-    def _gains(self, best: Explanations) -> Floats:
-        """What each contact of frames of one number of them takes off chi2 [frame, contact].
-
-        It is what one would take off were it alone.
-        """
-        rows = self.fitter.parameters.rows("force", int(best.contacts[0]))
-        curvature = np.diagonal(best.information, axis1=1, axis2=2)
-        return np.asarray(best.parameters[:, rows] ** 2 * curvature[:, rows])
+        return found if np.isfinite(found.score[0]) else None
 
     def _as_before(
         self, y: Any, weight: Any, frames: Any, best: Explanations
@@ -281,33 +328,31 @@ class Selection:
         assert self.last is not None
         count = int(self.last.contacts[0])
         start = self._predicted(y, weight)
-        found = self._fit_several(y, weight, start, self.last.state, count)
+        found = self._fit_several(y, weight, start, self.last.state, count, best.shift)
         best, improved = best.cheapest(frames, found)
         if improved.size:
             frames = improved[self._p_value(best) < SUSPECT]
         return best, frames
 
-    def _fewer_contacts(self, y: Any, weight: Any, best: Explanations) -> Explanations:
-        """Take contacts out again that the fit leaves without a force to speak of."""
-        for count in range(self.most_contacts, 1, -1):
-            frames = np.flatnonzero(best.contacts == count)
-            if not frames.size:
-                continue
-            gains = self._gains(best.rows(frames))
-            weakest = gains.argmin(1)
-            rows = np.flatnonzero(gains.min(1) < self.penalty)
-            if not rows.size:
-                continue
-            frames, kept = frames[rows], np.ones((len(rows), count), bool)
-            kept[np.arange(len(rows)), weakest[rows]] = False
-            columns = best.parameters[frames, : count * self.fitter.per_contact]
-            start = columns.reshape(len(rows), -1, count).transpose(0, 2, 1)[kept]
-            start = start.reshape(len(rows), count - 1, -1).transpose(0, 2, 1)
-            start = start.reshape(len(rows), -1)
-            state = best.rows(frames).state
-            found = self._fit_several(y[frames], weight[frames], start, state, count - 1)
-            best, _ = best.cheapest(frames, found)
-        return best
+    def _without_weakest(
+        self, y: Any, weight: Any, at: Rows, found: Explanations, best: Explanations
+    ) -> Explanations:
+        """Frames again, from fits by one contact that is not told beside others."""
+        count = int(found.contacts[0])
+        least = found.chi2 + (count - 1) * self.penalty
+        rows = np.flatnonzero(np.isinf(found.score) & (least < best.score[at]))
+        if not rows.size:
+            return best
+        found, at = found.rows(rows), at[rows]
+        kept = np.ones((len(rows), count), bool)
+        kept[np.arange(len(rows)), self._significance(found).argmin(1)] = False
+        columns = found.parameters[:, : count * self.fitter.per_contact]
+        start = columns.reshape(len(rows), -1, count).transpose(0, 2, 1)[kept]
+        start = start.reshape(len(rows), count - 1, -1).transpose(0, 2, 1)
+        start = start.reshape(len(rows), -1)
+        begin = start, found.state, count - 1, found.shift
+        fewer = self._fit_several(y[at], weight[at], *begin)
+        return best.cheapest(at, fewer)[0]
 
     # --- pulls ------------------------------------------------------------------------
 

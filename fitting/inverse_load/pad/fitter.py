@@ -279,7 +279,7 @@ class PadFitter(AbstractLoadFitter):
             so=fit.readings.copy(),
             q=widened(fit.parameters, ASKEW * max(self._most, contacts))[:, None],
             weight=weight.copy(),
-            absorbed=np.zeros(len(fit.chi2), bool),
+            shift=np.zeros_like(fit.readings),
             beside=more,
         )
 
