@@ -124,8 +124,13 @@ class Selection:
         """The best explanation of frames that one contact may not explain, or errors may."""
         frames = np.arange(len(y))
         best, narrow = self._or_wide(y, weight, frames, best)
-        best = self._more_contacts(y, weight, narrow[doubtful[narrow]], best)
-        best = self._or_pulled(y, weight, frames, best)
+        # A pull looks like several contacts around it, which take far longer to try.
+        suspect = self._p_value(best) < SUSPECT
+        best = self._or_pulled(y, weight, frames[suspect], best)
+        pulled = best.parameters[:, self.fitter.parameters.rows("force", 1)][:, 0] < 0
+        pulled &= (best.contacts == 1) & (self._p_value(best) >= _PLAUSIBLE)
+        best = self._more_contacts(y, weight, narrow[(doubtful & ~pulled)[narrow]], best)
+        best = self._or_pulled(y, weight, frames[~suspect & (best.contacts > 1)], best)
         bad = frames[self._p_value(best) < SUSPECT / 10]
         return self._faulty.explained_without(y, weight, bad, best) if bad.size else best
 
@@ -368,9 +373,7 @@ class Selection:
         return self._loads.fit(y, weight, start, rest, 1, pull=True)
 
     def _or_pulled(self, y: Any, weight: Any, frames: Any, best: Explanations) -> Explanations:
-        """A pull may look like several contacts around it; its penalty is that of two."""
-        doubtful = (best.contacts[frames] > 1) | (self._p_value(best)[frames] < SUSPECT)
-        frames = frames[doubtful]
+        """A pull in the place of contacts that push; its penalty is that of two."""
         if frames.size:
             found = self.pulled(y[frames], weight[frames]).penalised(self.penalty)
             best, _ = best.cheapest(frames, found)
