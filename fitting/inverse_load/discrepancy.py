@@ -32,14 +32,14 @@ class ReadingDiscrepancy:
         # Levels of force are the same shares of the largest at all angles.
         self._lowest = np.log(table.forces[angles, 0])
         self._levels = np.log(table.forces[0, levels] / table.forces[0, 0])
-        force = table.forces[np.ix_(angles, levels)].reshape(-1)
+        force = table.forces[np.ix_(angles, levels)]
         change = np.nan_to_num((table.so - table.rest)[np.ix_(angles, levels)])
-        change = change.reshape(len(force), -1)
-        mean, covariance = found.at(np.repeat(self._angles, len(levels)), force, change)
-        shape, taxels = (len(angles), len(levels)), change.shape[1]
-        self._mean = (mean / force[:, None]).reshape(*shape, taxels)
-        per_newton = covariance / force[:, None, None] ** 2
-        self._covariance = per_newton.reshape(*shape, taxels, taxels)
+        # One angle after another: all at once would take gigabytes where there are many taxels.
+        rows = zip(self._angles, force, change, strict=True)
+        told = [found.at(np.full(len(levels), angle), f, so) for angle, f, so in rows]
+        mean, covariance = (np.stack(x) for x in zip(*told, strict=True))
+        self._mean = mean / force[..., None]
+        self._covariance = covariance / force[..., None, None] ** 2
 
     @classmethod
     def of(

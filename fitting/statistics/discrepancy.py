@@ -27,9 +27,9 @@ from scipy.optimize import minimize
 
 from fitting.arrays import Floats
 
-MOST_PRESSES = 300
-"""Of which values are learned; further ones tell little, and cost as their cube."""
-_TELLING = 60  # presses that the numbers of the process are found from
+# Readings of presses that values are learned from, and before that the numbers of the process:
+# further ones tell little, and cost as their cube.
+_MOST_READINGS, _TELLING = 2400, 480
 _FLOOR = 0.05  # f: a taxel's own error where its reading hardly changes
 _STARTS = ((0.01, 0.01, 0.35, 0.5, 1.0, 0.004), (0.03, 0.01, 0.3, 0.3, 1.0, 0.01))
 _MEANS, _WIDTHS = np.log([0.35, 0.5, 1.0]), np.array([0.5, 0.7, 0.7])  # of lengths' logarithms
@@ -48,9 +48,10 @@ class Presses(NamedTuple):
     place: Floats  # readings by one standard deviation of a place [press, taxel] [counts]
     push: Floats  # readings by the relative force [press, taxel] [counts]
 
-    def rows(self, most: int) -> "Presses":
-        """At most so many of them, evenly."""
-        count = len(self.force)
+    def rows(self, readings: int) -> "Presses":
+        """Those of at most so many readings, evenly; ten at least."""
+        count, taxels = self.left.shape
+        most = max(10, readings // taxels)
         index = np.linspace(0, count - 1, min(count, most)).round().astype(int)
         return Presses(*(x[index] for x in self))
 
@@ -174,7 +175,7 @@ def learned(
     if best == 0:
         return None, evidence
     numbers = _numbers((alone, whole)[best - 1].x)
-    return Discrepancy(presses.rows(MOST_PRESSES), numbers, taxels), evidence
+    return Discrepancy(presses.rows(_MOST_READINGS), numbers, taxels), evidence
 
 
 def _numbers(p: Floats) -> Numbers:
