@@ -29,9 +29,9 @@ def sample_sensor(
     residuals like the readings, Gaussian in the constants. Priors on parameters without one
     are flat in theta, which is flat in the logarithm of a positive constant.
 
-    Errors of single presses are integrated out: residuals are linear in them, r + E e, so that
-    with an orthonormal base Q of E's columns |r - Q Q^T r|^2 / 2 is left. There are then at
-    least twice as many walkers as constants.
+    Errors of single presses are integrated out: residuals are linear in them, r + E e, and half
+    the square of r - Q Q^T r is left, with an orthonormal base Q of the columns of E. There are
+    then at least twice as many walkers as constants.
 
     Returns:
         The chain in theta, and its summary: the key "posterior" of the report.
