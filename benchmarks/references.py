@@ -73,6 +73,13 @@ def relative(row: Row, **found: float) -> Errors:
     return {name: abs(value / float(row[name]) - 1) for name, value in found.items()}
 
 
+def of_pressure(row: Row, report: dict[str, Any]) -> Errors:
+    """Differences where the oil pressure is prescribed."""
+    load = report["loads"][0]
+    moved = load["inner_displacement_m"]
+    return relative(row, force_N=load["force_N"], inner_displacement_along_load_m=moved)
+
+
 def arch(row: Row) -> tuple[dict[str, Any], Errors]:
     """A prescribed oil pressure below a line load, without the wall."""
     report = answered(
@@ -86,9 +93,7 @@ def arch(row: Row) -> tuple[dict[str, Any], Errors]:
         wall={"contact": False},
         solve={"oil_pressure": f"{row['oil_pressure_Pa']} Pa"},
     )
-    load = report["loads"][0]
-    moved = load["inner_displacement_m"]
-    return report, relative(row, force_N=load["force_N"], inner_displacement_along_load_m=moved)
+    return report, of_pressure(row, report)
 
 
 def profile(row: Row) -> tuple[dict[str, Any], Errors]:
@@ -99,9 +104,7 @@ def profile(row: Row) -> tuple[dict[str, Any], Errors]:
         wall={"contact": False},
         solve={"oil_pressure": f"{row['oil_pressure_Pa']} Pa"},
     )
-    load = report["loads"][0]
-    moved = load["inner_displacement_m"]
-    return report, relative(row, force_N=load["force_N"], inner_displacement_along_load_m=moved)
+    return report, of_pressure(row, report)
 
 
 def contact(row: Row) -> tuple[dict[str, Any], Errors]:

@@ -36,7 +36,7 @@ def design(
     ] = None,
     resume: Annotated[
         Path | None,
-        option("File that keeps searches that have ended; one that exists is gone on with."),
+        option("File that keeps the searches that have ended; one that exists is resumed."),
     ] = None,
     workers: Workers = None,
     trust_network: TrustNetwork = False,
@@ -60,7 +60,9 @@ def design(
             wanted = dataclasses.replace(wanted, starts=starts)
         check_files(plot, others=[output], overwrite=overwrite)
         if resume is not None and wanted.keep is not None:
-            raise ValueError("--resume: a choice of taxels has no searches to go on with")
+            raise ValueError(
+                "--resume: a table of taxels has no searches to resume; leave it out"
+            )
         with computing("designing", workers, trust_network) as (show, processes):
             designed: Choice | Design
             if wanted.keep is not None:

@@ -1,8 +1,9 @@
-"""Rigid bodies that press on the outer face: their surfaces, and where they come in.
+"""Rigid bodies that press on the outer face: where they come in, and their friction.
 
 A body has a frame of its own: its origin is the body's tip, the point that comes in along the
-inward normal of the undeformed skin, its last axis points away from the skin. A shape is a
-signed distance in that frame, so contact needs no search and the skin may slide beneath it.
+inward normal of the undeformed skin, its last axis points away from the skin. Its shape
+(`body_shapes`) is a signed distance in that frame, so contact needs no search and the skin may
+slide beneath it.
 """
 
 import dataclasses

@@ -11,7 +11,7 @@ from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.fit.covariance import covariance_of, inverse
 from fitting.inverse_load.fit.explanation import UNSETTLED, AbstractLoadFitter, Explanations
-from fitting.inverse_load.fit.selection import Alternative
+from fitting.inverse_load.fit.selection import FELT, Alternative
 from fitting.inverse_load.search.base import AbstractNodeSearch
 
 POOR = 1e-4
@@ -199,7 +199,7 @@ class LoadAssessment:
         """Contacts whose force is twice its error; the strongest where none is."""
         forces = self._parameters.rows("force", count)
         force, own = parameters[forces], np.diag(covariance)[forces]
-        felt = force > _SURE * np.sqrt(np.where(own > 0, own, 0.0))
+        felt = force > FELT * np.sqrt(np.where(own > 0, own, 0.0))
         felt[force.argmax()] = True
         return np.flatnonzero(felt)
 
