@@ -36,7 +36,7 @@ _STANDING = frozenset({"no_contact", "saturated", "too_few_taxels"})
 
 
 def fading_time(spec: SkinSpec) -> float | None:
-    """Longest time in which low modes of a skin at rest fade to 1/e [s].
+    """Longest time in which low modes of a skin at rest fade to 1/e [s]; of a mean pad if uneven.
 
     None where its file does not say how the film moves: it lacks a density or the oil's
     viscosity, or the oil is vented.
@@ -44,6 +44,10 @@ def fading_time(spec: SkinSpec) -> float | None:
     stated = (spec.oil.density, spec.oil.viscosity, spec.material.density)
     if None in stated or not spec.oil.trapped:
         return None
+    if spec.geometry.sheets:
+        from fitting.inverse_load.pad.uneven import even_spec
+
+        spec = even_spec(spec)
     found = modes(spec.unloaded, _MODES).modes
     return max((row["time_s"] for row in found if row["time_s"] is not None), default=None)
 
