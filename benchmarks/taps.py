@@ -51,9 +51,8 @@ def moved(skin: Path, angle: int, length: float | None) -> tuple[np.ndarray, np.
     )
     push = np.sin(np.pi * times / rise) if length else times / rise
     force = _PEAK * np.where(times < rise, push, 0.0 if length else 1.0)
-    points = history_sweep(load_scene(scene), history_of(times, force_N=force)).report()[
-        "points"
-    ]
+    history = history_of(times.tolist(), force_N=force.tolist())
+    points = history_sweep(load_scene(scene), history).points
     so = np.array([[taxel["so"] for taxel in point["taxels"]] for point in points])
     frames = np.arange(-_REST, times[-1], _FRAME)
     return frames, np.stack([np.interp(frames, times, column) for column in so.T], 1)

@@ -36,7 +36,7 @@ _STANDING = frozenset({"no_contact", "saturated", "too_few_taxels"})
 
 
 def fading_time(spec: SkinSpec) -> float | None:
-    """Longest time in which low modes of a skin at rest fade to 1/e [s]; of a mean pad if uneven.
+    """Longest time in which low modes of a skin at rest fade to 1/e [s]; on pads of the mean one.
 
     None where its file does not say how the film moves: it lacks a density or the oil's
     viscosity, or the oil is vented.
