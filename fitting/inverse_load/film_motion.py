@@ -36,10 +36,10 @@ _STANDING = frozenset({"no_contact", "saturated", "too_few_taxels"})
 
 
 def fading_time(spec: SkinSpec) -> float | None:
-    """Longest time in which low modes of a skin at rest fade to 1/e [s]; on pads of the mean one.
+    """Longest time in which low modes of a skin at rest fade to 1/e [s].
 
-    None where its file does not say how the film moves: it lacks a density or the oil's
-    viscosity, or the oil is vented.
+    An uneven pad counts as the even one. None where the file does not say how the film moves:
+    it lacks a density or the oil's viscosity, or the oil is vented.
     """
     stated = (spec.oil.density, spec.oil.viscosity, spec.material.density)
     if None in stated or not spec.oil.trapped:
