@@ -21,7 +21,7 @@ from rich.text import Text
 
 from fitting.cli.app import app
 from fitting.cli.commands import EXAMPLES, commands_of
-from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
+from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate, Tap
 from fitting.inverse_load.report.frame_keys import CONTACT_KEYS, FRAME_KEYS
 from fitting.inverse_load.report.text import frame_json
 from suas_jax import load_scene
@@ -364,7 +364,12 @@ def test_keys_of_a_frame_are_described_and_occur() -> None:
         axial_force=(0.0, 0.0),
     )
     estimate = LoadEstimate(
-        True, (everything,), alternatives=(everything,), at_least=1.0, drift=(0.0, 0.0)
+        True,
+        (everything,),
+        alternatives=(everything,),
+        at_least=1.0,
+        drift=(0.0, 0.0),
+        tap=Tap(0.0, 0.1, everything, 0.0, 0.0),
     )
     line = frame_json(0.0, 1, estimate, filtered=[], dropped=0, posterior={})
     assert line.keys() == FRAME_KEYS.keys()

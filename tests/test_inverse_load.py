@@ -1,5 +1,6 @@
 """Inverse load estimation against the solid model: bounds, coverage, faults, what can't be."""
 
+import copy
 import dataclasses
 import itertools
 import json
@@ -12,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.stats import binom, chi2
 from typer.testing import CliRunner
 
@@ -613,6 +615,65 @@ class _Played:
 
     def batches(self) -> Iterator[list[Judged]]:
         yield from self._batches
+
+
+def _tapped(
+    steady: dict[float, np.ndarray], electrodes: Any, push: Callable[[float], float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times and readings of a skin that swings in the shapes of steady contacts.
+
+    Those are given by their forces. The shapes' amplitude a obeys
+    a'' + 2 d w a' = w^2 (f - F(a)) a1 / F(a1), with w and d of the lowest mode of
+    `configs/scenes/film.toml`, F(a) the steady force and a1 the amplitude of the lightest.
+    """
+    force = np.array(list(steady))
+    gap = np.asarray(electrodes.even_film(np.array(list(steady.values())).T)).T
+    shape = gap[1] - gap[0]
+    amplitude = (gap - gap[0]) @ shape / (shape @ shape)
+    w, d = 2 * np.pi * 2.42, 0.7
+
+    def rate(t: float, y: np.ndarray) -> list[float]:
+        back = np.interp(y[0], amplitude, force) + min(y[0], 0.0) * force[1]
+        return [y[1], w**2 * (push(t) - back) / force[1] - 2 * d * w * y[1]]
+
+    times = np.arange(0.0, 2.0, 0.01)
+    swing = solve_ivp(rate, (0, times[-1]), [0.0, 0.0], t_eval=times, max_step=2e-3).y[0]
+    levels = [np.interp(swing, amplitude, column) for column in gap.T]
+    moved = np.stack(levels, 1) + np.minimum(swing, 0.0)[:, None] * shape
+    readings = np.asarray(electrodes.read_even_film(moved.T)).T
+    return times, np.rint(readings + np.random.default_rng(0).normal(0.0, 2.0, readings.shape))
+
+
+def test_a_tap_is_told_by_its_impulse_and_no_frame_of_it_is_ok(
+    estimator: LoadEstimator, readings: Callable[..., np.ndarray]
+) -> None:
+    of_film = copy.copy(estimator)
+    of_film._follow_film(0.1)
+    place = np.deg2rad(10.0)
+    steady = {f: readings(place, f)[0] for f in np.linspace(0.1, 9.0, 30).tolist()}
+    steady = {0.0: of_film.model_rest, **steady}
+
+    def told(push: Callable[[float], float]) -> tuple[np.ndarray, list[LoadEstimate]]:
+        times, so = _tapped(steady, of_film.skin.electrodes, push)
+        return times, of_film.estimate(so, time=times)
+
+    times, found = told(lambda t: 4.0 * np.sin(np.pi * (t - 0.3) / 0.06) * (0.3 < t < 0.36))
+    assert {e.status for e in found} == {"no_contact", "moving"}
+    (tap,) = [e.tap for e in found if e.tap is not None]
+    impulse = 4.0 * 0.06 * 2 / np.pi
+    assert tap.time == pytest.approx(0.3, abs=0.03)
+    assert tap.impulse == pytest.approx(impulse, rel=0.06)
+    assert tap.impulse == pytest.approx(impulse, abs=2 * tap.deviation)
+    assert tap.place.angle == pytest.approx(place, abs=0.01)
+    # A press that stays shows its force once the film has followed, and its tap never.
+    times, found = told(lambda t: 4.0 * (t > 0.3))
+    assert not any(e.tap for e in found)
+    held = [e for t, e in zip(times, found, strict=True) if t > 0.4]
+    for estimate in held:
+        (contact,) = estimate.contacts
+        assert contact.force == pytest.approx(4.0, abs=3 * contact.deviation("force"))
+    assert {e.status for e in held[:10]} == {"moving"}
+    assert {e.status for e in held[-60:]} == {"ok"}
 
 
 def test_a_stream_drops_what_has_waited_and_refuses_other_layouts(

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
-from suas_jax.config import ConfigError, SceneSpec, SkinSpec, with_inputs, with_solve
+from suas_jax.config import ConfigError, SkinSpec, with_inputs, with_solve
 from suas_jax.config.inelastic import RelaxationSpec
 from suas_jax.dynamics.modes import modes
 from suas_jax.dynamics.motion import Motion, motion_of
@@ -16,11 +16,6 @@ from suas_jax.scene.solve import solve
 _AFTER = 1.0  # creep counts from this long after the press [s]
 _MISMATCH = 1e-6  # of the membrane, at which the slope of the stiffness is taken
 _ELEMENTS = {2: 32, 3: (20, 16)}
-
-
-def scene_of(spec: SkinSpec) -> SceneSpec:
-    """A skin that nothing presses."""
-    return SceneSpec(**{name: getattr(spec, name) for name in spec.model_fields_set})
 
 
 def creep(relaxation: RelaxationSpec, time: float) -> float:
@@ -49,7 +44,7 @@ def creep(relaxation: RelaxationSpec, time: float) -> float:
 def motion_figures(spec: SkinSpec) -> tuple[dict[str, float], str]:
     """Lowest frequency, damping and bandwidth by key, and the reason where there are none."""
     try:
-        found = modes(scene_of(spec), 1)
+        found = modes(spec.unloaded, 1)
     except ConfigError as error:
         missing = ", ".join(mistake.key for mistake in error.mistakes)
         return {}, f"the skin file states no {missing}"
@@ -75,7 +70,7 @@ def buckling_mismatch(spec: SkinSpec) -> tuple[float, str]:
     if not spec.oil.trapped:
         return math.nan, "the oil is vented, so that nothing but the membrane holds the arch"
     scene = with_solve(
-        scene_of(spec), model="shell", elements=_ELEMENTS[spec.geometry.dimension]
+        spec.unloaded, model="shell", elements=_ELEMENTS[spec.geometry.dimension]
     )
     now = float(spec.geometry.mounting or 0.0)
     found = []

@@ -6,7 +6,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fitting.datasheet.in_time import scene_of
 from fitting.datasheet.sheet import DataSheet
 from fitting.datasheet.words import PLACED, WORDS
 from suas_jax.config import SkinSpec, continuous_inputs
@@ -21,7 +20,7 @@ _MEMBRANE, _FILM, _TAXEL = "#4c78a8", "#f6e3ae", "#c44e00"
 @styled
 def plot_skin(spec: SkinSpec) -> Figure:
     """Draw a skin with electrodes to scale, with dimensions."""
-    drawn = outline(scene_of(spec))
+    drawn = outline(spec.unloaded)
     drawn = drawn._replace(**{k: 1e3 * getattr(drawn, k) for k in ("inner", "outer", "wall")})
     parts = skin_parts(spec, continuous_inputs(spec))
     pad = spec.geometry.dimension == 3

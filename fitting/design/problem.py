@@ -18,7 +18,7 @@ from scipy.stats import norm
 
 from fitting.arrays import Floats
 from fitting.datasheet.figures import Accuracy, Cases, figures_at, rated_force
-from fitting.datasheet.in_time import buckling_mismatch, motion_figures, scene_of
+from fitting.datasheet.in_time import buckling_mismatch, motion_figures
 from fitting.datasheet.readings import Readings, picked, read, skins_in_lanes
 from fitting.datasheet.section import far_taxels
 from fitting.datasheet.variants import Variants, by_changes, named, variants_of
@@ -217,7 +217,7 @@ class Problem:
     def spec(self, x: Floats) -> SkinSpec:
         """The skin of a design."""
         inputs = {path: float(value) for path, value in self.want.inputs(x).items()}
-        return with_inputs(scene_of(self.want.spec), inputs).skin
+        return with_inputs(self.want.spec.unloaded, inputs).skin
 
     def _with_others(self, outcome: Outcome, x: Floats) -> Outcome:
         """With figures that have no place."""

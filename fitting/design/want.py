@@ -9,7 +9,6 @@ import numpy as np
 from pydantic import model_validator
 
 from fitting.arrays import Floats
-from fitting.datasheet.in_time import scene_of
 from fitting.datasheet.words import PLACED, WORDS
 from suas_jax.config import ConfigError, SkinSpec, continuous_inputs, load_skin, with_inputs
 from suas_jax.config.errors import Mistake, show, unknown
@@ -284,7 +283,7 @@ class _Reader:
     def _input(self, key: str, spec: SkinSpec, path: str, text: Any) -> float:
         """A value of an input, read as the skin file's own is."""
         try:
-            return continuous_inputs(with_inputs(scene_of(spec), {path: text}))[path]
+            return continuous_inputs(with_inputs(spec.unloaded, {path: text}))[path]
         except ValueError as error:
             lines = str(error).splitlines()  # of the validation library: where, then why
             reason = lines[min(2, len(lines) - 1)].strip().removeprefix("Value error, ")

@@ -9,6 +9,7 @@
              -> number of contacts, faulty taxels           `pairs`, `selection`
              -> the same, less what presses showed          `discrepancy`
              -> covariances, statuses                       `systematic`, `assessment`
+             -> what may be motion of the film              `film_motion`, `taps`
 
 Readings are compared with the skin's own model in counts, weighed by their variances
 (`ReadingWeights`): the corrected shell is within MODEL_ERROR of the continuum, in terms of the
@@ -38,6 +39,12 @@ from fitting.inverse_load.estimate.assessment import POOR
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
 from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.estimate.place import ContactPlaces
+from fitting.inverse_load.film_motion import (
+    FilmMotion,
+    covariance_by_motion,
+    fading_time,
+    told_moving,
+)
 from fitting.inverse_load.fit.detection import without_errors
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
@@ -47,6 +54,7 @@ from fitting.inverse_load.memory.follower import MemoryFollower
 from fitting.inverse_load.memory.series import LoadMemory
 from fitting.inverse_load.readings import noise_of_readings
 from fitting.inverse_load.section import section_parts
+from fitting.inverse_load.taps import MotionWatch, TapFinder
 from suas_jax.acquisition.log.format import MAX_COUNT
 from suas_jax.acquisition.taxel_faults import saturated
 from suas_jax.config import InputErrors, SkinSpec, input_errors
@@ -162,6 +170,9 @@ class LoadEstimator:
             self._systematic,
             parts.wide_fitter,
         )
+        self._film: FilmMotion | None = None
+        self._taps: TapFinder | None = None
+        self._follow_film(fading_time(self.spec))
         memory = None if pad else LoadMemory.of(self.spec)
         self._memory: MemoryFollower | None = None
         if memory is not None:
@@ -174,6 +185,15 @@ class LoadEstimator:
                 most_contacts=self.most_contacts,
                 penalty=max(penalty, asked),
             )
+
+    def _follow_film(self, fading: float | None) -> None:
+        """Tell motion of the film, which fades in a time [s], apart from loads."""
+        if fading is None:
+            return
+        reading = self.reading_noise**2 + ROUNDING
+        self._film = FilmMotion(fading, reading)
+        own = self._parts.nodes, self.taxels, reading, self._alone
+        self._taps = TapFinder(MotionWatch(fading), self.skin.electrodes, *own)
 
     def _make_parts(self) -> EstimationParts:
         common: dict[str, Any] = {
@@ -288,9 +308,9 @@ class LoadEstimator:
             faulty: taxels known to be faulty [frame, taxel].
             done: called with the number of frames estimated so far.
             pressure: measured of the oil [frame] [Pa]; NaN where missing.
-            time: of the frames [frame] [s], in order; what drift, and the memory of a
-                membrane that relaxes, are followed by. Without it loads are those that the
-                long-term constants would need.
+            time: of the frames [frame] [s], in order; what drift, the memory of a membrane
+                that relaxes, and motion of the film are followed by. Without it loads are
+                those that the long-term constants would need.
 
         Raises:
             ValueError: the readings don't have a column for every taxel.
@@ -303,8 +323,10 @@ class LoadEstimator:
             )
         if faulty is None:
             faulty = np.zeros(so.shape, bool)
+        time = None if time is None else np.asarray(time, float)
+        moved = self._moved(so, faulty, time)
         if self._memory is not None and time is not None:
-            return self._remembered(self._memory, so, faulty, np.asarray(time, float), done)
+            return self._remembered(self._memory, so, faulty, time, moved, done)
         drift = self._followed(so, faulty, time)
         size = 1 if self.live else _BLOCK
         found: list[LoadEstimate] = []
@@ -312,8 +334,11 @@ class LoadEstimator:
             part = slice(begin, begin + size)
             measured = None if pressure is None else pressure[part]
             own = None if drift is None else drift.rows(part)
-            found += self._batch(so[part], faulty[part], measured, own)
+            motion = None if moved is None else moved[part]
+            found += self._batch(so[part], faulty[part], measured, own, motion)
             done(len(found))
+        if self._taps is not None and time is not None:
+            found = self._with_taps(self._taps, found, time, so, faulty, drift)
         return found
 
     def _remembered(
@@ -322,6 +347,7 @@ class LoadEstimator:
         so: Floats,
         faulty: Flags,
         time: Floats,
+        moved: Floats | None,
         done: Callable[[int], None],
     ) -> list[LoadEstimate]:
         """Frame after frame, each with what the membrane remembers of those before."""
@@ -333,7 +359,8 @@ class LoadEstimator:
             shift = memory.before(float(time[k]))
             # The dent of a load before is not a drift.
             drift = self._followed(so[row] - shift, faulty[row], time[row])
-            found += self._batch(so[row], faulty[row], None, drift, memory, shift)
+            motion = None if moved is None else moved[row]
+            found += self._batch(so[row], faulty[row], None, drift, motion, memory, shift)
             done(len(found))
         return found
 
@@ -341,14 +368,55 @@ class LoadEstimator:
         """Drift of the readings at rest in frames; None where it isn't followed."""
         if self._drift is None or time is None:
             return None
-        change = self._weights.change_from_rest(so, faulty)
-        return self._drift.follow(np.asarray(time, float), change)
+        return self._drift.follow(time, self._weights.change_from_rest(so, faulty))
+
+    def _moved(self, so: Floats, faulty: Flags, time: Floats | None) -> Floats | None:
+        """What of the readings may be motion; None where nothing is known of the film."""
+        if self._film is None or time is None:
+            return None
+        if not self.live:
+            self._film.forget()
+        return self._film.follow(time, self._weights.change_from_rest(so, faulty))
+
+    def _with_taps(
+        self,
+        taps: TapFinder,
+        found: list[LoadEstimate],
+        time: Floats,
+        so: Floats,
+        faulty: Flags,
+        drift: Drift | None,
+    ) -> list[LoadEstimate]:
+        """Estimates, those that end a tap with it."""
+        if not self.live:
+            taps.forget()
+        readings = self.model_rest + self._weights.change_from_rest(so, faulty)
+        if drift is not None:
+            readings = readings - drift.offset
+        return [
+            replace(e, tap=taps.follow(t, row, touched=e.contact is not False))
+            for e, t, row in zip(found, time.tolist(), readings, strict=True)
+        ]
+
+    def _alone(self, y: Floats, weight: Floats) -> tuple[LoadEstimate, Floats]:
+        """A frame that no frame came before, and its parameters; no load where none is felt."""
+        errors = None if self._systematic is None else self._systematic.rest
+        test = self._parts.detector.test(y - self._parts.nodes.rest, weight, errors)
+        if test.p_value[0] >= self.false_alarm:
+            return LoadEstimate(False), np.zeros(0)
+        full = np.zeros((1, self.taxels), bool)
+        self.selection.forget()
+        frame = y, weight, full, None
+        best, told = self._explained(self.selection, self._systematic, *frame, False)
+        self.selection.forget()
+        return told[0], best.parameters[0]
 
     def forget(self) -> None:
         """Live: start the next frame from the table instead of from the last frame."""
         self.selection.forget()
-        if self._memory is not None:
-            self._memory.forget()
+        for follower in (self._memory, self._film, self._taps):
+            if follower is not None:
+                follower.forget()
 
     def warm_up(self) -> None:
         """Compile, or load, what a stream needs before the first frame comes."""
@@ -366,6 +434,7 @@ class LoadEstimator:
         faulty: Flags,
         pressure: Floats | None,
         drift: Drift | None,
+        moved: Floats | None = None,
         memory: MemoryFollower | None = None,
         shift: Floats | float = 0.0,
     ) -> list[LoadEstimate]:
@@ -396,9 +465,9 @@ class LoadEstimator:
             (np.flatnonzero(enough & ~touched & ~at_rest), True),
         ):
             if index.size:
-                best, found = self._explained(
-                    selection, systematic, y[index], weight[index], full_scale[index], pulled
-                )
+                own_motion = None if moved is None else moved[index]
+                own_frames = y[index], weight[index], full_scale[index], own_motion
+                best, found = self._explained(selection, systematic, *own_frames, pulled)
                 for i, estimate in zip(index, found, strict=True):
                     results[i] = estimate
                 if not pulled:
@@ -407,6 +476,8 @@ class LoadEstimator:
                     memory.after(best.q[0] if results[0].contacts else None)
         if memory is not None and results[0].contact is False:
             memory.after(memory.unloaded)
+        if moved is not None:
+            results = told_moving(results, moved, change[:, taxels])
         if drift is not None:
             results = [_drifting(e, *d) for e, d in zip(results, drift.sizes(), strict=True)]
         spent = time.perf_counter() - begin - (COMPILED.seconds - compiling)
@@ -421,6 +492,7 @@ class LoadEstimator:
         y: Any,
         weight: Any,
         full_scale: Any,
+        moved: Floats | None,
         pulled: bool,
     ) -> tuple[Explanations, list[LoadEstimate]]:
         """Estimates of frames that are not at rest, whether pressed or pulled."""
@@ -432,14 +504,17 @@ class LoadEstimator:
             others: list[Alternative | None] = [None] * len(y)
         else:
             best, others = selection.explain(y, weight)
-        covariance = None
+        covariance = motion = None
+        per_contact = self._parts.fitter.per_contact
         if systematic is not None:
-            per_contact = self._parts.fitter.per_contact
             covariance = systematic.covariance(best, y, per_contact)
         if discrepancy is not None and left is not None:
-            own = discrepancy.of_loads(best, left, self._parts.fitter.per_contact)
+            own = discrepancy.of_loads(best, left, per_contact)
             covariance = own if covariance is None else covariance + own
-        return best, self._parts.assessment.estimates(best, others, full_scale, covariance)
+        if moved is not None:
+            motion = covariance_by_motion(best, moved, per_contact)
+        assess = self._parts.assessment.estimates
+        return best, assess(best, others, full_scale, covariance, motion)
 
 
 def _chi2_at_rest(change: Any, weight: Any, errors: Floats | None) -> Floats:

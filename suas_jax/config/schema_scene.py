@@ -78,6 +78,11 @@ class SkinSpec(Spec):
     environment: EnvironmentSpec | None = None
     calibration: CalibrationSpec | None = None
 
+    @property
+    def unloaded(self) -> "SceneSpec":
+        """The scene in which nothing presses it."""
+        return SceneSpec(**{name: getattr(self, name) for name in self.model_fields_set})
+
     def require_plane_strain(self, what: str) -> None:
         """Refuse a skin whose curved ends are clamped for `what`, which begins the message.
 

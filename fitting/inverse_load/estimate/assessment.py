@@ -48,6 +48,7 @@ class LoadAssessment:
         others: Sequence[Alternative | None],
         full_scale: Flags,
         systematic: Floats | None = None,
+        motion: Floats | None = None,
     ) -> list[LoadEstimate]:
         """Estimates of frames that something touches.
 
@@ -57,9 +58,12 @@ class LoadAssessment:
             full_scale: taxels that read full scale [frame, taxel].
             systematic: covariance from the errors that all frames share, as wide as `best`'s
                 information [frame, parameter, parameter].
+            motion: covariance from what may be motion, likewise.
         """
         poor = best.p_value(self._per_contact) < POOR
         covariance = covariance_of(best, self._per_contact)
+        if motion is not None:
+            covariance = covariance + motion
         return [
             self._estimate(
                 best,

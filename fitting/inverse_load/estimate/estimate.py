@@ -32,6 +32,8 @@ STATUS = {
     "pull": "Something pulls the skin outwards: the force is negative.",
     "at_edge": "The contact is at the clamp or beyond the taxels, where readings say little: "
     "how far place and force are off is not known.",
+    "moving": "The film is still moving: more than 5 % of the readings' change may be motion, "
+    "which the covariance counts. A tap is told by its impulse once it is over.",
     "poor_fit": "The model is wrong by more than noise and tolerances explain; the covariance "
     "is scaled up accordingly.",
     "wall_contact": "The membrane lies on the wall, which takes all further load unseen: at "
@@ -142,6 +144,17 @@ class Contact:
 
 
 @dataclass(frozen=True)
+class Tap:
+    """A press that was over before the film had followed it."""
+
+    time: float  # of the last frame before it [s]
+    duration: float  # until the skin was at rest again [s]
+    place: Contact  # with the steady force that would have moved the skin as much in the mean
+    impulse: float  # [N s]
+    deviation: float  # its standard deviation [N s]
+
+
+@dataclass(frozen=True)
 class LoadEstimate:
     """What a frame says."""
 
@@ -165,6 +178,8 @@ class LoadEstimate:
     # of the readings at rest that was taken off, mean and largest over the taxels [counts];
     # None where none is followed
     drift: tuple[float, float] | None = None
+    # that is over with this frame; None where none is
+    tap: Tap | None = None
 
     @property
     def status_text(self) -> str:

@@ -19,6 +19,8 @@ FRAME_KEYS = {
     "and `largest` over the taxels",
     "alternatives": "other loads that explain the frame almost as well, where there are any: "
     "another place of one contact, or two contacts in place of a wide one",
+    "tap": "with the first frame at rest after a tap: `t_s` before it, `duration_s` that the "
+    "skin moved, the place, `impulse_Ns` and its standard deviation `impulse_deviation_Ns`",
     "filtered": "with `--filter`: the loads followed over time",
     "dropped": "live: frames that were left out so far",
     "posterior": "with `--posterior`: modes of the frame, each with its loads and probability",

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.inverse_load.estimate.estimate import BESIDE, STATUS, Contact, LoadEstimate
+from fitting.inverse_load.estimate.estimate import BESIDE, STATUS, Contact, LoadEstimate, Tap
 from fitting.inverse_load.frame_posterior import LoadMode
 from suas_jax.acquisition.terminal import new_console
 
@@ -85,9 +85,25 @@ def frame_json(
         line["drift_counts"] = {"mean": mean, "largest": largest}
     if estimate.alternatives:
         line["alternatives"] = [contact_json(contact) for contact in estimate.alternatives]
+    if estimate.tap is not None:
+        line["tap"] = _tap_json(estimate.tap)
     if filtered is not None:
         line["filtered"] = [contact_json(contact) for contact in filtered]
     return line | more
+
+
+def _tap_json(tap: Tap) -> dict[str, Any]:
+    """A tap: when, where and with which impulse."""
+    place = contact_json(tap.place)
+    kept = {key: place[key] for key in ("angle_deg", "arc_m", "axial_m") if key in place}
+    told = {"impulse_Ns": tap.impulse, "impulse_deviation_Ns": tap.deviation}
+    return {"t_s": tap.time, "duration_s": tap.duration, **kept, **told}
+
+
+def tap_text(tap: Tap) -> str:
+    """A tap for a person."""
+    impulse = f"{1e3 * tap.impulse:.3g} ± {1e3 * tap.deviation:.2g} mN s"
+    return f"tap after {tap.time:.3f} s: {', '.join(place_texts(tap.place))}, {impulse}"
 
 
 def contact_text(contact: Contact) -> str:
@@ -98,13 +114,8 @@ def contact_text(contact: Contact) -> str:
         if contact.by_arc and contact.arc is not None:
             place = f"{1e3 * contact.arc:.1f} mm along the arc"
         return f"{place}, {axial}{contact.force:.2f} N (no error known)"
-    sigma = dict(zip(contact.names, np.sqrt(np.diag(contact.covariance)), strict=True))
-    if contact.by_arc and contact.arc is not None:
-        parts = [f"{1e3 * contact.arc:.2f} ± {1e3 * sigma['arc']:.2f} mm along the arc"]
-    else:
-        parts = [f"{np.rad2deg(contact.angle):.2f} ± {np.rad2deg(sigma['angle']):.2f}°"]
-    if contact.axial is not None:
-        parts.append(f"{1e3 * contact.axial:.2f} ± {1e3 * sigma['axial']:.2f} mm")
+    sigma = {name: contact.deviation(name) for name in contact.names}
+    parts = place_texts(contact)
     parts.append(f"{contact.force:.3f} ± {sigma['force']:.3f} N")
     if contact.diameter is not None:
         parts.append(f"⌀ {1e3 * contact.diameter:.1f} ± {1e3 * sigma['diameter']:.1f} mm")
@@ -128,6 +139,18 @@ def contact_text(contact: Contact) -> str:
     return ", ".join(parts)
 
 
+def place_texts(contact: Contact) -> list[str]:
+    """Coordinates of a contact with their standard deviations."""
+    sigma = {name: contact.deviation(name) for name in contact.names}
+    if contact.by_arc and contact.arc is not None:
+        parts = [f"{1e3 * contact.arc:.2f} ± {1e3 * sigma['arc']:.2f} mm along the arc"]
+    else:
+        parts = [f"{np.rad2deg(contact.angle):.2f} ± {np.rad2deg(sigma['angle']):.2f}°"]
+    if contact.axial is not None:
+        parts.append(f"{1e3 * contact.axial:.2f} ± {1e3 * sigma['axial']:.2f} mm")
+    return parts
+
+
 def print_table(time: Floats, estimates: Sequence[LoadEstimate]) -> None:
     """Print what a person wants to see of a log: a line a frame, then the statuses."""
     from rich.table import Table
@@ -139,6 +162,9 @@ def print_table(time: Floats, estimates: Sequence[LoadEstimate]) -> None:
         pressure = "–" if np.isnan(e.oil_pressure) else f"{1e-3 * e.oil_pressure:.2f}"
         table.add_row(f"{t:.3f}", loads, pressure, f"{e.chi2_per_dof:.2f}", e.status_text)
     console.print(table)
+    for e in estimates:
+        if e.tap is not None:
+            console.print(tap_text(e.tap), highlight=False)
     names = [e.status for e in estimates]
     for status in sorted(set(names), key=names.count, reverse=True):
         console.print(

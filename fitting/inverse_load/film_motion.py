@@ -1,0 +1,123 @@
+"""Frames in which the film moves: readings then show more, or less, than the load.
+
+The estimate takes every frame for an equilibrium. After a load has changed the oil has to
+flow, and the membrane swings about its new equilibrium, or creeps towards it. Free motions
+fade as exp(-t/T), T the longest time of the lowest modes (`suas_jax.dynamics.modes`). What the
+readings c have lately changed by, as far as it has not faded, may therefore be motion::
+
+    d(t) = (c(t) - c(t')) exp(-(t - t') / T)
+
+with the earlier time t' that makes it largest in terms of the readings' noise. The load that
+explains d, G d with G = (J^T W J)^-1 J^T W, is one deviation of what motion does to the
+estimate: G d d^T G^T adds to its covariance.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fitting.arrays import Flags, Floats
+from fitting.inverse_load.estimate.estimate import LoadEstimate
+from fitting.inverse_load.fit.covariance import inverse
+from fitting.inverse_load.fit.explanation import Explanations
+from suas_jax.config import SkinSpec
+from suas_jax.dynamics.modes import modes
+
+MATTERS = 0.05
+"""Share of a frame's change of readings that may be motion before its status says so."""
+_MODES = 3  # the lowest, which taxels see
+_KEPT, _WINDOW = 16, 4.0  # frames kept in a fading time, and fading times looked back
+_BEYOND_NOISE = 6.0  # deviations of chi2 beyond which a change is not noise
+_FELT = 2.0  # deviations of a force that is there
+# What motion makes no less true.
+_STANDING = frozenset({"no_contact", "saturated", "too_few_taxels"})
+
+
+def fading_time(spec: SkinSpec) -> float | None:
+    """Longest time in which low modes of a skin at rest fade to 1/e [s].
+
+    An uneven pad counts as the even one. None where the file does not say how the film moves:
+    it lacks a density or the oil's viscosity, or the oil is vented.
+    """
+    stated = (spec.oil.density, spec.oil.viscosity, spec.material.density)
+    if None in stated or not spec.oil.trapped:
+        return None
+    if spec.geometry.sheets:
+        from fitting.inverse_load.pad.uneven import even_spec
+
+        spec = even_spec(spec)
+    found = modes(spec.unloaded, _MODES).modes
+    return max((row["time_s"] for row in found if row["time_s"] is not None), default=None)
+
+
+class FilmMotion:
+    """What may be motion of one skin's film, frame by frame."""
+
+    def __init__(self, fading: float, variance: float) -> None:
+        """Free motions fade in a time [s]; readings have a variance [counts^2]."""
+        self.fading, self._variance = fading, variance
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin with the next frame."""
+        self._before: deque[tuple[float, Floats]] = deque()
+
+    def follow(self, time: Floats, change: Floats) -> Floats:
+        """Take frames; return what of their readings may be motion [frame, taxel] [counts].
+
+        Times are [frame] [s]; changes are readings less those at rest [frame, taxel] [counts],
+        NaN where missing. Zero where readings have changed by no more than noise.
+        """
+        return np.array([self._next(*frame) for frame in zip(time, change, strict=True)])
+
+    def _next(self, now: float, change: Floats) -> Floats:
+        before = self._before
+        while before and not now - _WINDOW * self.fading <= before[0][0] < now:
+            before.popleft()  # too old, or of a clock that was set back
+        found = np.zeros(len(change))
+        if before:
+            times, changes = (np.array(x) for x in zip(*before, strict=True))
+            moved = np.nan_to_num(change - changes)
+            count = (moved != 0).sum(1)
+            chi2 = (moved**2 / (2 * self._variance)).sum(1)
+            told = chi2 > count + _BEYOND_NOISE * np.sqrt(2 * count)
+            left = np.exp((times - now) / self.fading)
+            at = int((told * chi2 * left**2).argmax())
+            found = moved[at] * left[at] * told[at]
+        if not before or now - before[-1][0] >= self.fading / _KEPT:
+            before.append((now, change))
+        return found
+
+
+def covariance_by_motion(best: Explanations, moved: Floats, per_contact: int) -> Floats:
+    """Covariances of loads by motion [frame, taxel], padded as the information is."""
+    covariance = np.full(best.information.shape, np.nan)
+    moved = np.pad(moved, ((0, 0), (0, best.weight.shape[1] - moved.shape[1])))
+    for count in np.unique(best.contacts):
+        frames, width = best.contacts == count, per_contact * int(count)
+        pull = best.jacobian[frames, :width] @ (best.weight * moved)[frames, :, None]
+        loads = inverse(best.information[frames, :width, :width]) @ pull
+        covariance[frames, :width, :width] = loads @ loads.transpose(0, 2, 1)
+    return covariance
+
+
+def told_moving(
+    estimates: Sequence[LoadEstimate], moved: Floats, change: Floats
+) -> list[LoadEstimate]:
+    """Estimates whose status says where motion matters.
+
+    Motion and changes of readings from rest are [frame, taxel] [counts]. A force that is less
+    than twice its deviation may then be motion alone.
+    """
+    size, whole = ((np.nan_to_num(x) ** 2).sum(1) for x in (moved, change))
+    matters: Flags = (size > 0) & (size > MATTERS**2 * whole)
+    return [_moving(e) if m else e for e, m in zip(estimates, matters, strict=True)]
+
+
+def _moving(estimate: LoadEstimate) -> LoadEstimate:
+    if estimate.status in _STANDING:
+        return estimate
+    felt = any(abs(c.force) > _FELT * c.deviation("force") for c in estimate.contacts)
+    return replace(estimate, contact=felt or None, status="moving", at_least=None)

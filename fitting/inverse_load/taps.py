@@ -1,0 +1,181 @@
+"""Taps: presses that are over before the film has followed, told by their impulse.
+
+No frame of a tap shows its force. But a skin that is at rest before and after it has answered
+as K u + C du/dt + M d2u/dt2 = f(t), and so ::
+
+    integral f dt = integral K u dt
+
+With g the gaps less those at rest, phi those of a light steady contact at the tap's place and
+F(a) the steady force at the amplitude a = phi.g / phi.phi, the impulse is the integral of F(a)
+over the motion. It is exact where the skin answers in proportion to loads. Where F bends, half
+of what the bend adds is taken for the impulse's standard deviation, beside that of noise and
+inputs. The place is that of a steady contact with the motion's mean gaps.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from fitting.arrays import Floats
+from fitting.inverse_load.estimate.estimate import LoadEstimate, Tap
+from fitting.inverse_load.search.base import AbstractNodeSearch
+from suas_jax.sensing.electrodes import Electrodes
+
+LONGEST = 20.0
+"""Fading times that a motion lasts at most to be a tap; longer ones show their forces."""
+SHAPE = 0.05
+"""Error of the mean gaps under a bent F, as a share of their change of readings."""
+_REST = 32  # frames at rest whose mean counts
+
+
+class Motion(NamedTuple):
+    """Frames from rest to rest."""
+
+    time: Floats  # [frame] [s]
+    gap: Floats  # less that at rest [frame, taxel] [m]; NaN where a reading was missing
+
+    @property
+    def duration(self) -> float:
+        """From the last frame at rest before it to the last of it [s]."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
+    def share(self) -> Floats:
+        """Of the duration, by the trapezoidal rule: jitter and missing frames count [frame]."""
+        step = np.diff(self.time)
+        return np.asarray(np.append(step, 0) + np.append(0, step)) / (2 * self.duration)
+
+
+@dataclass
+class MotionWatch:
+    """Gathers frames between those at rest.
+
+    A swing passes its rest: a motion is over once nothing has touched for a fading time.
+    """
+
+    fading: float  # time in which free motions fade [s]
+    _rest: tuple[float, Floats] | None = None  # time of the last frame, and mean gaps [taxel]
+    _still: int = 0  # frames that the mean is of
+    _frames: list[tuple[float, Floats]] = field(default_factory=list)
+    _untouched: float | None = None  # since when nothing has touched
+
+    def forget(self) -> None:
+        """Begin with the next frame at rest."""
+        self._rest, self._still, self._frames, self._untouched = None, 0, [], None
+
+    def follow(self, time: float, gap: Floats, *, touched: bool) -> Motion | None:
+        """Take a frame's gaps [taxel] [m]; return the motion that it ends."""
+        if self._rest is None:
+            if not touched:
+                self._rest, self._still = (time, gap), 1
+            return None
+        begin, rest = self._rest
+        if not 0 < time - begin < LONGEST * self.fading:
+            self.forget()
+        elif touched or self._frames:
+            self._frames.append((time, gap - rest))
+            since = None if touched else self._untouched
+            self._untouched = time if since is None and not touched else since
+            if self._untouched is not None and time - self._untouched >= self.fading:
+                times, gaps = (np.array(x) for x in zip(*self._frames, strict=True))
+                self._rest, self._frames, self._untouched = (time, rest), [], None
+                return Motion(np.append(begin, times), np.vstack([np.zeros_like(rest), gaps]))
+        else:
+            self._still = min(self._still + 1, _REST)
+            self._rest = time, rest + (gap - rest) / self._still
+        return None
+
+
+class ForceCurve(NamedTuple):
+    """Steady force at one place by the amplitude of the gaps."""
+
+    shape: Floats  # change of gaps under the lightest force [taxel] [m]
+    amplitude: Floats  # [level], of that shape; from zero
+    force: Floats  # [level] [N]; from zero
+
+    @classmethod
+    def of(cls, force: Floats, gap: Floats) -> "ForceCurve":
+        """Through forces [level] [N] and changes of gaps under them [level, taxel] [m]."""
+        shape = gap[0]
+        amplitude = gap @ shape / (shape @ shape)
+        return cls(shape, np.append(0.0, amplitude), np.append(0.0, force))
+
+    def amplitudes(self, gap: Floats, variance: Floats) -> tuple[Floats, Floats]:
+        """Of changes of gaps [frame, taxel] [m], and standard deviations [frame].
+
+        Variances are of a gap [taxel] [m^2]. Missing taxels count for nothing.
+        """
+        own = np.where(np.isfinite(gap), self.shape, 0.0)
+        size = (own**2).sum(-1)
+        return (np.nan_to_num(gap) * own).sum(-1) / size, np.sqrt(own**2 @ variance) / size
+
+    def at(self, amplitude: Floats) -> Floats:
+        """Force [N]; outwards as beside rest."""
+        outwards = np.minimum(amplitude, 0.0) * self.force[1] / self.amplitude[1]
+        return np.interp(amplitude, self.amplitude, self.force) + outwards
+
+
+class TapFinder:
+    """Finds taps in the frames of one skin."""
+
+    def __init__(
+        self,
+        watch: MotionWatch,
+        electrodes: Electrodes,
+        nodes: AbstractNodeSearch,
+        taxels: int,
+        variance: float,  # of a reading [counts^2]
+        # the estimate of one frame of readings with inverse variances [frame, channel], and its
+        # parameters
+        explain: Callable[[Floats, Floats], tuple[LoadEstimate, Floats]],
+    ) -> None:
+        self._watch, self._electrodes, self._nodes = watch, electrodes, nodes
+        self._taxels, self._variance, self._explain = taxels, variance, explain
+        self.forget = watch.forget
+        self._so = nodes.rest[:taxels]
+        self._gap = self._gaps(self._so)
+        # of a count
+        self._slope = self._gap - self._gaps(self._so + 1)
+
+    def follow(self, time: float, so: Floats, *, touched: bool) -> Tap | None:
+        """Take a frame's readings as the model has them [taxel] [counts]; NaN: missing."""
+        motion = self._watch.follow(time, self._gaps(so), touched=touched)
+        return None if motion is None else self._tap(motion)
+
+    def _gaps(self, so: Floats) -> Floats:
+        return np.asarray(self._electrodes.even_film(jnp.asarray(so)[:, None])[:, 0])
+
+    def _tap(self, motion: Motion) -> Tap | None:
+        """The tap of a motion; None where it shows none, or more than one contact."""
+        share, size = motion.share, self._taxels
+        mean = self._gap + share @ motion.gap
+        so = np.asarray(self._electrodes.read_even_film(jnp.asarray(mean)[:, None])[:, 0])
+        used = np.isfinite(so)
+        change = np.where(used, so - self._so, 0.0)
+        variance = self._variance * (share**2).sum() + (SHAPE * change) ** 2
+        beside = (0, len(self._nodes.rest) - size)
+        y = np.pad(used, beside) * self._nodes.rest + np.pad(change, beside)
+        weight = np.pad(used / variance, beside)
+        found, parameters = self._explain(y[None], weight[None])
+        if len(found.contacts) != 1:
+            return None
+        curve = self._curve(int(self._nodes.nearest_to(parameters[None], 1)[0]))
+        amplitude, noise = curve.amplitudes(motion.gap, self._slope**2 * self._variance)
+        impulse = motion.duration * (share @ curve.at(amplitude))
+        bent = impulse - motion.duration * curve.at(share @ amplitude)
+        rate = (curve.at(amplitude + 1e-6) - curve.at(amplitude)) / 1e-6
+        read = motion.duration * np.sqrt(((share * rate * noise) ** 2).sum())
+        told = found.contacts[0]
+        inputs = told.deviation("force") / told.force * impulse
+        error = np.sqrt(read**2 + (bent / 2) ** 2 + inputs**2)
+        return Tap(float(motion.time[0]), motion.duration, told, float(impulse), float(error))
+
+    def _curve(self, node: int) -> ForceCurve:
+        """At the place of a node of the table."""
+        rows = node // self._nodes.levels * self._nodes.levels + np.arange(self._nodes.levels)
+        rows = rows[self._nodes.known[rows]]
+        gap = [self._gaps(so) - self._gap for so in self._nodes.readings[rows, : self._taxels]]
+        return ForceCurve.of(self._nodes.loads[rows, -1], np.array(gap))

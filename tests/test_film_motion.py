@@ -1,0 +1,128 @@
+"""What may be motion of the film, and impulses of taps, against closed forms."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
+from fitting.inverse_load.film_motion import (
+    FilmMotion,
+    covariance_by_motion,
+    fading_time,
+    told_moving,
+)
+from fitting.inverse_load.taps import LONGEST, ForceCurve, Motion, MotionWatch
+from suas_jax.config import load_skin
+from tests.skins import CASE_B
+from tests.stand_ins import explanations
+
+FADING = 0.1
+FRAMES = np.arange(0.0, 2.0, 0.01)
+
+
+def test_what_is_still_to_fade_of_a_jump_may_be_motion() -> None:
+    # After a jump by h at zero a first-order lag leaves h exp(-t/T) to come.
+    height = np.array([300.0, -80.0, 10.0])
+    left = np.exp(-np.maximum(FRAMES - 0.5, 0.0) / FADING)
+    change = height * np.where(FRAMES[:, None] < 0.5, 0.0, 1 - left[:, None])
+    found = FilmMotion(FADING, 4.0).follow(FRAMES, change)
+    assert not found[FRAMES < 0.5].any()
+    moving = (FRAMES > 0.5 + FADING) & (FRAMES < 0.5 + 3 * FADING)
+    to_come = (height - change)[moving]
+    assert np.all(np.abs(found[moving]) > 0.4 * np.abs(to_come))
+    assert np.all(np.abs(found[moving]) < 2.0 * np.abs(to_come))
+    assert np.all(np.abs(found[FRAMES > 0.5 + 5 * FADING]) < 0.01 * np.abs(height))
+    assert not found[FRAMES > 0.5 + 10 * FADING].any()
+
+
+def test_noise_and_missing_readings_are_no_motion() -> None:
+    rng = np.random.default_rng(0)
+    change = rng.normal(0.0, 2.0, (len(FRAMES), 40))
+    change[rng.random(change.shape) < 0.2] = np.nan
+    found = FilmMotion(FADING, 4.0).follow(FRAMES, change)
+    assert np.isfinite(found).all()
+    assert np.mean(found.any(1)) < 0.005
+
+
+def test_a_clock_that_is_set_back_begins_anew() -> None:
+    motion = FilmMotion(FADING, 4.0)
+    motion.follow(np.array([5.0, 5.01]), np.array([[500.0], [0.0]]))
+    assert not motion.follow(np.array([1.0]), np.array([[0.0]])).any()
+
+
+def test_loads_by_motion_are_those_that_explain_it() -> None:
+    jacobian = np.array([[[1.0, 0.5, 0.0, 0.0], [0.0, 1.0, 2.0, 0.0]]])
+    best = explanations([1.0, 2.0], jacobian=jacobian, weight=[1.0, 4.0, 0.25, 1.0])
+    loads = np.array([0.3, -0.7])
+    found = covariance_by_motion(best, (loads @ jacobian[0])[None, :], 2)
+    assert found[0] == pytest.approx(np.outer(loads, loads), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("status", "force", "moved", "told", "contact"),
+    [
+        ("ok", 5.0, 10.0, "moving", True),
+        ("ok", 1.5, 10.0, "moving", None),  # less than two deviations
+        ("ok", 5.0, 2.0, "ok", True),  # 2 of 100 counts
+        ("poor_fit", 5.0, 10.0, "moving", True),
+        ("no_contact", 5.0, 10.0, "no_contact", True),
+    ],
+)
+def test_a_status_says_where_motion_matters(
+    status: str, force: float, moved: float, told: str, contact: bool | None
+) -> None:
+    estimate = LoadEstimate(True, (Contact(0.0, force, None, np.eye(2)),), status=status)
+    (found,) = told_moving([estimate], np.array([[moved]]), np.array([[100.0]]))
+    assert (found.status, found.contact) == (told, contact)
+
+
+def _motion(force: np.ndarray, amplitude: np.ndarray) -> tuple[np.ndarray, float]:
+    """Amplitudes of m a'' + c a' + F(a) = f(t) under a half sine, and its impulse."""
+    curve = ForceCurve(np.ones(1), amplitude, force)
+    length, peak = 0.05, 3.0
+
+    def rate(t: float, y: np.ndarray) -> list[float]:
+        push = peak * np.sin(np.pi * t / length) if 0 < t < length else 0.0
+        return [y[1], (push - float(curve.at(y[0])) - 0.03 * y[1]) / 0.002]
+
+    found = solve_ivp(rate, (0.0, 1.99), [0.0, 0.0], t_eval=FRAMES, max_step=1e-3, rtol=1e-8)
+    return found.y[0], 2 / np.pi * peak * length
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.5])
+def test_the_impulse_of_a_tap_is_that_of_its_motion(bend: float) -> None:
+    amplitude = np.linspace(0.0, 4.0, 41)
+    force = amplitude + bend * amplitude**2
+    shape = np.array([2e-4, -1e-4, 5e-5])
+    a, impulse = _motion(force, amplitude)
+    watch, motion = MotionWatch(FADING), None
+    gap = 5e-3 + a[:, None] * shape
+    time = np.delete(FRAMES, [7, 12, 30])  # lost frames
+    kept = (np.delete(x, [7, 12, 30], 0) for x in (gap, np.abs(a)))
+    for t, g, size in zip(time, *kept, strict=True):
+        motion = watch.follow(float(t), g, touched=bool(size > 0.01)) or motion
+    assert isinstance(motion, Motion)
+    curve = ForceCurve.of(force[1:], amplitude[1:, None] * shape)
+    scaled, _ = curve.amplitudes(motion.gap, np.ones(3))
+    found = motion.duration * (motion.share @ curve.at(scaled))
+    assert found == pytest.approx(impulse, rel=0.01)
+    # The mean of the gaps is that of a steady load only where the skin answers in proportion.
+    steady = motion.duration * curve.at(motion.share @ scaled)
+    assert (abs(steady / impulse - 1) < 0.02) == (bend == 0.0)
+
+
+def test_a_press_that_lasts_is_no_tap() -> None:
+    watch = MotionWatch(FADING)
+    assert FRAMES[-1] * 1.1 > LONGEST * FADING
+    for touched, end in (((FRAMES > 0.1) & (FRAMES < 1.6), True), (FRAMES > 0.1, False)):
+        ended = [
+            watch.follow(float(t), np.full(3, 5e-3), touched=bool(one))
+            for t, one in zip(FRAMES * 1.1, touched, strict=True)
+        ]
+        assert any(ended) == end
+        watch.forget()
+
+
+def test_a_file_without_densities_says_nothing_of_motion() -> None:
+    spec = load_skin(CASE_B.parent.parent / "skins/suas.toml")
+    assert fading_time(spec) is None
