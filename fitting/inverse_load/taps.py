@@ -149,7 +149,7 @@ class TapFinder:
         return np.asarray(self._electrodes.even_film(jnp.asarray(so)[:, None])[:, 0])
 
     def _tap(self, motion: Motion) -> Tap | None:
-        """The tap of a motion; None where it shows none, or more than one contact."""
+        """The tap of a motion; None where it does not show one contact and its error."""
         share, size = motion.share, self._taxels
         mean = self._gap + share @ motion.gap
         so = np.asarray(self._electrodes.read_even_film(jnp.asarray(mean)[:, None])[:, 0])
@@ -160,7 +160,7 @@ class TapFinder:
         y = np.pad(used, beside) * self._nodes.rest + np.pad(change, beside)
         weight = np.pad(used / variance, beside)
         found, parameters = self._explain(y[None], weight[None])
-        if len(found.contacts) != 1:
+        if len(found.contacts) != 1 or found.contacts[0].covariance is None:
             return None
         curve = self._curve(int(self._nodes.nearest_to(parameters[None], 1)[0]))
         amplitude, noise = curve.amplitudes(motion.gap, self._slope**2 * self._variance)
