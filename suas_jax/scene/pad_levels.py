@@ -34,9 +34,7 @@ from suas_jax.scene.skin import Skin
 from suas_jax.sensing.taxels import DISC
 
 # Sizes of corrections, in terms of the displacement.
-# Of the first one by a state's last tangent, which then is its own to as much; and where
-# derivatives by tangential forces are taken by it.
-_CLOSE, _CLOSER = 1e-2, 1e-3
+_CLOSE = 1e-2  # of the first one by a state's last tangent, which then is its own to as much
 _SETTLED = 1e-6  # by the last correction of all
 _CONTRACTS = 0.2  # ratio of corrections by one tangent above which another is assembled
 _MOST_TANGENTS, _MOST_CORRECTIONS = 12, 6  # of a state, and by one tangent
@@ -75,7 +73,7 @@ class _Solved(NamedTuple):
     done: Array  # whether the state is found
 
 
-def _solved(problem: Problem, start: BorderedVector, level: Lanes, close: Array) -> _Solved:
+def _solved(problem: Problem, start: BorderedVector, level: Lanes) -> _Solved:
     """Newton's method from a state nearby; its factors serve as long as they contract."""
     size = problem.mechanics.displacement_size
 
@@ -101,12 +99,12 @@ def _solved(problem: Problem, start: BorderedVector, level: Lanes, close: Array)
 
         def going(carry: tuple[Any, ...]) -> Array:
             _, before, now, count = carry
-            contracts = (now < _CONTRACTS * before) & (first <= close)
+            contracts = (now < _CONTRACTS * before) & (first <= _CLOSE)
             return (now > _SETTLED) & contracts & (count < _MOST_CORRECTIONS)
 
         begin = y, jnp.full_like(first, jnp.inf), first, jnp.array(1)
         y, _, last, _ = jax.lax.while_loop(going, chord, begin)
-        done = (first <= close) & (last <= _SETTLED)
+        done = (first <= _CLOSE) & (last <= _SETTLED)
         return _Solved(y, operator, first, last, at.tangents + 1, done)
 
     def going(at: _Solved) -> Array:
@@ -180,8 +178,7 @@ def readings_along(
         base, beside = (
             jax.tree.map(lambda x: jnp.tensordot(weight, x, 1), past) for past in carry
         )
-        close = jnp.where(wanted, _CLOSER, _CLOSE)
-        found = _solved(problem, jax.tree.map(jnp.add, base, more), level[None], close)
+        found = _solved(problem, jax.tree.map(jnp.add, base, more), level[None])
         change, slopes = _responses(problem, loads, skin, found, level[None])
         shown = jax.tree.map(jnp.add, found.y, change)
         state = State(shown.stations, border_of(shown), level[None])
@@ -194,12 +191,12 @@ def readings_along(
         missed = jax.tree.map(lambda a, b: jnp.where(read.found, a - b, 0.0), found.y, base)
         return jax.tree.map(onwards, carry, (found.y, moved)), (read, missed)
 
-    steps = (*steps, weights, more)
+    path: Any = (*steps, weights, more)
     if problem.prestressed:
-        _, (read, missed) = jax.lax.scan(visit, (history, places), steps)
+        _, (read, missed) = jax.lax.scan(visit, (history, places), path)
         return jax.tree.map(lambda x: x[1:], read), missed
-    steps = jax.tree.map(lambda x: x[1:], steps)
-    _, (read, missed) = jax.lax.scan(visit, (history, places), steps)
+    path = jax.tree.map(lambda x: x[1:], path)
+    _, (read, missed) = jax.lax.scan(visit, (history, places), path)
     return read, jax.tree.map(lambda x: jnp.concatenate([0 * x[:1], x]), missed)
 
 
