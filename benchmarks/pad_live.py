@@ -62,9 +62,10 @@ def main() -> None:
     configure()
     print(f"load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     spec = load_skin(SKIN)
-    begin = time.perf_counter()
+    begin, busy = time.perf_counter(), time.process_time()
     live = LoadEstimator(spec, live=True)
-    print(f"table made or loaded in {time.perf_counter() - begin:.1f} s")
+    wall, spent = time.perf_counter() - begin, time.process_time() - busy
+    print(f"table made or loaded in {wall:.1f} s, {spent:.1f} s of processor time")
     counts = slide(live, options.seconds + 40)
     live.warm_up()
     shown("one frame, half of them at rest", *timed(live, counts[:2000]))

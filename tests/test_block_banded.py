@@ -1,5 +1,6 @@
 """Block-banded systems against dense linear algebra."""
 
+import dataclasses
 from typing import Any
 
 import jax
@@ -99,6 +100,19 @@ def test_one_system_solves_the_right_hand_sides_of_every_lane(count: int) -> Non
     for lane in range(LANES):
         want = np.linalg.solve(a, flat(right[..., lane]))
         agree(flat(sweep.solution[..., lane]), want)
+
+
+def test_known_factors_are_not_made_again() -> None:
+    rng = np.random.default_rng(2)
+    own, other = (
+        BlockBanded(jnp.asarray(bands_of(matrix_of(5, DOF, False, rng), DOF))[None])
+        for _ in range(2)
+    )
+    right = jnp.asarray(rng.normal(size=(DOF, 2, 5, 1)))
+    factors = other.factorised().factors
+    sweep, product = solved(dataclasses.replace(own, factors=factors), right)
+    agree(flat(sweep.solution[..., 0]), flat(solved(other, right)[0].solution[..., 0]))
+    agree(flat(product[..., 0]), flat(solved(own, right)[1][..., 0]))
 
 
 def test_smallest_pivot_by_hand() -> None:

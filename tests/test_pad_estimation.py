@@ -22,7 +22,13 @@ from fitting.inverse_load.fit.detection import PadDetector
 from fitting.inverse_load.frame_posterior import frame_posterior, likely_modes
 from fitting.inverse_load.live.filter import LoadFilter
 from fitting.inverse_load.pad import parts as pad_parts
-from fitting.inverse_load.pad.columns import LEVELS, Column, Columns, largest_forces
+from fitting.inverse_load.pad.columns import (
+    ACROSS,
+    LEVELS,
+    Column,
+    Columns,
+    largest_forces,
+)
 from fitting.inverse_load.pad.finer_mesh import force_surplus
 from fitting.inverse_load.pad.fitter import PadFitter
 from fitting.inverse_load.pad.interpolant import PadInterpolant
@@ -237,6 +243,29 @@ def test_workers_solve_what_this_process_does(
         found = columns.solve(few[:, :2], few[:, 2], LEVELS[LEVELS != 0])
     assert done[-1] == len(few)
     np.testing.assert_allclose(found.so[:, -1, where[0]], solved(few)[0], rtol=1e-12)
+
+
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
+def test_columns_beside_one_another_read_what_each_reads_alone(
+    skin: Skin, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: Any) -> None:
+        raise AssertionError("a state was not found from its neighbours'")
+
+    monkeypatch.setattr("fitting.inverse_load.pad.columns.forward", refused)
+    columns, levels = Columns(skin, DIAMETER, lambda *_: None, MANY), LEVELS[LEVELS != 0]
+    places, force = np.array([[0.3, 0.0], [0.3, 6e-3], [0.3, 12e-3]]), np.array([15.0, 16, 17])
+    across = np.ones(3, bool)
+    alone, line = (columns.solve(places, force, levels, None, across, k) for k in (1, 3))
+    assert line.found.all()
+    rest = np.asarray(forward(skin, Loads.patch(0.0, 0.0, 0.0, DIAMETER)).so)[:, 0]
+    for a, b in ((alone.so - rest, line.so - rest), (alone.pressure, line.pressure)):
+        np.testing.assert_allclose(b, a, rtol=0, atol=2e-4 * np.abs(a).max())
+    slopes = [x.across[:, list(ACROSS)] for x in (alone, line)]
+    np.testing.assert_allclose(
+        slopes[1], slopes[0], rtol=0, atol=1e-2 * np.abs(slopes[0]).max()
+    )
+    assert not np.array_equal(alone.so[1], line.so[1])  # they start elsewhere
 
 
 @pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas

@@ -559,7 +559,7 @@ def test_a_finer_mesh_holds_the_same_deformation() -> None:
 
 def test_heights_along_rays_are_those_of_the_deformed_face() -> None:
     pad = small_pad(*CASES["whole"])
-    q, _, _ = state_of(pad, 2e-4)
+    q, directions, _ = state_of(pad, 2e-4)
     rng = np.random.default_rng(3)
     angle = jnp.asarray(rng.uniform(-1.3, 1.3, (20, 1)))
     axial = jnp.asarray(rng.uniform(-0.055, 0.055, (20, 1)))
@@ -569,6 +569,23 @@ def test_heights_along_rays_are_those_of_the_deformed_face() -> None:
     polar, along = np.arctan2(x, y)[:, None], (np.asarray(axial)[:, 0] + moved[2])[:, None]
     got = quick(Pad.height_at)(pad, q, jnp.asarray(polar), jnp.asarray(along))
     np.testing.assert_allclose(inner + got[:, 0], np.hypot(x, y), rtol=1e-9)
+    # The same from places nearby, and what a further displacement does to them.
+    by, step = directions[0], 1e-7
+
+    def followed(pad: Pad, q: jax.Array, by: jax.Array, near: Any) -> tuple[jax.Array, ...]:
+        lane = pad.one_lane()
+        at = lane.on_rays(q[..., 0], jnp.asarray(polar)[:, 0], jnp.asarray(along)[:, 0], near)
+        return at.height, lane.heights_moved(q[..., 0], at, by[..., 0])
+
+    near = jnp.asarray(place + 1e-3), jnp.asarray(np.asarray(axial)[:, 0] - 1e-4)
+    height, slope = quick(followed)(pad, q, by, near)
+    np.testing.assert_allclose(height, got[:, 0], rtol=0, atol=1e-5 * 5e-3)
+    ahead, back = (
+        quick(Pad.height_at)(pad, q + s * by, jnp.asarray(polar), jnp.asarray(along))[:, 0]
+        for s in (step, -step)
+    )
+    wanted = (ahead - back) / (2 * step)
+    np.testing.assert_allclose(slope, wanted, rtol=0, atol=2e-3 * np.abs(wanted).max())
 
 
 @pytest.mark.long

@@ -8,6 +8,7 @@ stations; any number of right-hand sides then costs two sweeps of thin products 
 pivots, so indefinite systems are welcome, and S counts the negative eigenvalues (Sylvester).
 """
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeAlias
 
@@ -64,6 +65,7 @@ class BlockBanded(AbstractTangent):
     # unknowns among them that each bring a negative eigenvalue
     # whatever the state is; not counted
     multipliers: int = eqx.field(static=True, default=0)
+    factors: Factors | None = None  # of the system, where they are known
 
     @property
     def structure(self) -> jax.ShapeDtypeStruct:
@@ -85,8 +87,8 @@ class BlockBanded(AbstractTangent):
         return y * mask + x * (1 - mask)
 
     def solve(self, right: Float[Array, "dof right station lane"]) -> Sweep:
-        """Factorise and substitute."""
-        factors = factorise(self)
+        """Factorise, unless that has been done, and substitute."""
+        factors = factorise(self) if self.factors is None else self.factors
         solution = solve_with(factors, right)
         lanes = solution.shape[-1:]
         return Sweep(
@@ -94,6 +96,10 @@ class BlockBanded(AbstractTangent):
             jnp.broadcast_to(factors.negative - self.multipliers, lanes),
             jnp.broadcast_to(factors.smallest_pivot, lanes),
         )
+
+    def factorised(self) -> "BlockBanded":
+        """The system with its factors, for solves that follow one another."""
+        return dataclasses.replace(self, factors=factorise(self))
 
     def mask(self) -> Float[np.ndarray, "station dof"]:
         """One where an unknown is free, zero where it is held."""

@@ -8,15 +8,17 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import numpy as np
 
 from fitting.arrays import Flags, Floats
 from fitting.inverse_load.pad.rest import film_readings
+from suas_jax.numerics.bordered_solve import BorderedVector
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.settings import configure
 from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import Loads
-from suas_jax.scene.pad_levels import extrapolation, readings_along
+from suas_jax.scene.pad_levels import Ahead, extrapolation, nothing_ahead, readings_along
 from suas_jax.scene.skin import Skin
 
 LEVELS = np.array([-0.15, 0.0, 0.12, 0.28, 0.46, 0.64, 0.82, 1.0])
@@ -69,10 +71,12 @@ class Columns:
         levels: Floats,  # shares of the force, for all places [level] or each [place, level]
         elements: tuple[int, int] | None = None,  # of the mesh; those of the pad if None
         across: Flags | None = None,
+        line: int = 1,
     ) -> Column:
         """Readings [place, level, ...] of places [place, 2] under shares of forces.
 
-        Derivatives by tangential forces are wanted at the places `across`; nowhere if None.
+        Derivatives by tangential forces are wanted at the places `across`; nowhere if None. So
+        many places one after the other lie on a line, as far from one another.
         """
         skin = self.skin if elements is None else replace(self.skin, elements=elements)
         once = self._total < _FEW
@@ -80,18 +84,20 @@ class Columns:
         wanted = np.zeros(len(places)) if across is None else across
         numbers = np.column_stack([places, force, diameter, wanted])
         levels = np.broadcast_to(levels, (len(places), levels.shape[-1]))
+        parts = [slice(k, k + line) for k in range(0, len(numbers), line)]
         if self._workers is not None:
-            return _joined(self._on_workers(self._workers, skin, numbers, levels, once))
+            size = max(line, _AT_ONCE // line * line)
+            sent = [slice(k, k + size) for k in range(0, len(numbers), size)]
+            how = skin, numbers, levels, line, once
+            return _joined(self._on_workers(self._workers, sent, *how))
 
-        def column(numbers: Floats, levels: Floats) -> Column:
-            found = solve_column(skin, numbers, levels, once)
-            self._count(1)
-            return found
+        def solved(part: slice) -> list[Column]:
+            return solve_line(skin, numbers[part], levels[part], once, self._count)
 
-        rows = [column(numbers[0], levels[0])]  # compiles
+        rows = [solved(parts[0])]  # compiles
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            rows += pool.map(column, numbers[1:], levels[1:])
-        return _joined(rows)
+            rows += pool.map(solved, parts[1:])
+        return _joined([column for row in rows for column in row])
 
     def rest(self) -> Floats:
         """Readings of the pad without contacts [taxel], by the program that solves columns."""
@@ -99,16 +105,23 @@ class Columns:
             return film_readings(self.skin)
         nothing = np.array([0.0, 0.0, 0.0, self._diameter, 0.0])
         once = self._total < _FEW
-        return np.asarray(solve_column(self.skin, nothing, LEVELS[LEVELS != 0], once).so[0])
+        levels = LEVELS[None, LEVELS != 0]
+        return np.asarray(solve_line(self.skin, nothing[None], levels, once)[0].so[0])
 
     def _on_workers(
-        self, workers: Executor, skin: Skin, numbers: Floats, levels: Floats, once: bool
+        self,
+        workers: Executor,
+        parts: list[slice],
+        skin: Skin,
+        numbers: Floats,
+        levels: Floats,
+        line: int,
+        once: bool,
     ) -> list[Column]:
         """Columns in the order of their places."""
         sent = pickle.dumps(skin)
-        parts = [slice(k, k + _AT_ONCE) for k in range(0, len(numbers), _AT_ONCE)]
         futures = [
-            workers.submit(_solve_columns, sent, numbers[part], levels[part], once)
+            workers.submit(_solve_columns, sent, numbers[part], levels[part], line, once)
             for part in parts
         ]
         for future in as_completed(futures):
@@ -120,38 +133,65 @@ class Columns:
         self._progress(min(self._done, self._total), self._total)
 
 
-def solve_column(skin: Skin, numbers: Floats, levels: Floats, once: bool) -> Column:
-    """Readings under shares of one contact's force.
+def solve_line(
+    skin: Skin,
+    numbers: Floats,
+    levels: Floats,
+    once: bool,
+    count: Callable[[int], None] = lambda columns: None,
+) -> list[Column]:
+    """Readings under shares of contacts' forces, of places on a line, one column after another.
 
-    States follow one another by extrapolation; those that Newton's method doesn't find that way
-    are solved from rest, each for itself.
+    States follow one another by extrapolation, and go as far beyond it as those of the columns
+    before would have gone here; those that Newton's method doesn't find that way are solved
+    from rest, each for itself.
 
     The numbers are angle [rad], axial position [m], force [N], diameter [m], and whether
-    derivatives by tangential forces are wanted. Levels are shares of the force. `once` says
-    whether few columns will be solved.
+    derivatives by tangential forces are wanted [column, number]. Levels are shares of the
+    force [column, level]. `once` says whether few columns will be solved; `count` is called
+    with one after each.
     """
-    angle, axial, force, diameter, wanted = numbers
-    loads = Loads.patch(angle, axial, force, diameter)
-    skin, weights = skin.around(loads), extrapolation(levels)
-    across = np.isin(np.arange(len(levels)), ACROSS) & bool(wanted)
-    found = COMPILED.run(_READ_ALONG, skin, loads, levels, weights, across, once=once)
-    column = Column(*(np.array(x) for x in found))
-    for k in np.flatnonzero(~column.found):
-        alone = forward(skin, Loads.patch(angle, axial, force * levels[k], diameter))
-        column.so[k] = alone.so[:, 0]
-        column.pressure[k], column.min_gap[k] = alone.oil_pressure[0], alone.min_gap[0]
-        column.found[k] = alone.solved[0]
-    return column
+    columns: list[Column] = []
+    before: list[BorderedVector] = []
+    for (angle, axial, force, diameter, wanted), shares in zip(numbers, levels, strict=True):
+        loads = Loads.patch(angle, axial, force, diameter)
+        meshed, weights = skin.around(loads), extrapolation(shares)
+        across = np.isin(np.arange(len(shares)), ACROSS) & bool(wanted)
+        ahead = nothing_ahead(meshed, len(shares))
+        if before:
+            beyond = before[-1]
+            if len(before) > 1:
+                beyond = jax.tree.map(lambda a, b: 2 * a - b, before[-1], before[-2])
+            ahead = Ahead(beyond, np.array(True))  # type: ignore[arg-type]
+        found, missed = COMPILED.run(
+            _READ_ALONG, meshed, loads, shares, weights, across, ahead, once=once
+        )
+        column = Column(*(np.array(x) for x in found))
+        before.append(jax.tree.map(np.asarray, missed))
+        if not column.found.all():
+            before.clear()
+        for k in np.flatnonzero(~column.found):
+            alone = forward(meshed, Loads.patch(angle, axial, force * shares[k], diameter))
+            column.so[k] = alone.so[:, 0]
+            column.pressure[k], column.min_gap[k] = alone.oil_pressure[0], alone.min_gap[0]
+            column.found[k] = alone.solved[0]
+        columns.append(column)
+        count(1)
+    return columns
 
 
-def _solve_columns(sent: bytes, numbers: Floats, levels: Floats, once: bool) -> list[Column]:
-    """A few columns [column, number] in a worker's process, their levels [column, level].
+def _solve_columns(
+    sent: bytes, numbers: Floats, levels: Floats, line: int, once: bool
+) -> list[Column]:
+    """A few lines of columns [column, number] in a worker's process.
 
     The skin is sent as bytes: read before float64 is on, its arrays would be of float32.
     """
     configure()
     skin = pickle.loads(sent)
-    return [solve_column(skin, *row, once) for row in zip(numbers, levels, strict=True)]
+    parts = [slice(k, k + line) for k in range(0, len(numbers), line)]
+    rows = [solve_line(skin, numbers[part], levels[part], once) for part in parts]
+    return [column for row in rows for column in row]
 
 
 def _joined(rows: list[Column]) -> Column:

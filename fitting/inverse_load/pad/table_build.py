@@ -117,9 +117,9 @@ def build_pad_table(
     along, axially = (np.unique([*range(0, n, _EVERY), n - 1]) for n in counts)
     across = np.zeros(counts, bool)
     across[np.ix_(along, axially)] = True
-    found = columns.solve(
-        places, force, (LEVELS * (1 + surplus))[:, LEVELS != 0], across=across.reshape(-1)
-    )
+    shares = (LEVELS * (1 + surplus))[:, LEVELS != 0]
+    across = across.reshape(-1)
+    found = columns.solve(places, force, shares, across=across, line=counts[1])
     stray = stray_counts(skin)
     rest = columns.rest()
     return _unfolded(

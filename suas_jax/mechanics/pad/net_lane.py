@@ -24,8 +24,18 @@ from suas_jax.skin.wall import Obstacle, Wall
 
 # Newton steps to the material point on a ray: displacements along the wall are small.
 _RAY_STEPS = 4
+_NEAR = 5e-6  # off a ray, from where a linear step's error is 1e-5 of a gap at most [m]
 
 Kinds = tuple[tuple[int, int], ...]
+Place = tuple[Array, Array]  # reference angles [rad] and axial positions [m]
+
+
+class OnRays(NamedTuple):
+    """The inner face along rays."""
+
+    place: Place  # of the material points on them
+    height: Float[Array, " ray"]  # of the face over the undeformed one [m]
+    slopes: tuple[Array, Array]  # of the height by a ray's angle [m/rad] and axial position
 
 
 class LaneParts(NamedTuple):
@@ -201,31 +211,84 @@ class AbstractLane(abc.ABC):
 
     def height_at(self, q: Array, angle: Array, axial: Array) -> Array:
         """See `Pad`: which material point lies on a ray is found by Newton's method."""
-        qe = self.net.gather(q)
-        ends = jax.lax.stop_gradient((self.net.angles, self.net.axial))
+        qe, rays = self.net.gather(q), (angle, axial)
 
-        def position(place: tuple[Array, Array]) -> tuple[Array, Array, Array]:
-            """Angle of the normal through the inner face's point, axial position, height."""
-            x, y, z = self.inner_displacement(qe, *place)
-            rest = self.section.inner_face(place[0])
-            polar, height = self.section.foot(rest + jnp.stack([x, y]), place[0])
-            return polar, place[1] + z, height
-
-        def step(place: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], None]:
-            one, zero = jnp.ones_like(angle), jnp.zeros_like(angle)
-            here, by_angle = jax.jvp(position, (place,), ((one, zero),))
-            _, by_axial = jax.jvp(position, (place,), ((zero, one),))
-            off = angle - here[0], axial - here[1]
-            determinant = by_angle[0] * by_axial[1] - by_axial[0] * by_angle[1]
-            turn = (by_axial[1] * off[0] - by_axial[0] * off[1]) / determinant
-            shift = (by_angle[0] * off[1] - by_angle[1] * off[0]) / determinant
-            moved = place[0] + turn, place[1] + shift
-            clipped = [jnp.clip(x, e[0], e[-1]) for x, e in zip(moved, ends, strict=True)]
-            return (clipped[0], clipped[1]), None
+        def step(place: Place, _: None) -> tuple[Place, None]:
+            return self._beside(qe, rays, place)[0], None
 
         first, second = jnp.broadcast_arrays(angle, axial)
         place, _ = jax.lax.scan(step, (first, second), None, length=_RAY_STEPS)
-        return position(place)[2]
+        return self._over_wall(qe, place)[2]
+
+    def on_rays(self, q: Array, angle: Array, axial: Array, near: Place) -> OnRays:
+        """The material points on rays from places near them: few steps, no derivatives.
+
+        The last step's linear part stands for another one: its error is the square of what is
+        left, over a length like the thickness.
+        """
+        qe, rays = self.net.gather(q), (angle, axial)
+
+        def step(at: tuple[OnRays, Array, Array]) -> tuple[OnRays, Array, Array]:
+            before, _, count = at
+            place, (_, _, height), slopes, off = self._beside(qe, rays, before.place)
+            more = slopes[0] * off[0] + slopes[1] * off[1]
+            size = self.section.size * jnp.abs(off[0]) + jnp.abs(off[1])
+            height = height + jnp.where(size <= _NEAR, more, 0.0)
+            return OnRays(place, height, slopes), jnp.max(size), count + 1
+
+        def going(at: tuple[OnRays, Array, Array]) -> Array:
+            return (at[1] > _NEAR) & (at[2] < _RAY_STEPS)
+
+        zero = jnp.zeros_like(angle)
+        start = OnRays(near, zero, (zero, zero)), jnp.array(jnp.inf), jnp.array(0)
+        return jax.lax.while_loop(going, step, start)[0]
+
+    def heights_moved(self, q: Array, at: OnRays, by: Array) -> Array:
+        """Derivative of the heights along rays by a displacement.
+
+        A point's height changes, and another point comes to lie on the ray.
+        """
+
+        def over_wall(q: Array) -> tuple[Array, Array, Array]:
+            return self._over_wall(self.net.gather(q), at.place)
+
+        polar, along, height = jax.jvp(over_wall, (q,), (by,))[1]
+        return height - at.slopes[0] * polar - at.slopes[1] * along
+
+    def _over_wall(self, qe: ElementVector, place: Place) -> tuple[Array, Array, Array]:
+        """Angle of the normal through the inner face's point, axial position, height."""
+        x, y, z = self.inner_displacement(qe, *place)
+        rest = self.section.inner_face(place[0])
+        polar, height = self.section.foot(rest + jnp.stack([x, y]), place[0])
+        return polar, place[1] + z, height
+
+    def _beside(
+        self, qe: ElementVector, rays: Place, place: Place
+    ) -> tuple[Place, tuple[Array, Array, Array], Place, Place]:
+        """One step of Newton's method towards the material points on rays.
+
+        Returns their places, `_over_wall` of the old ones, the height's slopes by its angle and
+        axial position there, and how far the rays are from them.
+        """
+        one, zero = jnp.ones_like(place[0]), jnp.zeros_like(place[0])
+
+        def position(place: Place) -> tuple[Array, Array, Array]:
+            return self._over_wall(qe, place)
+
+        here, by_angle = jax.jvp(position, (place,), ((one, zero),))
+        _, by_axial = jax.jvp(position, (place,), ((zero, one),))
+        off = rays[0] - here[0], rays[1] - here[1]
+        determinant = by_angle[0] * by_axial[1] - by_axial[0] * by_angle[1]
+        turn = (by_axial[1] * off[0] - by_axial[0] * off[1]) / determinant
+        shift = (by_angle[0] * off[1] - by_angle[1] * off[0]) / determinant
+        slopes = (
+            (by_axial[1] * by_angle[2] - by_angle[1] * by_axial[2]) / determinant,
+            (by_angle[0] * by_axial[2] - by_axial[0] * by_angle[2]) / determinant,
+        )
+        ends = jax.lax.stop_gradient((self.net.angles, self.net.axial))
+        moved = place[0] + turn, place[1] + shift
+        clipped = [jnp.clip(x, e[0], e[-1]) for x, e in zip(moved, ends, strict=True)]
+        return (clipped[0], clipped[1]), here, slopes, off
 
     def _stiffness(self, blocks: Float[Array, "pair width width point"]) -> Upper:
         """Upper bands from second derivatives of a density by the pairs of kinds."""

@@ -383,6 +383,27 @@ class PadFace(AbstractFace):
         return self.pad.height_at(self.q, angle, axial)
 
 
+class KnownFace(AbstractFace):
+    """The inner face where the rays' heights are known."""
+
+    varies_along_axis: ClassVar[bool] = True
+    heights: Float[Array, "ray lane"]  # of all taxels' rays, as `PadFace.gaps` joins them [m]
+
+    def gaps(
+        self, rays: Sequence[tuple[Array, Array]], geometry: SkinGeometry
+    ) -> list[Float[Array, "taxel lane"]]:
+        """See the base class."""
+        own = jnp.split(self.heights, len(rays))
+        return [h + geometry.gap(*ray) for h, ray in zip(own, rays, strict=True)]
+
+    def height(
+        self, angle: Float[Array, "ray #lane"], axial: Float[Array, "ray #lane"]
+    ) -> Float[Array, "ray lane"]:
+        """Of all rays together alone; see the base class."""
+        del angle, axial
+        return self.heights
+
+
 def _divided(breaks: Float[Array, "breakpoint #lane"], samples: int) -> Array:
     """Points between breakpoints, evenly spaced in every element."""
     inside = np.arange(samples)[None, :, None] / samples
