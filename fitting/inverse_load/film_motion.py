@@ -98,7 +98,9 @@ def covariance_by_motion(best: Explanations, moved: Floats, per_contact: int) ->
     for count in np.unique(best.contacts):
         frames, width = best.contacts == count, per_contact * int(count)
         pull = best.jacobian[frames, :width] @ (best.weight * moved)[frames, :, None]
-        loads = inverse(best.information[frames, :width, :width]) @ pull
+        gain = inverse(best.information[frames, :width, :width])
+        # What nothing determines has an infinite variance already.
+        loads = np.where(np.isfinite(gain), gain, 0.0) @ pull
         covariance[frames, :width, :width] = loads @ loads.transpose(0, 2, 1)
     return covariance
 
