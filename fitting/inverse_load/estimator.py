@@ -38,10 +38,12 @@ from fitting.inverse_load.estimate.assessment import POOR
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
 from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.estimate.place import ContactPlaces
+from fitting.inverse_load.fit.bounded_selection import BoundedSelection
 from fitting.inverse_load.fit.detection import without_errors
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.selection import Alternative, Selection
+from fitting.inverse_load.fit.steps import Budget
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.memory.follower import MemoryFollower
 from fitting.inverse_load.memory.series import LoadMemory
@@ -99,6 +101,8 @@ class LoadEstimator:
         workers: that solve a pad's table (`fitting.workers`); None: this process, on all
             cores.
         resolution: of a pad's table; None: fine enough for thin membranes.
+        budget: time that a live frame on a pad may take [s]; its status is `coarse` where more
+            is left to try, which goes on with the next frames. None: as long as it takes.
 
     Raises:
         ValueError: an argument or the skin's electrodes can't be used.
@@ -119,6 +123,7 @@ class LoadEstimator:
     follow_drift: bool = False
     workers: Executor | None = None
     resolution: "PadResolution | None" = None
+    budget: float | None = None
     input_errors: InputErrors = field(init=False)
     skin: Any = field(init=False)
     table: Any = field(init=False)
@@ -154,7 +159,7 @@ class LoadEstimator:
         # less than Schwarz's criterion asks for its place and force.
         penalty = parts.detector.threshold(self.false_alarm / 10) ** 2
         asked = (parts.fitter.parameters.places + 1) * np.log(self.taxels)
-        self.selection = Selection(
+        given = (
             parts.fitter,
             parts.nodes,
             max(penalty, asked),
@@ -162,6 +167,10 @@ class LoadEstimator:
             self._systematic,
             parts.wide_fitter,
         )
+        self._budget = None if self.budget is None else Budget(self.budget)
+        self.selection = Selection(*given)
+        if self._budget is not None:
+            self.selection = BoundedSelection(*given, budget=self._budget)
         memory = None if pad else LoadMemory.of(self.spec)
         self._memory: MemoryFollower | None = None
         if memory is not None:
@@ -213,6 +222,10 @@ class LoadEstimator:
         elif self.workers is not None:
             raise ValueError(
                 "workers solve the tables of pads; that of a skin in plane strain takes seconds"
+            )
+        if self.budget is not None and not (self.budget > 0 and self.live and pad):
+            raise ValueError(
+                f"budget = {self.budget:g} s: a time above zero, for live frames of a pad"
             )
         if self.model_error is None:
             self.model_error = PAD_MODEL_ERROR if pad else MODEL_ERROR
@@ -305,6 +318,8 @@ class LoadEstimator:
             faulty = np.zeros(so.shape, bool)
         if self._memory is not None and time is not None:
             return self._remembered(self._memory, so, faulty, np.asarray(time, float), done)
+        if self._budget is not None:
+            self._budget.begin()
         drift = self._followed(so, faulty, time)
         size = 1 if self.live else _BLOCK
         found: list[LoadEstimate] = []
@@ -355,9 +370,14 @@ class LoadEstimator:
         shift = 0.0 if self.rest is None else np.nan_to_num(self.rest - self.model_rest)
         time = None if self._memory is None else np.zeros(1)
         drift, self._drift = self._drift, None  # trials say nothing of it
-        for trial in self._parts.trials[: self.most_contacts]:
-            self.estimate((trial + shift)[None], time=time)
-        self._drift = drift
+        budget, self._budget = self._budget, None
+        if budget is not None:
+            budget.begin(np.inf)
+        for _ in range(1 if budget is None else 2):  # the second tells how long steps take
+            for trial in self._parts.trials[: self.most_contacts]:
+                self.estimate((trial + shift)[None], time=time)
+            self.forget()
+        self._drift, self._budget = drift, budget
         self.forget()
 
     def _batch(
@@ -391,6 +411,8 @@ class LoadEstimator:
             used = weight[i, taxels] > 0
             results[i] = _untouched(so[i], used, bool(enough[i]), ratio)
         full_scale = (so >= FULL_SCALE) & ~faulty
+        if isinstance(selection, BoundedSelection) and not touched.any():
+            selection.untouched()
         for index, pulled in (
             (np.flatnonzero(touched), False),
             (np.flatnonzero(enough & ~touched & ~at_rest), True),
@@ -432,6 +454,8 @@ class LoadEstimator:
             others: list[Alternative | None] = [None] * len(y)
         else:
             best, others = selection.explain(y, weight)
+            if selection.coarse:
+                return best, [self._parts.assessment.so_far(best)]
         covariance = None
         if systematic is not None:
             per_contact = self._parts.fitter.per_contact

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from fitting.arrays import Flags, Floats, Rows
+from fitting.inverse_load.fit.steps import Steps
 from fitting.inverse_load.model.contact_parameters import ContactParameters
 from suas_jax.equilibrium.equilibrium import State
 
@@ -173,6 +174,30 @@ class AbstractLoadFitter(abc.ABC):
             contacts: their number.
             pull: seek forces that pull outwards instead of those that push.
         """
+
+    def steps(
+        self,
+        y: Floats,
+        weight: Floats,
+        start: Floats,
+        state: State,
+        contacts: int,
+        *,
+        pull: bool = False,
+    ) -> Steps[Explanations]:
+        """`fit`, in steps."""
+        yield f"fit of {contacts}"
+        return self.fit(y, weight, start, state, contacts, pull=pull)
+
+    def roughly(
+        self, y: Floats, weight: Floats, start: Floats, state: State, contacts: int
+    ) -> Explanations:
+        """`fit` by what is at hand; less right, where that is quicker."""
+        return self.fit(y, weight, start, state, contacts)
+
+    def made(self, best: Explanations) -> bool:
+        """Whether single contacts were fitted by this one, where another serves most."""
+        return False
 
     @abc.abstractmethod
     def inside(self, parameters: Floats, contacts: int) -> Floats:

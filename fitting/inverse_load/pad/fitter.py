@@ -12,6 +12,7 @@ import numpy as np
 
 from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations, widened
+from fitting.inverse_load.fit.steps import Steps, finished
 from fitting.inverse_load.pad.interpolant import (
     ASKEW,
     MOST,
@@ -81,6 +82,20 @@ class PadFitter(AbstractLoadFitter):
         pull: bool = False,
     ) -> Explanations:
         """See the base class; a state is what a fit nearby found, see `_found_before`."""
+        return finished(self.steps(y, weight, start, state, contacts, pull=pull))
+
+    def steps(
+        self,
+        y: Floats,
+        weight: Floats,
+        start: Floats,
+        state: State,
+        contacts: int,
+        *,
+        pull: bool = False,
+    ) -> Steps[Explanations]:
+        """See the base class."""
+        yield f"fit of {contacts}"
         start = self._found_before(start[:, : PLAIN * contacts], state, contacts)
         if contacts == 1:
             fit = self.fitted(y, weight, start, 1, None, pull)
@@ -88,11 +103,21 @@ class PadFitter(AbstractLoadFitter):
         fits, gaps = [], []
         for i in range(len(y)):
             row = slice(i, i + 1)
-            fit, gap = self._refined(y[row], weight[row], start[row], contacts)
+            fit, gap = yield from self._refined(y[row], weight[row], start[row], contacts)
             fits.append(fit)
             gaps.append(gap)
         joined = PadFit(*(np.concatenate(x) for x in zip(*fits, strict=True)))
         return self._gathered(joined, weight, contacts, np.array(gaps))
+
+    def roughly(
+        self, y: Floats, weight: Floats, start: Floats, state: State, contacts: int
+    ) -> Explanations:
+        """See the base class: several by the last correction, wherever it was solved."""
+        kept = self._kept.get(contacts)
+        start = self._found_before(start[:, : PLAIN * contacts], state, contacts)
+        fit = self.fitted(y, weight, start, contacts, kept)
+        gaps = None if contacts == 1 else np.full(len(y), kept.min_gap if kept else self._gap)
+        return self._gathered(fit, weight, contacts, gaps)
 
     def _found_before(self, start: Floats, state: State, contacts: int) -> Floats:
         """Where fits begin: with the extents and tangents of a fit nearby, if there was one.
@@ -165,7 +190,9 @@ class PadFitter(AbstractLoadFitter):
 
     # --- several contacts -------------------------------------------------------------
 
-    def _refined(self, y: Any, weight: Any, start: Any, contacts: int) -> tuple[PadFit, float]:
+    def _refined(
+        self, y: Any, weight: Any, start: Any, contacts: int
+    ) -> Steps[tuple[PadFit, float]]:
         """Fit one frame by several contacts, solving them on the way."""
         kept, gap, plain = self._kept.get(contacts), 1.0, PLAIN * contacts
         # A coarse start is near enough to try what is known.
@@ -176,12 +203,14 @@ class PadFitter(AbstractLoadFitter):
             if kept is not None and close and self._near(kept, now, contacts, live=self.live):
                 gap = kept.min_gap
                 break
+            yield f"solve of {contacts}"
             found = self._solved.correction(now, contacts)
             if found is None:
                 return fit._replace(chi2=np.full(1, np.inf)), gap
             self._kept[contacts] = kept = found
             close, gap = True, found.min_gap
             before = fit.parameters[0]
+            yield f"fit of {contacts} once more"
             fit = self.fitted(y, weight, before[None], contacts, found)
             moved = fit.parameters[0] - before
             if moved @ fit.information[0] @ moved < _MOVED**2:
@@ -285,9 +314,16 @@ class PadFitter(AbstractLoadFitter):
 
 
 class AskewFitter(PadFitter):
-    """Least squares for one slender contact that lies askew, from the likelier side."""
+    """Least squares for one slender contact that lies askew, from the likelier side.
 
-    def fit(
+    A state that such a fit found says where another begins.
+    """
+
+    def made(self, best: Explanations) -> bool:
+        """See the base class."""
+        return bool((np.isfinite(best.q[:, 0]).sum(1) == ASKEW).all())
+
+    def steps(
         self,
         y: Floats,
         weight: Floats,
@@ -296,9 +332,15 @@ class AskewFitter(PadFitter):
         contacts: int,
         *,
         pull: bool = False,
-    ) -> Explanations:
+    ) -> Steps[Explanations]:
         """See the base class."""
-        del state
+        before = np.asarray(state.q)
+        if before.size and (np.isfinite(before).all(0).sum(0) == ASKEW).all():
+            yield "fit of one askew"
+            begin = np.concatenate([start[:, :PLAIN], before[0, PLAIN:ASKEW].T], 1)
+            fit = self.squares.fitted(y, weight, begin, contacts, None, pull)
+            return self._gathered(fit, weight, contacts, None)
+        yield "fit of one askew"
         plain = self.fitted(y, weight, start[:, :PLAIN], contacts, None, pull).parameters
         begins, left = [], []
         for turn in (-np.pi / 4, np.pi / 4):
@@ -307,6 +349,7 @@ class AskewFitter(PadFitter):
             begins.append(begin)
             every = np.arange(begin.shape[1])
             left.append(self.squares.profiled(y, weight, begin, contacts, None, every))
+        yield "second fit of one askew"
         begin = np.where((left[1] < left[0])[:, None], begins[1], begins[0])
         fit = self.squares.fitted(y, weight, begin, contacts, None, pull)
         return self._gathered(fit, weight, contacts, None)
