@@ -25,7 +25,6 @@ from fitting.inverse_load.check.verdict import WIDTH
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate, load_array
 from fitting.inverse_load.estimator import FULL_SCALE, LoadEstimator
 from fitting.inverse_load.fit.section_errors import SectionErrors
-from fitting.inverse_load.fit.steps import finished
 from fitting.inverse_load.frame_posterior import frame_posterior, likely_modes
 from fitting.inverse_load.live.filter import LoadFilter
 from fitting.inverse_load.live.live_loads import LiveLoads
@@ -33,6 +32,7 @@ from fitting.inverse_load.live.stream import live_frames
 from fitting.inverse_load.readings import readings_of
 from fitting.inverse_load.search.table import _solve
 from fitting.statistics.posterior import Settings
+from fitting.steps import finished
 from suas_jax.acquisition.baseline import Baseline
 from suas_jax.acquisition.device.device import Device
 from suas_jax.acquisition.frames.reading import Reading

@@ -18,7 +18,7 @@ is the same in all frames.
 
 import time
 from collections.abc import Callable
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -43,12 +43,12 @@ from fitting.inverse_load.fit.detection import without_errors
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.selection import Alternative, Selection
-from fitting.inverse_load.fit.steps import Budget
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.memory.follower import MemoryFollower
 from fitting.inverse_load.memory.series import LoadMemory
 from fitting.inverse_load.readings import noise_of_readings
 from fitting.inverse_load.section import section_parts
+from fitting.steps import Budget
 from suas_jax.acquisition.log.format import MAX_COUNT
 from suas_jax.acquisition.taxel_faults import saturated
 from suas_jax.config import InputErrors, SkinSpec, input_errors
@@ -197,7 +197,9 @@ class LoadEstimator:
         from fitting.inverse_load.pad.parts import pad_parts
         from fitting.inverse_load.pad.table_build import FINE
 
+        aside = None if self.budget is None else ThreadPoolExecutor(1, "suas-solve")
         common |= {"workers": self.workers, "resolution": self.resolution or FINE}
+        common["aside"] = aside
         return pad_parts(self.spec, self.input_errors, diameter=self.diameter, **common)
 
     def _check(self) -> None:
@@ -225,7 +227,8 @@ class LoadEstimator:
             )
         if self.budget is not None and not (self.budget > 0 and self.live and pad):
             raise ValueError(
-                f"budget = {self.budget:g} s: a time above zero, for live frames of a pad"
+                f"budget = {self.budget:g} s: a time above zero is needed, and live frames of "
+                "a pad; logs and sections take the time they need"
             )
         if self.model_error is None:
             self.model_error = PAD_MODEL_ERROR if pad else MODEL_ERROR

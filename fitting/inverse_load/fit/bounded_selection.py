@@ -14,7 +14,7 @@ import numpy as np
 from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.selection import PLAUSIBLE, Alternative, Selection
-from fitting.inverse_load.fit.steps import Budget, Search, Steps
+from fitting.steps import Budget, Search, Steps
 
 _AS_GOOD = 1.5  # chi2 of one contact that is followed, over that which its search left
 
@@ -48,36 +48,32 @@ class BoundedSelection(Selection):
         used [1, taxel].
         """
         assert self.budget is not None
-        known, earlier = None, self.known
+        known: Explanations | None = None
+        earlier = self.known
         if self._search is not None:
-            assert earlier is not None
             known = self._alone(y, weight, earlier)
             if self._sure(y, known):
                 self.last, self._search = known, None
             elif self._search.go_on():
                 self._search = None
         if self._search is None:
-            self.known = None
-            search = Search(self.steps(y, weight), self.budget)
-            if search.go_on(at_least=lambda: not (known is self.known is self.last is None)):
+            self.known, search = None, Search(self.steps(y, weight), self.budget)
+            if search.go_on():
                 self.coarse = False
                 assert search.found is not None
                 return search.found
             # Where another search took of this frame's time, the next one begins anew.
             self._search = search if known is None else None
-            known = self.known or known
-            if known is None:
-                assert self.last is not None
-                known = self._alone(y, weight, self.last)
+            known = known or self.known or self._alone(y, weight, self.last)
         assert known is not None
         self.known, self.coarse, self.seconds = known, True, np.zeros(1)
         return known, [None]
 
-    def _alone(self, y: Any, weight: Any, earlier: Explanations) -> Explanations:
-        """As many contacts as an earlier frame's, by loads alone."""
-        count = int(earlier.contacts[0])
+    def _alone(self, y: Any, weight: Any, earlier: Explanations | None) -> Explanations:
+        """One contact, or as many as an earlier frame's, by loads alone."""
+        count = 1 if earlier is None else int(earlier.contacts[0])
         node, _ = self.nodes.nearest(y, weight)
-        if count == 1 and not self._nearer(y, weight, node, earlier):
+        if earlier is None or (count == 1 and not self._nearer(y, weight, node, earlier)):
             start, state = self.nodes.near(y, weight, node), self.nodes.states(node)
         else:
             start, state = self._predicted(y, weight, earlier), earlier.state

@@ -17,8 +17,8 @@ import numpy as np
 from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT
-from fitting.inverse_load.fit.steps import Steps
 from fitting.inverse_load.search.base import AbstractNodeSearch
+from fitting.steps import Steps
 
 _ALIKE = 0.7  # cosine of two patterns of one contact
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from fitting.arrays import Flags, Floats, Rows
-from fitting.inverse_load.fit.steps import Steps
 from fitting.inverse_load.model.contact_parameters import ContactParameters
+from fitting.steps import Steps
 from suas_jax.equilibrium.equilibrium import State
 
 UNSETTLED = 0.1
@@ -239,7 +239,7 @@ class AbstractLoadFitter(abc.ABC):
         start: Floats,
         contacts: int,
         to_beat: Floats,
-    ) -> Rows:
+    ) -> Steps[Rows]:
         """Starting points of several contacts that are worth a fit, all unless told otherwise.
 
         Args:
@@ -250,4 +250,5 @@ class AbstractLoadFitter(abc.ABC):
             contacts: their number.
             to_beat: chi2 of a fit that would be no better than what is known [start].
         """
+        yield "screening"
         return np.arange(len(start))

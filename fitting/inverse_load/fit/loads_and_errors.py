@@ -10,8 +10,8 @@ import numpy as np
 
 from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
-from fitting.inverse_load.fit.steps import Steps
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
+from fitting.steps import Steps
 from suas_jax.equilibrium.equilibrium import State
 
 SUSPECT = 2e-3

@@ -20,10 +20,10 @@ from fitting.inverse_load.fit.covariance import covariance_of
 from fitting.inverse_load.fit.doubts import Doubts, FaultyTaxels
 from fitting.inverse_load.fit.explanation import UNSETTLED, AbstractLoadFitter, Explanations
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors
-from fitting.inverse_load.fit.steps import Steps, finished
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.fit.wide_contact import UNUSUAL
 from fitting.inverse_load.search.base import AbstractNodeSearch, PairSearch, Start
+from fitting.steps import Steps, finished
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.runtime.compiled import COMPILED
 
@@ -279,8 +279,9 @@ class Selection:
         for count in range(2, self.most_contacts + 1):
             enough = (weight[frames] > 0).sum(1) > count * self.fitter.per_contact
             frames = frames[enough]
-            yield "pairs"
-            starts = [self._starts(y[i], weight[i], best, i, count) for i in frames]
+            starts = []
+            for i in frames:
+                starts.append((yield from self._starts(y[i], weight[i], best, i, count)))
             at = np.repeat(frames, [len(s) for s in starts])
             left = y - best.shift  # by errors, if there are any
             if not at.size:
@@ -290,8 +291,8 @@ class Selection:
             suspect = self._p_value(best)[at] < SUSPECT
             to_beat = best.score[at] - (count - 1) * self.penalty
             to_beat = np.where(suspect, np.inf, to_beat)
-            yield "screening"
-            kept = self.fitter.screened(at, left[at], weight[at], parameters, count, to_beat)
+            given = at, left[at], weight[at], parameters, count, to_beat
+            kept = yield from self.fitter.screened(*given)
             if not kept.size:
                 break
             at, parameters = at[kept], parameters[kept]
@@ -348,10 +349,12 @@ class Selection:
 
     def _starts(
         self, y: Any, weight: Any, best: Explanations, i: int, count: int
-    ) -> list[Start]:
+    ) -> Steps[list[Start]]:
         """Where fits of a frame by so many contacts begin; a third is added to two."""
         y, so = y - best.shift[i], best.so[i] - best.shift[i]
-        starts = self.pairs.of_two(y, weight) if count == 2 else []
+        starts: list[Start] = []
+        if count == 2:
+            starts = yield from self.pairs.of_two(y, weight)
         if int(best.contacts[i]) != count - 1 or (count == 2 and not best.absorbed[i]):
             return starts
         return starts + self.pairs.of_one_more(y, weight, best.parameters[i], so, count - 1)

@@ -5,12 +5,15 @@ it found. Where time does not press all are taken (`finished`). A frame of a str
 budget of time; what is left of its search then goes on with the next frames.
 """
 
+import threading
 import time
 from collections.abc import Callable, Generator
-from typing import Generic, TypeVar
+from concurrent.futures import Future, wait
+from typing import Any, Generic, TypeVar
 
 T = TypeVar("T")
-Steps = Generator[str, None, T]
+Steps = Generator[str | Future[Any], None, T]
+"""Yields names of steps, or what goes on by itself and has to be waited for."""
 
 
 def finished(steps: Steps[T]) -> T:
@@ -43,6 +46,11 @@ class Budget:
         """Begin a frame; of another time [s] where it is given."""
         self._end = self.clock() + (self.seconds if seconds is None else seconds)
 
+    @property
+    def left(self) -> float:
+        """What is left of the frame's time [s]."""
+        return max(self._end - self.clock(), 0.0)
+
     def allows(self, step: str) -> bool:
         """Whether there is time for a step."""
         return self.clock() + self._took.get(step, 0.0) <= self._end
@@ -61,21 +69,26 @@ class Search(Generic[T]):
 
     def __init__(self, steps: Steps[T], budget: Budget) -> None:
         self._steps, self._budget = steps, budget
-        self._step, self._put_off = "begin", False
+        self._step: str | Future[Any] = "begin"
+        self._put_off = False
         self.found: T | None = None
 
-    def go_on(self, *, at_least: Callable[[], bool] = lambda: True) -> bool:
-        """Take steps while there is time, and until `at_least` holds; whether it ended."""
+    def go_on(self) -> bool:
+        """Take steps while there is time; whether the search has ended."""
         while self.found is None:
-            in_time = self._put_off or self._budget.allows(self._step)
-            if at_least() and not in_time:
+            step, begin = self._step, self._budget.clock()
+            if isinstance(step, Future):
+                wait([step], min(self._budget.left, threading.TIMEOUT_MAX))
+                if not step.done():
+                    return False
+            elif not (self._put_off or self._budget.allows(step)):
                 self._put_off = True
                 return False
             self._put_off = False
-            step, begin = self._step, self._budget.clock()
             try:
                 self._step = next(self._steps)
             except StopIteration as end:
                 self.found = end.value
-            self._budget.took(step, self._budget.clock() - begin)
+            if isinstance(step, str):
+                self._budget.took(step, self._budget.clock() - begin)
         return True
