@@ -425,7 +425,14 @@ class Selection:
     def _or_pulled(
         self, y: Any, weight: Any, frames: Any, best: Explanations
     ) -> Steps[Explanations]:
-        """A pull in the place of contacts that push; its penalty is that of two."""
+        """A pull in the place of contacts that push; its penalty is that of two.
+
+        One that, to first order, leaves more than half of what there is explains nothing.
+        """
+        change = np.where(weight[frames] > 0, y[frames] - self.nodes.rest, 0.0)
+        along, size = self.nodes.score(-change, weight[frames])
+        gain = (np.maximum(along, 0.0) ** 2 / size).max(1)
+        frames = frames[gain > (weight[frames] * change**2).sum(1) / 2]
         if frames.size:
             found = yield from self._pull(y[frames], weight[frames])
             best, _ = best.cheapest(frames, found.penalised(self.penalty))

@@ -35,7 +35,7 @@ from fitting.steps import Steps, finished
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.scene.skin import Skin
 
-_FEW = 6  # steps of a fit that is to be quick
+_FEW = 1  # steps of a fit that is to be quick
 _ROUNDS = 4  # of solving several contacts and fitting again
 # Share of the change of readings that discs in the place of a wide contact leave out, by the
 # logarithm of its relief: of solved discs of 40 to 80 mm a half of it, of two fingers more.
