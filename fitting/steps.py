@@ -70,12 +70,12 @@ class Search(Generic[T]):
     def __init__(self, steps: Steps[T], budget: Budget) -> None:
         self._steps, self._budget = steps, budget
         self._step: str | Future[Any] = "begin"
-        self._put_off = False
+        self._put_off = self._ended = False
         self.found: T | None = None
 
     def go_on(self) -> bool:
         """Take steps while there is time; whether the search has ended."""
-        while self.found is None:
+        while not self._ended:
             step, begin = self._step, self._budget.clock()
             if isinstance(step, Future):
                 wait([step], min(self._budget.left, threading.TIMEOUT_MAX))
@@ -88,7 +88,7 @@ class Search(Generic[T]):
             try:
                 self._step = next(self._steps)
             except StopIteration as end:
-                self.found = end.value
+                self.found, self._ended = end.value, True
             if isinstance(step, str):
                 self._budget.took(step, self._budget.clock() - begin)
         return True

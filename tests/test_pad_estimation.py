@@ -2,6 +2,7 @@
 
 import json
 import pickle
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
@@ -776,3 +777,48 @@ def test_a_known_displacement_is_met(spec: SkinSpec, patch: pytest.MonkeyPatch) 
     again = deformed(unknown, given.displacement)
     assert again.force[0, 0] == pytest.approx(5.0, rel=1e-3)
     np.testing.assert_allclose(again.face.heights, given.face.heights, atol=1e-6)
+
+
+@pytest.mark.long  # the program of solved contacts; searches in steps in test_load_formulas
+def test_two_contacts_of_a_stream_are_told_as_without_a_budget_after_some_frames(
+    spec: SkinSpec, estimator: LoadEstimator
+) -> None:
+    assert estimator.taxels  # its table serves both
+    settings: dict[str, Any] = {"diameter": DIAMETER, "most_contacts": 2, "live": True}
+    free = LoadEstimator(spec, **settings)
+    bounded = LoadEstimator(spec, **settings, budget=5e-3)
+    fitter = free.selection.fitter
+    assert isinstance(fitter, PadFitter)
+    x = np.array([0.45, -0.4, 0.012, -0.015, 8.0, 6.0])
+    readings = fitter.interpolant(x[None], 2, fitter.correction(x, 2)).readings[:, :-1]
+    so = noisy(np.tile(readings, (400, 1)), 5)
+    free.warm_up()
+    bounded.warm_up()
+    (whole,) = free.estimate(so[:1])
+    assert (whole.status, len(whole.contacts)) == ("ok", 2)
+    (first,) = bounded.estimate(so[:1])
+    assert first.status == "coarse"
+    assert len(first.contacts) == 1
+    assert first.contacts[0].covariance is None
+    told = [first]
+    for k in range(1, len(so)):
+        time.sleep(5e-3)  # a stream is not faster
+        told += bounded.estimate(so[k : k + 1])
+        if told[-1].status != "coarse":
+            break
+    assert {estimate.status for estimate in told[:-1]} == {"coarse"}
+    assert told[-1].status == "ok"
+    for c, other in zip(told[-1].contacts, whole.contacts, strict=True):
+        assert c.covariance is not None
+        spread = 4 * np.sqrt(np.diag(c.covariance))
+        apart = [c.angle - other.angle, c.axial - other.axial, c.force - other.force]  # type: ignore[operator]
+        assert (np.abs(apart) < spread).all()
+    # Lifted, and gone: the next touch begins with nothing known.
+    (gone,) = bounded.estimate(noisy(free.model_rest[None], 6))
+    assert gone.status == "no_contact"
+
+
+def test_a_budget_is_for_live_frames_of_pads(spec: SkinSpec) -> None:
+    for settings in ({"budget": 0.02}, {"budget": 0.0, "live": True}):
+        with pytest.raises(ValueError, match="budget"):
+            LoadEstimator(spec, **settings)  # type: ignore[arg-type]

@@ -328,6 +328,8 @@ class LoadEstimator:
         found: list[LoadEstimate] = []
         for begin in range(0, len(so), size):
             part = slice(begin, begin + size)
+            if self._budget is not None and begin:
+                self._budget.begin()
             measured = None if pressure is None else pressure[part]
             own = None if drift is None else drift.rows(part)
             found += self._batch(so[part], faulty[part], measured, own)

@@ -37,7 +37,7 @@ class BoundedSelection(Selection):
 
     def untouched(self) -> None:
         """Take a frame that nothing touches: no search goes on."""
-        self._search, self.searched, self.coarse = None, False, False
+        self.last, self._search, self.searched, self.coarse = None, None, False, False
 
     def explain(
         self, y: Floats, weight: Floats

@@ -16,7 +16,7 @@ NEARLY = 40.0
 Start = tuple[Floats, int]
 """Parameters of several contacts, and the node of the strongest one."""
 _STARTS = 3
-_ROWS = 200  # first nodes of pairs that are tried together
+_ROWS = 100  # first nodes of pairs that are tried together
 _SUPERPOSITION = 0.05  # its relative error
 _LEAST, _MOST = 0.5, 2.0  # scales of a node's change
 
@@ -46,7 +46,9 @@ class PairSearch:
         self._rest = self._reciprocal(nodes.rest[: self._taxels])
         self._change = self._reciprocal(readings) - self._rest
         self._distance = nodes.distance(self._loads[:, None], self._loads[None])
-        self._closest, self._apart = closest, apart
+        self._apart = apart
+        lower = np.tri(len(self._node), dtype=bool)  # a pair is tried once
+        self._excluded = lower | (self._distance < closest)
 
     def _reciprocal(self, so: Floats) -> Floats:
         return np.asarray(1 / np.maximum(so - self._stray, 1e-3))
@@ -71,8 +73,7 @@ class PairSearch:
             )
         first, second, cost = (np.concatenate(x) for x in zip(*parts, strict=True))
         yield "best pairs"
-        cost[self._distance < self._closest] = np.inf
-        cost[np.tril_indices(len(cost))] = np.inf
+        cost[self._excluded] = np.inf
         chosen: list[Start] = []
         for _ in range(_STARTS):
             a, b = np.unravel_index(cost.argmin(), cost.shape)
