@@ -788,7 +788,7 @@ def bounded(budget: float) -> tuple[Any, Clock]:
     return BoundedSelection(fitter, nodes, 20.0, 2, budget=Budget(budget, clock)), clock
 
 
-@pytest.mark.parametrize("budget", [6e-3, 16e-3, 1.0])
+@pytest.mark.parametrize("budget", [6e-3, 9e-3, 1.0])
 def test_two_contacts_of_a_stream_are_told_as_two_after_some_frames_in_time(
     budget: float,
 ) -> None:
@@ -813,7 +813,6 @@ def test_two_contacts_of_a_stream_are_told_as_two_after_some_frames_in_time(
     selection.forget()
     for loads, coarse in (
         ([-0.25, 0.3, 8.0, 5.0], budget < 1.0),
-        ([-0.25, 0.3, 8.0, 0.0], budget < 10e-3),
         ([-0.25, 0.3, 8.0, 0.0], False),
     ):
         selection.budget.begin()

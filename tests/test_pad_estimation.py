@@ -15,6 +15,7 @@ from scipy.stats import binom, chi2
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
+from fitting.cli.options import pad_settings
 from fitting.force_range.pad import range_from_table
 from fitting.inverse_load.check.skin_file import model_verdict
 from fitting.inverse_load.estimator import LoadEstimator
@@ -822,3 +823,6 @@ def test_a_budget_is_for_live_frames_of_pads(spec: SkinSpec) -> None:
     for settings in ({"budget": 0.02}, {"budget": 0.0, "live": True}):
         with pytest.raises(ValueError, match="budget"):
             LoadEstimator(spec, **settings)  # type: ignore[arg-type]
+    assert pad_settings(None, None, "20 ms") == {"budget": pytest.approx(0.02)}
+    with pytest.raises(ValueError, match='--budget "20 mm"'):
+        pad_settings(None, None, "20 mm")

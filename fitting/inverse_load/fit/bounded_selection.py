@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.fit.explanation import UNSETTLED, Explanations
 from fitting.inverse_load.fit.selection import PLAUSIBLE, Alternative, Selection
-from fitting.steps import Budget, Search, Steps
+from fitting.steps import Budget, Search, Steps, finished
 
 _AS_GOOD = 1.5  # chi2 of one contact that is followed, over that which its search left
 
@@ -49,25 +49,26 @@ class BoundedSelection(Selection):
         """
         assert self.budget is not None
         known: Explanations | None = None
-        earlier = self.known
         if self._search is not None:
-            known = self._alone(y, weight, earlier)
-            if self._sure(y, known):
-                self.last, self._search = known, None
-            elif self._search.go_on():
-                self._search = None
+            known = self._alone(y, weight, self.known)
+            if not self._sure(y, weight, known) and self._search.go_on():
+                self._search = known = None
         if self._search is None:
             self.known, search = None, Search(self.steps(y, weight), self.budget)
             if search.go_on():
                 self.coarse = False
                 assert search.found is not None
                 return search.found
-            # Where another search took of this frame's time, the next one begins anew.
-            self._search = search if known is None else None
-            known = known or self.known or self._alone(y, weight, self.last)
+            self._search = search
+            known = self.known or self._alone(y, weight, self.last)
         assert known is not None
-        self.known, self.coarse, self.seconds = known, True, np.zeros(1)
-        return known, [None]
+        others: list[Alternative | None] = [None]
+        self.known, self.coarse = known, not self._sure(y, weight, known)
+        if not self.coarse:  # whatever the search was about is gone
+            self.last, self._search = known, None
+            others = finished(self._or_pairs(y, known, others))
+        self.seconds = np.zeros(1)
+        return known, others
 
     def _alone(self, y: Any, weight: Any, earlier: Explanations | None) -> Explanations:
         """One contact, or as many as an earlier frame's, by loads alone."""
@@ -79,10 +80,14 @@ class BoundedSelection(Selection):
             start, state = self._predicted(y, weight, earlier), earlier.state
         return self.fitter.roughly(y, weight, start, state, count)
 
-    def _sure(self, y: Any, known: Explanations) -> bool:
-        """Whether loads alone explain a frame, and hold no hint of another contact."""
-        hinted = known.contacts[0] == 1 and self._doubts.hinted(y, known)[0]
-        return bool(self._p_value(known)[0] >= PLAUSIBLE and not hinted)
+    def _sure(self, y: Any, weight: Any, known: Explanations) -> bool:
+        """Whether loads alone explain a frame, and nothing hints at others."""
+        if self._p_value(known)[0] < PLAUSIBLE or known.predicted_decrease[0] > UNSETTLED:
+            return False
+        if known.contacts[0] > 1:
+            return True
+        _, second = self.nodes.nearest(y, weight)
+        return bool(second[0] < 0 and not self._doubts.hinted(y, known)[0])
 
     def _reconsidered(self, *given: Any) -> Steps[Explanations]:
         """See the base class."""
