@@ -26,6 +26,7 @@ import numpy as np
 
 from benchmarks.inverse_load_speed import both_ends, shown, timed
 from fitting.inverse_load.estimator import LoadEstimator
+from fitting.inverse_load.fit.bounded_selection import BoundedSelection
 from suas_jax import configure
 from suas_jax.acquisition.log.log_file import LogWriter, log_header
 from suas_jax.config import SkinSpec, load_skin
@@ -75,9 +76,9 @@ def come_and_go(spec: SkinSpec, budget: float | None) -> str:
     """Two fingers at 100 Hz, in the time that the estimate's own thread works."""
     live = LoadEstimator(spec, live=True, budget=budget)
     live.warm_up()
-    clock = time.process_time
-    if live.selection.budget is not None:
-        clock = live.selection.budget.clock = time.thread_time
+    clock, selection = time.process_time, live.selection
+    if isinstance(selection, BoundedSelection) and selection.budget is not None:
+        clock = selection.budget.clock = time.thread_time
     counts = fingers(live)
     took, delays, now, k, dropped, last = [], [], 0.0, 0, 0, -1
     while k < len(counts):

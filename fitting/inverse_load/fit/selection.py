@@ -9,7 +9,7 @@ What errors of the skin's inputs explain is no further contact, and no faulty ta
 """
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import jax
@@ -274,7 +274,8 @@ class Selection:
     def _more_contacts(
         self, y: Any, weight: Any, frames: Any, best: Explanations
     ) -> Steps[Explanations]:
-        if self.last is not None and self.last.contacts[0] > 1:
+        last = self.last
+        if last is not None and last.contacts[0] > 1 and not self._gone(y, weight, last):
             best, frames = yield from self._as_before(y, weight, frames, best)
         for count in range(2, self.most_contacts + 1):
             enough = (weight[frames] > 0).sum(1) > count * self.fitter.per_contact
@@ -362,7 +363,7 @@ class Selection:
     def _followed(self, y: Any, weight: Any) -> Steps[Explanations | None]:
         """Live: as many contacts as before, two or more, where they explain the readings."""
         last = self.last
-        if last is None or last.contacts[0] < 2:
+        if last is None or last.contacts[0] < 2 or self._gone(y, weight, last):
             return None
         count = int(last.contacts[0])
         start = self._predicted(y, weight, last)
@@ -371,6 +372,17 @@ class Selection:
         if self._p_value(found)[0] < PLAUSIBLE or new_errors:
             return None
         return found if np.isfinite(found.score[0]) else None
+
+    def _gone(self, y: Any, weight: Any, last: Explanations) -> bool:
+        """Live: whether an earlier frame's contacts leave more than any single one does.
+
+        To first order: a touch elsewhere, whose fits from there end nowhere.
+        """
+        width = self.fitter.per_contact * int(last.contacts[0])
+        step = self._predicted(y, weight, last) - last.parameters[:, :width]
+        there = last.so + (step @ np.nan_to_num(last.jacobian[0, :width]))
+        node, _ = self.nodes.nearest(y, weight)
+        return not self._nearer(y, weight, node, replace(last, so=there))
 
     def _as_before(
         self, y: Any, weight: Any, frames: Any, best: Explanations
