@@ -6,6 +6,11 @@ A finger slides over the shipped pad (320 taxels), lifts off and comes back, bet
 rest. The readings are those of the estimator's own table with 2 counts of noise, whose accuracy
 is not the question here; they are played to a pseudo-terminal. With the pad's baseline, so that
 drift is followed. The machine should do nothing else: with two cores both programs share it.
+
+Then two fingers come and go, two seconds each, at 100 Hz: a frame's time, and what is dropped
+because frames take longer than they come, without a budget and with some. Budgets count the
+estimating thread's own processor time, so that other programs do not count; --fingers measures
+them alone.
 """
 
 import argparse
@@ -21,13 +26,22 @@ import numpy as np
 
 from benchmarks.inverse_load_speed import both_ends, shown, timed
 from fitting.inverse_load.estimator import LoadEstimator
+from fitting.inverse_load.fit.bounded_selection import BoundedSelection
 from suas_jax import configure
 from suas_jax.acquisition.log.log_file import LogWriter, log_header
-from suas_jax.config import load_skin
+from suas_jax.config import SkinSpec, load_skin
 
 SKIN = Path(__file__).parent.parent / "configs/skins/suas-pad.toml"
 _RATE = 100.0
 _NOISE = 2.0
+_LATENCY = 0.1  # age at which a frame is dropped [s]
+_TOUCH = 200  # frames of a touch, and of the rest before it
+_FINGERS = (  # angles [deg], axial positions [m], forces [N]
+    ((-20, 20), (-0.010, 0.015), (6.0, 5.0)),
+    ((-5, 12), (0.0, 0.010), (6.0, 5.0)),
+    ((-20, 20), (-0.010, 0.015), (6.0, 1.5)),
+    ((10, 35), (0.030, -0.020), (3.0, 4.0)),
+)
 
 
 def slide(estimator: LoadEstimator, seconds: float) -> np.ndarray:
@@ -45,6 +59,54 @@ def slide(estimator: LoadEstimator, seconds: float) -> np.ndarray:
     return np.round(so + np.random.default_rng(0).normal(0, _NOISE, so.shape))
 
 
+def fingers(estimator: LoadEstimator) -> np.ndarray:
+    """Counts of two fingers that come and go, two seconds each [frame, taxel]."""
+    fitter: Any = estimator.selection.fitter
+    rows = []
+    for angles, axial, forces in _FINGERS:
+        x = np.array([*np.deg2rad(angles), *axial, *forces])
+        correction = fitter.correction(x, 2)
+        so = fitter.interpolant(x[None], 2, correction).readings[0, :-1]
+        rows += [np.tile(estimator.model_rest, (_TOUCH, 1)), np.tile(so, (_TOUCH, 1))]
+    so = np.concatenate(rows)
+    return np.round(so + np.random.default_rng(1).normal(0, _NOISE, so.shape))
+
+
+def come_and_go(spec: SkinSpec, budget: float | None) -> str:
+    """Two fingers at 100 Hz, in the time that the estimate's own thread works."""
+    live = LoadEstimator(spec, live=True, budget=budget)
+    live.warm_up()
+    clock, selection = time.process_time, live.selection
+    if isinstance(selection, BoundedSelection) and selection.budget is not None:
+        clock = selection.budget.clock = time.thread_time
+    counts = fingers(live)
+    took, delays, now, k, dropped, last = [], [], 0.0, 0, 0, -1
+    while k < len(counts):
+        now = max(now, k / _RATE)  # no frame is estimated before it is there
+        newest = min(int(now * _RATE), len(counts) - 1)
+        if now - k / _RATE > _LATENCY and newest > k:
+            dropped, k = dropped + newest - k, newest
+        begin = clock()
+        (estimate,) = live.estimate(counts[k : k + 1])
+        took.append(clock() - begin)
+        now += took[-1]
+        touch = k // _TOUCH
+        if touch % 2 and touch != last and len(estimate.contacts) == 2:
+            last = touch
+            delays.append(now - touch * _TOUCH / _RATE)
+        # What is solved beside the frames goes on meanwhile.
+        time.sleep(max(1 / _RATE - took[-1], 0.0))
+        k += 1
+    low, high, most, worst = 1e3 * np.percentile(took, [50, 90, 99, 100])
+    told = ", ".join(f"{1e3 * x:.0f}" for x in delays)
+    return (
+        f"two fingers, {'no budget' if budget is None else f'budget {1e3 * budget:g} ms'}: a "
+        f"frame's processor time {low:.1f} ms median, {high:.1f} ms at 90 %, {most:.1f} ms at "
+        f"99 %, {worst:.0f} ms at most; {dropped} of {len(counts)} frames dropped; told as two "
+        f"after {told} ms"
+    )
+
+
 def write_log(path: Path, so: np.ndarray) -> None:
     """Readings as the logger writes them, ten taxels a module."""
     with LogWriter(path, log_header(), taxels=10) as log:
@@ -58,10 +120,15 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--fingers", action="store_true")
     options = parser.parse_args()
     configure()
     print(f"load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     spec = load_skin(SKIN)
+    for budget in (None, 0.02, 0.05):
+        print(come_and_go(spec, budget))
+    if options.fingers:
+        return
     begin, busy = time.perf_counter(), time.process_time()
     live = LoadEstimator(spec, live=True)
     wall, spent = time.perf_counter() - begin, time.process_time() - busy

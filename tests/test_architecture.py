@@ -25,6 +25,7 @@ LAYERS = {
     "fitting": [
         [
             "arrays",
+            "steps",
             "credential",
             "json_text",
             "column_units",

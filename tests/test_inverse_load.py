@@ -34,6 +34,7 @@ from fitting.inverse_load.live.stream import live_frames
 from fitting.inverse_load.readings import readings_of
 from fitting.inverse_load.search.table import _solve
 from fitting.statistics.posterior import Settings
+from fitting.steps import finished
 from suas_jax.acquisition.baseline import Baseline
 from suas_jax.acquisition.device.device import Device
 from suas_jax.acquisition.frames.reading import Reading
@@ -245,9 +246,10 @@ def test_a_contact_without_a_force_to_speak_of_is_taken_out_again(
     y, weight = of_two.weigh(np.round(readings(0.3, 12.0)))
     node, _ = selection.nodes.nearest(y, weight)
     state = selection.fitter.table.start(node)
-    two = selection._fit_several(y, weight, np.array([[0.3, 0.9, 11.8, 0.05]]), state, 2)
+    start = np.array([[0.3, 0.9, 11.8, 0.05]])
+    two = finished(selection._fit_several(y, weight, start, state, 2))
     lost = dataclasses.replace(two, chi2=two.chi2 + 1e6, score=two.chi2 + 1e6)
-    one = selection._without_weakest(y, weight, np.zeros(1, int), two, lost)
+    one = finished(selection._without_weakest(y, weight, np.zeros(1, int), two, lost))
     assert (two.score[0], one.contacts[0]) == (np.inf, 1)
     np.testing.assert_allclose(one.parameters[0, :2], [0.3, 12.0], rtol=3e-3)
     assert one.score[0] == pytest.approx(two.chi2[0], abs=1.0)

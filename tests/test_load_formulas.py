@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+from concurrent.futures import Future
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 from scipy import stats
 from scipy.optimize import least_squares
 
+from fitting.inverse_load.fit.bounded_selection import BoundedSelection
 from fitting.inverse_load.fit.covariance import covariance_of, inverse
 from fitting.inverse_load.fit.detection import (
     ArcDetector,
@@ -36,6 +38,7 @@ from fitting.inverse_load.search import table as load_table
 from fitting.inverse_load.search.base import _scaled
 from fitting.inverse_load.search.section import NodeSearch
 from fitting.inverse_load.search.table import LoadTable
+from fitting.steps import Budget, Search, finished
 from suas_jax.equilibrium.equilibrium import State
 from tests import stand_ins
 from tests.skins import quick
@@ -350,7 +353,7 @@ def test_loads_and_errors_end_where_fitted_at_once() -> None:
     weight = np.full((1, 13), 25.0)
     fitter = DimpleFitter()
     plain = fitter.fit(y, weight, truth[None], None, 1)
-    found = LoadsAndErrors(fitter, errors).fit(y, weight, truth[None], None, 1)  # type: ignore[arg-type]
+    found = finished(LoadsAndErrors(fitter, errors).fit(y, weight, truth[None], None, 1))  # type: ignore[arg-type]
     assert plain.chi2[0] > 100.0
     assert found.absorbed[0]
     assert not plain.absorbed[0]
@@ -367,17 +370,12 @@ def test_loads_and_errors_end_where_fitted_at_once() -> None:
     )
     # What noise explains is left alone, and so is what errors don't explain.
     fits = fitter.fits
-    good = LoadsAndErrors(fitter, errors).fit(
-        dimple_readings(truth),
-        weight,
-        truth[None],
-        None,
-        1,  # type: ignore[arg-type]
-    )
+    own = dimple_readings(truth)
+    good = finished(LoadsAndErrors(fitter, errors).fit(own, weight, truth[None], None, 1))  # type: ignore[arg-type]
     assert not good.absorbed[0]
     assert fitter.fits == fits + 1
     other = dimple_readings(truth) + 20.0 * (np.arange(13) == 3)
-    bad = LoadsAndErrors(fitter, errors).fit(other, weight, truth[None], None, 1)  # type: ignore[arg-type]
+    bad = finished(LoadsAndErrors(fitter, errors).fit(other, weight, truth[None], None, 1))  # type: ignore[arg-type]
     assert not bad.absorbed[0]
 
 
@@ -410,6 +408,7 @@ def test_a_faulty_taxel_is_left_out_for_its_price() -> None:
     nodes, fitter = DimpleNodes(), DimpleFitter()
 
     def fit(y: Any, weight: Any, start: Any, states: Any, count: int) -> Any:
+        yield "fit"
         return fitter.fit(y, weight, start, states, count).penalised(12.0 * (count - 1))
 
     faulty = FaultyTaxels(nodes, fit, 2, 2)
@@ -419,7 +418,7 @@ def test_a_faulty_taxel_is_left_out_for_its_price() -> None:
     weight = np.ones((2, 13))
     best = fitter.fit(y, weight, truth, None, 1)
     before = best.score.copy()
-    found = faulty.explained_without(y, weight, np.array([0]), best)
+    found = finished(faulty.explained_without(y, weight, np.array([0]), best))
     np.testing.assert_allclose(found.parameters[0, :2], truth[0], rtol=1e-4)
     assert np.flatnonzero(found.weight[0] == 0).tolist() == [4]
     assert found.score[0] == pytest.approx(4.5**2, abs=1e-3)
@@ -427,7 +426,7 @@ def test_a_faulty_taxel_is_left_out_for_its_price() -> None:
     # Three of thirteen taxels are more than a fifth.
     y[0, [2, 9]] += 300.0
     best = fitter.fit(y, weight, truth, None, 1)
-    found = faulty.explained_without(y, weight, np.array([0]), best)
+    found = finished(faulty.explained_without(y, weight, np.array([0]), best))
     assert (found.weight[0] > 0).all()
 
 
@@ -597,7 +596,7 @@ def test_what_a_wrong_model_leaves_is_no_contact_that_readings_do_not_determine(
     y = dimple_readings([[place, 6.0]])
     monkeypatch.undo()
     start = np.array([[place - 0.05, place + 0.05, 3.0, 3.0]])
-    two = selection._loads.fit(y, weight, start, None, 2)
+    two = finished(selection._loads.fit(y, weight, start, None, 2))
     best, _ = selection.explain(y, weight)
     assert best.chi2[0] > two.chi2[0] + selection.penalty
     assert best.contacts.tolist() == [1]
@@ -631,10 +630,12 @@ def test_a_light_contact_is_found_beside_errors_of_the_inputs() -> None:
 
 def test_a_fit_with_a_contact_too_much_leads_to_the_others() -> None:
     selection, y, weight = selected([[-0.25, 8.0]])
-    two = selection._fit_several(y, weight, np.array([[0.3, -0.25, 0.3, 8.0]]), None, 2)
+    two = finished(
+        selection._fit_several(y, weight, np.array([[0.3, -0.25, 0.3, 8.0]]), None, 2)
+    )
     assert two.score.tolist() == [np.inf]
     lost = dataclasses.replace(two, chi2=two.chi2 + 1e6, score=two.chi2 + 1e6)
-    found = selection._without_weakest(y, weight, np.zeros(1, int), two, lost)
+    found = finished(selection._without_weakest(y, weight, np.zeros(1, int), two, lost))
     assert found.contacts.tolist() == [1]
     np.testing.assert_allclose(found.parameters[0, :2], [-0.25, 8.0], rtol=1e-3)
 
@@ -669,7 +670,7 @@ def test_a_second_mode_that_is_better_takes_the_first_s_place() -> None:
     wrong = dataclasses.replace(best, chi2=np.array([50.0]), score=np.array([50.0]))
     wrong.parameters[0, :2] = 0.4, 2.0
     node = selection.nodes.nearest_to(np.array([[0.0, 8.0]]), 1)
-    found, others = selection._second_modes(y, weight, node, wrong)
+    found, others = finished(selection._second_modes(y, weight, node, wrong))
     np.testing.assert_allclose(found.parameters[0, :2], [0.0, 6.0], atol=1e-4)
     (other,) = others
     assert other is not None
@@ -678,11 +679,14 @@ def test_a_second_mode_that_is_better_takes_the_first_s_place() -> None:
     # The other way round the found one is the alternative, and near ones are none.
     right = selection.fitter.fit(y, weight, np.array([[0.0, 6.0]]), None, 1)
     right.parameters[0, 0] = 0.4
-    same, others = selection._second_modes(y, weight, node, right)
+    same, others = finished(selection._second_modes(y, weight, node, right))
     assert same.chi2[0] <= right.chi2[0]
     right.parameters[0, 0] = 0.1
-    assert selection._second_modes(y, weight, node, right)[1] == [None]
-    assert selection._second_modes(y, weight, np.array([-1]), right) == (right, [None])
+    assert finished(selection._second_modes(y, weight, node, right))[1] == [None]
+    assert finished(selection._second_modes(y, weight, np.array([-1]), right)) == (
+        right,
+        [None],
+    )
 
 
 def test_prediction_of_a_stream_is_one_gauss_newton_step() -> None:
@@ -690,7 +694,7 @@ def test_prediction_of_a_stream_is_one_gauss_newton_step() -> None:
     selection.explain(y, weight)
     assert selection.last is not None
     moved = dimple_readings([0.102, 6.1])
-    predicted = selection._predicted(moved, weight)
+    predicted = selection._predicted(moved, weight, selection.last)
     np.testing.assert_allclose(predicted[0], [0.102, 6.1], atol=2e-3)
     fits = selection.fitter.fits
     best, _ = selection.explain(moved, weight)
@@ -707,6 +711,127 @@ def test_a_stream_goes_on_with_two_contacts_from_those_before() -> None:
         best, _ = selection.explain(y, weight)
     assert best.contacts.tolist() == [2]
     np.testing.assert_allclose(np.sort(best.parameters[0, :2]), [-0.248, 0.3], atol=1e-4)
+
+
+# --- frames in bounded time ---------------------------------------------------------------
+
+
+class Clock:
+    """A clock that stands still but for what is done."""
+
+    now = 0.0
+
+    def __call__(self) -> float:
+        """The time [s]."""
+        return self.now
+
+
+def test_steps_are_taken_while_there_is_time_and_one_too_long_first_of_the_next_frame() -> None:
+    clock = Clock()
+    took = {"a": 3e-3, "b": 4e-3, "c": 30e-3, "d": 1e-3}
+
+    def steps() -> Any:
+        for name in "abacd":
+            yield name
+            clock.now += took[name]
+        return "found"
+
+    budget = Budget(10e-3, clock)
+    first, spent = Search(steps(), budget), []
+    for _ in range(4):
+        budget.begin()
+        begin = clock.now
+        first.go_on()
+        spent.append(round(1e3 * (clock.now - begin)))
+    # The first time nobody knows how long a step takes; c and d begin with a frame each.
+    assert spent == [40, 1, 0, 0]
+    assert first.found == "found"
+    second, spent = Search(steps(), budget), []
+    while second.found is None:
+        budget.begin()
+        begin = clock.now
+        second.go_on()
+        spent.append(round(1e3 * (clock.now - begin)))
+    assert spent == [10, 30, 1]
+    # What goes on by itself is waited for as long as there is time.
+    slow: Future[str] = Future()
+
+    def waiting() -> Any:
+        yield slow
+        return slow.result()
+
+    third = Search(waiting(), budget)
+    for _ in range(2):
+        budget.begin(0.0)
+        assert not third.go_on()
+    slow.set_result("solved")
+    assert third.go_on()
+    assert third.found == "solved"
+    assert finished(steps()) == "found"
+
+
+class Slow(DimpleFitter):
+    """A fit takes 5 ms."""
+
+    clock: Clock
+
+    def fit(self, *given: Any, **options: Any) -> Any:
+        """Fit, and let time pass."""
+        self.clock.now += 5e-3
+        return super().fit(*given, **options)
+
+
+def bounded(budget: float) -> tuple[Any, Clock]:
+    fitter = Slow(live=True)
+    fitter.clock = clock = Clock()
+    nodes = DimpleNodes()
+    return BoundedSelection(fitter, nodes, 20.0, 2, budget=Budget(budget, clock)), clock
+
+
+@pytest.mark.parametrize("budget", [6e-3, 9e-3, 1.0])
+def test_two_contacts_of_a_stream_are_told_as_two_after_some_frames_in_time(
+    budget: float,
+) -> None:
+    selection, clock = bounded(budget)
+    weight = np.ones((1, 13))
+    told = []
+    for k in range(40):
+        y = dimple_readings([-0.25, 0.3, 8.0 + 0.01 * k, 5.0], 2)
+        selection.budget.begin()
+        begin = clock.now
+        best, others = selection.explain(y, weight)
+        # A fit that is begun is ended, and the first says what is known.
+        assert clock.now - begin <= max(budget, 5e-3) + 5e-3 + 1e-9 or budget == 1.0
+        told.append((selection.coarse, int(best.contacts[0])))
+        assert np.isfinite(best.chi2[0])
+        assert others == [None]
+    first = told.index((False, 2))
+    assert told == [(True, 1)] * first + [(False, 2)] * (40 - first)
+    assert (first == 0) == (budget == 1.0)
+    np.testing.assert_allclose(np.sort(best.parameters[0, :2]), [-0.25, 0.3], atol=1e-3)
+    # What a search was about is gone: it ends, and with it what is coarse.
+    selection.forget()
+    for loads, coarse in (
+        ([-0.25, 0.3, 8.0, 5.0], budget < 1.0),
+        ([-0.25, 0.3, 8.0, 0.0], False),
+    ):
+        selection.budget.begin()
+        best, _ = selection.explain(dimple_readings(loads, 2), weight)
+        assert selection.coarse == coarse
+    assert best.contacts[0] == 1
+
+
+def test_frames_of_one_contact_are_those_without_a_budget() -> None:
+    selection, _ = bounded(16e-3)
+    free, *_ = selected([0.1, 6.0], live=True)
+    random = np.random.default_rng(3)
+    for k in range(10):
+        y = dimple_readings([0.1 + 0.01 * k, 6.0]) + random.normal(size=13)
+        selection.budget.begin()
+        one, two = (x.explain(y, np.ones((1, 13)))[0] for x in (selection, free))
+        assert not selection.coarse
+        np.testing.assert_array_equal(one.parameters, two.parameters)
+        np.testing.assert_array_equal(one.information, two.information)
 
 
 # --- search -------------------------------------------------------------------------------
@@ -759,7 +884,7 @@ def test_places_farther_than_the_separation_are_modes_of_their_own() -> None:
 def test_pairs_of_nodes_are_found_in_their_superposition() -> None:
     pairs = DimpleNodes().several()
     y = dimple_readings([-0.25, 0.3, 8.0, 20.0], 2)[0]
-    starts = pairs.of_two(y, np.ones(13))
+    starts = finished(pairs.of_two(y, np.ones(13)))
     parameters, strongest = starts[0]
     np.testing.assert_allclose(parameters, [-0.25, 0.3, 8.0, 20.0], rtol=1e-3)
     np.testing.assert_allclose(pairs._search.loads[strongest], [0.3, 20.0])
@@ -768,7 +893,8 @@ def test_pairs_of_nodes_are_found_in_their_superposition() -> None:
         assert np.abs(other[:2] - parameters[:2]).max() >= 0.1
     # Forces between the nodes' are scaled from them.
     y = dimple_readings([-0.25, 0.3, 11.0, 14.0], 2)[0]
-    np.testing.assert_allclose(pairs.of_two(y, np.ones(13))[0][0], [-0.25, 0.3, 11, 14], 1e-2)
+    (best, _), *_ = finished(pairs.of_two(y, np.ones(13)))
+    np.testing.assert_allclose(best, [-0.25, 0.3, 11, 14], 1e-2)
 
 
 def test_one_more_contact_is_sought_in_what_a_fit_leaves() -> None:
@@ -787,12 +913,14 @@ def test_scales_of_a_pair_are_least_squares_within_a_factor_of_two() -> None:
     patterns, measured = RNG.normal(size=(5, 7)), RNG.normal(size=7)
     products, along = patterns @ patterns.T, patterns @ measured
     wanted = patterns[0] * 1.5 + patterns[1] * 0.7
-    first, second, cost = _scaled(products, patterns @ wanted)
+    own = np.diagonal(products)
+    both = own, patterns @ wanted
+    first, second, cost = _scaled(products, both, both)
     assert first[0, 1] == pytest.approx(1.5, rel=1e-9)
     assert second[0, 1] == pytest.approx(0.7, rel=1e-9)
     assert cost[0, 1] == pytest.approx(-(wanted @ wanted), rel=1e-9)
     for a, b in ((0, 1), (2, 4)):
-        first, second, cost = _scaled(products, along)
+        first, second, cost = _scaled(products, (own, along), (own, along))
         x, y = first[a, b], second[a, b]
         assert 0.5 <= x <= 2.0
         left = measured - x * patterns[a] - y * patterns[b]

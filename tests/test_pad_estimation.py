@@ -2,6 +2,7 @@
 
 import json
 import pickle
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
@@ -14,6 +15,7 @@ from scipy.stats import binom, chi2
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
+from fitting.cli.options import pad_settings
 from fitting.force_range.pad import range_from_table
 from fitting.inverse_load.check.skin_file import model_verdict
 from fitting.inverse_load.estimator import LoadEstimator
@@ -43,6 +45,7 @@ from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.shapes import scene_states
 from fitting.sensor.shapes.scene_states import SceneStates, Solved
 from fitting.statistics.posterior import Settings
+from fitting.steps import finished
 from fitting.workers import LocalWorkers
 from suas_jax.config import SkinSpec, continuous_inputs, load_skin
 from suas_jax.config.input_errors import STIFFNESS
@@ -423,7 +426,9 @@ def test_pairs_are_sought_with_forces_between_those_tabulated(
     y, weight = estimator.weigh(so)
     left = []
     for k in range(30):
-        starts = np.array([s for s, _ in estimator.selection.pairs.of_two(y[k], weight[k])])
+        starts = np.array(
+            [s for s, _ in finished(estimator.selection.pairs.of_two(y[k], weight[k]))]
+        )
         rows = [np.tile(x[k], (len(starts), 1)) for x in (y, weight)]
         left.append(fitter.squares.fitted(*rows, starts, 2, None, False).chi2.min())
     np.testing.assert_allclose(left, 0, atol=1e-3)
@@ -802,3 +807,51 @@ def test_a_known_displacement_is_met(spec: SkinSpec, patch: pytest.MonkeyPatch) 
     again = deformed(unknown, given.displacement)
     assert again.force[0, 0] == pytest.approx(5.0, rel=1e-3)
     np.testing.assert_allclose(again.face.heights, given.face.heights, atol=1e-6)
+
+
+@pytest.mark.long  # the program of solved contacts; searches in steps in test_load_formulas
+def test_two_contacts_of_a_stream_are_told_as_without_a_budget_after_some_frames(
+    spec: SkinSpec, estimator: LoadEstimator
+) -> None:
+    assert estimator.taxels  # its table serves both
+    settings: dict[str, Any] = {"diameter": DIAMETER, "most_contacts": 2, "live": True}
+    free = LoadEstimator(spec, **settings)
+    bounded = LoadEstimator(spec, **settings, budget=5e-3)
+    fitter = free.selection.fitter
+    assert isinstance(fitter, PadFitter)
+    x = np.array([0.45, -0.4, 0.012, -0.015, 8.0, 6.0])
+    readings = fitter.interpolant(x[None], 2, fitter.correction(x, 2)).readings[:, :-1]
+    so = noisy(np.tile(readings, (400, 1)), 5)
+    free.warm_up()
+    bounded.warm_up()
+    (whole,) = free.estimate(so[:1])
+    assert (whole.status, len(whole.contacts)) == ("ok", 2)
+    (first,) = bounded.estimate(so[:1])
+    assert first.status == "coarse"
+    assert len(first.contacts) == 1
+    assert first.contacts[0].covariance is None
+    told = [first]
+    for k in range(1, len(so)):
+        time.sleep(5e-3)  # a stream is not faster
+        told += bounded.estimate(so[k : k + 1])
+        if told[-1].status != "coarse":
+            break
+    assert {estimate.status for estimate in told[:-1]} == {"coarse"}
+    assert told[-1].status == "ok"
+    for c, other in zip(told[-1].contacts, whole.contacts, strict=True):
+        assert c.covariance is not None
+        spread = 4 * np.sqrt(np.diag(c.covariance))
+        apart = [c.angle - other.angle, c.axial - other.axial, c.force - other.force]  # type: ignore[operator]
+        assert (np.abs(apart) < spread).all()
+    # Lifted, and gone: the next touch begins with nothing known.
+    (gone,) = bounded.estimate(noisy(free.model_rest[None], 6))
+    assert gone.status == "no_contact"
+
+
+def test_a_budget_is_for_live_frames_of_pads(spec: SkinSpec) -> None:
+    for settings in ({"budget": 0.02}, {"budget": 0.0, "live": True}):
+        with pytest.raises(ValueError, match="budget"):
+            LoadEstimator(spec, **settings)  # type: ignore[arg-type]
+    assert pad_settings(None, None, "20 ms") == {"budget": pytest.approx(0.02)}
+    with pytest.raises(ValueError, match='--budget "20 mm"'):
+        pad_settings(None, None, "20 mm")

@@ -144,8 +144,8 @@ def test_beyond_first_contact_the_wall_takes_the_load() -> None:
     assert 20 - held[2] == pytest.approx(17.05, rel=0.02)
     assert (held[3] - held[2]) / 10 == pytest.approx(0.97, abs=0.01)
     np.testing.assert_allclose(pressure, 7056, rtol=0.04)
-    # At 17.2 N the effect of shear passes the wall that the shell alone has not reached; held by
-    # the wall, the corrected face misses it by little.
+    # At 17.2 N the effect of shear passes the wall that the shell alone has not reached. Held
+    # by the wall, the corrected face misses it by little.
     assert error[0] == 0
     assert 0 < error[2:].min() <= error[2:].max() < 2e-3
     assert error[1] == pytest.approx(shown[1] / 7056 - 1, rel=0.2)

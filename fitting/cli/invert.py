@@ -47,6 +47,14 @@ def invert(
     latency: Annotated[
         float, option("Live: drop frames older than this, except the newest.", metavar="S")
     ] = 0.1,
+    budget: Annotated[
+        str | None,
+        option(
+            "Live, on a pad: time that a frame may take ('20 ms'); what is left to try goes "
+            "on with the next.",
+            metavar="TIME",
+        ),
+    ] = None,
     baseline: Baseline = None,
     zero: Annotated[
         str | None,
@@ -122,7 +130,7 @@ def invert(
             from fitting.robotics.recording import require_mcap
 
             require_mcap()
-        on_pad = pad_settings(diameter, pressure_noise)
+        on_pad = pad_settings(diameter, pressure_noise, budget)
         spec = _spec_of(skin, zero)
 
         def prepare(spec: "SkinSpec" = spec) -> "LoadEstimator":

@@ -211,8 +211,10 @@ def named_bounds(text: str) -> tuple[str, tuple[float, float]]:
     return name.strip(), ends
 
 
-def pad_settings(diameter: str | None, pressure_noise: str | None) -> dict[str, float | None]:
-    """What options say of contacts and pressure, in SI units; those given alone.
+def pad_settings(
+    diameter: str | None, pressure_noise: str | None, budget: str | None = None
+) -> dict[str, float | None]:
+    """What options say of contacts, pressure and time, in SI units; those given alone.
 
     A diameter is a length, or "free", which is None in the result. Raises ValueError: an option
     can't be understood.
@@ -225,6 +227,8 @@ def pad_settings(diameter: str | None, pressure_noise: str | None) -> dict[str, 
     if pressure_noise is not None:
         noise = quantity_option("--pressure-noise", pressure_noise, "pressure")
         settings["pressure_noise"] = noise
+    if budget is not None:
+        settings["budget"] = quantity_option("--budget", budget, "time")
     return settings
 
 

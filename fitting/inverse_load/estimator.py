@@ -19,7 +19,7 @@ is the same in all frames.
 
 import time
 from collections.abc import Callable
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -45,6 +45,7 @@ from fitting.inverse_load.film_motion import (
     fading_time,
     told_moving,
 )
+from fitting.inverse_load.fit.bounded_selection import BoundedSelection
 from fitting.inverse_load.fit.detection import without_errors
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
@@ -55,6 +56,7 @@ from fitting.inverse_load.memory.series import LoadMemory
 from fitting.inverse_load.readings import noise_of_readings
 from fitting.inverse_load.section import section_parts
 from fitting.inverse_load.taps import MotionWatch, TapFinder
+from fitting.steps import Budget
 from suas_jax.acquisition.log.format import MAX_COUNT
 from suas_jax.acquisition.taxel_faults import saturated
 from suas_jax.config import InputErrors, SkinSpec, input_errors
@@ -107,6 +109,8 @@ class LoadEstimator:
         workers: that solve a pad's table (`fitting.workers`); None: this process, on all
             cores.
         resolution: of a pad's table; None: fine enough for thin membranes.
+        budget: time that a live frame on a pad may take [s]; its status is `coarse` where more
+            is left to try, which goes on with the next frames. None: as long as it takes.
 
     Raises:
         ValueError: an argument or the skin's electrodes can't be used.
@@ -127,6 +131,7 @@ class LoadEstimator:
     follow_drift: bool = False
     workers: Executor | None = None
     resolution: "PadResolution | None" = None
+    budget: float | None = None
     input_errors: InputErrors = field(init=False)
     skin: Any = field(init=False)
     table: Any = field(init=False)
@@ -162,7 +167,7 @@ class LoadEstimator:
         # less than Schwarz's criterion asks for its place and force.
         penalty = parts.detector.threshold(self.false_alarm / 10) ** 2
         asked = (parts.fitter.parameters.places + 1) * np.log(self.taxels)
-        self.selection = Selection(
+        given = (
             parts.fitter,
             parts.nodes,
             max(penalty, asked),
@@ -170,6 +175,12 @@ class LoadEstimator:
             self._systematic,
             parts.wide_fitter,
         )
+        self._budget = None if self.budget is None else Budget(self.budget)
+        self.selection = Selection(*given)
+        # Of taps, of which a single contact is told.
+        self._of_one = replace(self.selection, most_contacts=1)
+        if self._budget is not None:
+            self.selection = BoundedSelection(*given, budget=self._budget)
         self._film: FilmMotion | None = None
         self._taps: TapFinder | None = None
         self._follow_film(fading_time(self.spec))
@@ -208,7 +219,9 @@ class LoadEstimator:
         from fitting.inverse_load.pad.parts import pad_parts
         from fitting.inverse_load.pad.table_build import FINE
 
+        aside = None if self.budget is None else ThreadPoolExecutor(1, "suas-solve")
         common |= {"workers": self.workers, "resolution": self.resolution or FINE}
+        common["aside"] = aside
         return pad_parts(self.spec, self.input_errors, diameter=self.diameter, **common)
 
     def _check(self) -> None:
@@ -233,6 +246,11 @@ class LoadEstimator:
         elif self.workers is not None:
             raise ValueError(
                 "workers solve the tables of pads; that of a skin in plane strain takes seconds"
+            )
+        if self.budget is not None and not (self.budget > 0 and self.live and pad):
+            raise ValueError(
+                f"budget = {self.budget:g} s: a time above zero is needed, and live frames of "
+                "a pad; logs and sections take the time they need"
             )
         if self.model_error is None:
             self.model_error = PAD_MODEL_ERROR if pad else MODEL_ERROR
@@ -327,11 +345,15 @@ class LoadEstimator:
         moved = self._moved(so, faulty, time)
         if self._memory is not None and time is not None:
             return self._remembered(self._memory, so, faulty, time, moved, done)
+        if self._budget is not None:
+            self._budget.begin()
         drift = self._followed(so, faulty, time)
         size = 1 if self.live else _BLOCK
         found: list[LoadEstimate] = []
         for begin in range(0, len(so), size):
             part = slice(begin, begin + size)
+            if self._budget is not None and begin:
+                self._budget.begin()
             measured = None if pressure is None else pressure[part]
             own = None if drift is None else drift.rows(part)
             motion = None if moved is None else moved[part]
@@ -404,11 +426,9 @@ class LoadEstimator:
         test = self._parts.detector.test(y - self._parts.nodes.rest, weight, errors)
         if test.p_value[0] >= self.false_alarm:
             return LoadEstimate(False), np.zeros(0)
-        full = np.zeros((1, self.taxels), bool)
-        self.selection.forget()
-        frame = y, weight, full, None
-        best, told = self._explained(self.selection, self._systematic, *frame, False)
-        self.selection.forget()
+        self._of_one.forget()
+        frame = y, weight, np.zeros((1, self.taxels), bool), None
+        best, told = self._explained(self._of_one, self._systematic, *frame, False)
         return told[0], best.parameters[0]
 
     def forget(self) -> None:
@@ -423,9 +443,14 @@ class LoadEstimator:
         shift = 0.0 if self.rest is None else np.nan_to_num(self.rest - self.model_rest)
         time = None if self._memory is None else np.zeros(1)
         drift, self._drift = self._drift, None  # trials say nothing of it
-        for trial in self._parts.trials[: self.most_contacts]:
-            self.estimate((trial + shift)[None], time=time)
-        self._drift = drift
+        budget, self._budget = self._budget, None
+        if budget is not None:
+            budget.begin(np.inf)
+        for _ in range(1 if budget is None else 2):  # the second tells how long steps take
+            for trial in self._parts.trials[: self.most_contacts]:
+                self.estimate((trial + shift)[None], time=time)
+            self.forget()
+        self._drift, self._budget = drift, budget
         self.forget()
 
     def _batch(
@@ -460,6 +485,8 @@ class LoadEstimator:
             used = weight[i, taxels] > 0
             results[i] = _untouched(so[i], used, bool(enough[i]), ratio)
         full_scale = (so >= FULL_SCALE) & ~faulty
+        if isinstance(selection, BoundedSelection) and not touched.any():
+            selection.untouched()
         for index, pulled in (
             (np.flatnonzero(touched), False),
             (np.flatnonzero(enough & ~touched & ~at_rest), True),
@@ -504,6 +531,8 @@ class LoadEstimator:
             others: list[Alternative | None] = [None] * len(y)
         else:
             best, others = selection.explain(y, weight)
+            if selection.coarse:
+                return best, [self._parts.assessment.so_far(best)]
         covariance = motion = None
         per_contact = self._parts.fitter.per_contact
         if systematic is not None:

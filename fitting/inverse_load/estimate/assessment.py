@@ -77,6 +77,18 @@ class LoadAssessment:
             for i in range(len(best))
         ]
 
+    def so_far(self, known: Explanations) -> LoadEstimate:
+        """The estimate of a frame whose search goes on."""
+        count, chi2 = int(known.contacts[0]), float(known.chi2[0])
+        kept = known.weight[0] > 0
+        out = tuple(np.flatnonzero(~kept[: self._taxels]).tolist())
+        if not np.isfinite(chi2):
+            return LoadEstimate(True, status="coarse", left_out=out)
+        ratio = chi2 / max(int(kept.sum()) - self._per_contact * count, 1)
+        contacts = self._contacts(known.parameters[0], count, None, None)
+        pressure = float(known.pressure[0])
+        return LoadEstimate(True, contacts, pressure, None, ratio, "coarse", out)
+
     def _estimate(
         self,
         best: Explanations,

@@ -42,6 +42,9 @@ STATUS = {
     "layout and baseline.",
     "saturated": "All taxels are saturated.",
     "too_few_taxels": "Too few taxels have a reading.",
+    "coarse": "The frame's time was spent before its search ended, which goes on with the next "
+    "frames: contacts are those known so far, of which there may be more or fewer; no error is "
+    "stated.",
     "no_convergence": "The fit did not converge.",
     "layout_mismatch": "The readings are of another layout than the skin's.",
     "empty_log": "The log holds no frame.",

@@ -18,6 +18,7 @@ from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT
 from fitting.inverse_load.search.base import AbstractNodeSearch
+from fitting.steps import Steps
 
 _ALIKE = 0.7  # cosine of two patterns of one contact
 
@@ -99,13 +100,13 @@ class FaultyTaxels:
     nodes: AbstractNodeSearch  # states of one contact
     # fits frames by a number of contacts, from readings, weights, starting points, states and
     # that number, each contact beyond the first with its penalty
-    fit: Callable[[Any, Any, Any, Any, int], Explanations]
+    fit: Callable[[Any, Any, Any, Any, int], Steps[Explanations]]
     per_contact: int  # parameters of a contact
     most_contacts: int  # to tell apart
 
     def explained_without(
         self, y: Any, weight: Any, frames: Any, best: Explanations
-    ) -> Explanations:
+    ) -> Steps[Explanations]:
         """Fit frames without the taxels that stand out, each counted against the fit.
 
         Readings are [frame, taxel] [counts], weights inverse variances, zero where a taxel is
@@ -115,10 +116,11 @@ class FaultyTaxels:
         """
         y, weight = y[frames], weight[frames]
         most = np.maximum(1, np.floor(_MOST_OUTLIERS * (weight > 0).sum(1)))
+        yield "trimmed search"
         node, trimmed = _least_trimmed(self.nodes, y, weight, most)
         start, states = self.nodes.loads[node], self.nodes.states(node)
         for _ in range(_TRIMMED_FITS):
-            found = self.fit(y, trimmed, start, states, 1)
+            found = yield from self.fit(y, trimmed, start, states, 1)
             trimmed = _inliers(y, weight, found.so)
             better = found.parameters[:, : start.shape[1]]
             start = np.where(np.isfinite(found.chi2)[:, None], better, start)
@@ -135,7 +137,7 @@ class FaultyTaxels:
                 start = best.parameters[frames[rows]][:, :width]
                 states = self.nodes.states(self.nodes.nearest_to(start, count))
                 kept = _inliers(y[rows], weight[rows], so)
-                found = self.fit(y[rows], kept, start, states, count)
+                found = yield from self.fit(y[rows], kept, start, states, count)
                 best = self._if_cheaper(frames[rows], weight[rows], best, found, most[rows])
         return best
 

@@ -15,6 +15,7 @@ from scipy.special import chdtrc
 
 from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.model.contact_parameters import ContactParameters
+from fitting.steps import Steps
 from suas_jax.equilibrium.equilibrium import State
 
 UNSETTLED = 0.1
@@ -174,6 +175,30 @@ class AbstractLoadFitter(abc.ABC):
             pull: seek forces that pull outwards instead of those that push.
         """
 
+    def steps(
+        self,
+        y: Floats,
+        weight: Floats,
+        start: Floats,
+        state: State,
+        contacts: int,
+        *,
+        pull: bool = False,
+    ) -> Steps[Explanations]:
+        """`fit`, in steps."""
+        yield f"fit of {contacts}"
+        return self.fit(y, weight, start, state, contacts, pull=pull)
+
+    def roughly(
+        self, y: Floats, weight: Floats, start: Floats, state: State, contacts: int
+    ) -> Explanations:
+        """`fit` by what is at hand; less right, where that is quicker."""
+        return self.fit(y, weight, start, state, contacts)
+
+    def made(self, best: Explanations) -> bool:
+        """Whether single contacts were fitted by this one, where another serves most."""
+        return False
+
     @abc.abstractmethod
     def inside(self, parameters: Floats, contacts: int) -> Floats:
         """Parameters [frame, parameter] with those beyond their bounds on them."""
@@ -214,7 +239,7 @@ class AbstractLoadFitter(abc.ABC):
         start: Floats,
         contacts: int,
         to_beat: Floats,
-    ) -> Rows:
+    ) -> Steps[Rows]:
         """Starting points of several contacts that are worth a fit, all unless told otherwise.
 
         Args:
@@ -225,4 +250,5 @@ class AbstractLoadFitter(abc.ABC):
             contacts: their number.
             to_beat: chi2 of a fit that would be no better than what is known [start].
         """
+        yield "screening"
         return np.arange(len(start))

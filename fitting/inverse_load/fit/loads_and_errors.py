@@ -11,6 +11,7 @@ import numpy as np
 from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
+from fitting.steps import Steps
 from suas_jax.equilibrium.equilibrium import State
 
 SUSPECT = 2e-3
@@ -38,10 +39,22 @@ class LoadsAndErrors:
         *,
         pull: bool = False,
         fitter: AbstractLoadFitter | None = None,
-    ) -> Explanations:
+    ) -> Steps[Explanations]:
         """Fit loads, and errors of the inputs where loads alone leave more than noise."""
         fitter = fitter or self.fitter
-        found = fitter.fit(y, weight, start, state, count, pull=pull)
+        found = yield from fitter.steps(y, weight, start, state, count, pull=pull)
+        return (yield from self.or_errors(y, weight, found, fitter, pull=pull))
+
+    def or_errors(
+        self,
+        y: Any,
+        weight: Any,
+        found: Explanations,  # by loads alone
+        fitter: AbstractLoadFitter,  # that found them
+        *,
+        pull: bool = False,
+    ) -> Steps[Explanations]:
+        """Errors of the inputs beside loads, where these leave more than noise."""
         if self.errors is None or not self.errors.names:
             return found
         per_contact = self.fitter.per_contact
@@ -50,6 +63,7 @@ class LoadsAndErrors:
         if not rows.size:
             return found
         own = found.rows(rows)
+        yield "errors of the inputs"
         told = self.errors.of(own, y[rows] - own.so, per_contact)
         # Where errors leave most of it, another explanation is sought instead.
         left = own.chi2 - told.decrease
@@ -58,7 +72,8 @@ class LoadsAndErrors:
         kept = np.flatnonzero(worth)
         if kept.size:
             rows, begin, errors = rows[kept], own.rows(kept), told.likely[kept]
-            better = self._with_errors(fitter, y[rows], weight[rows], begin, errors, pull=pull)
+            given = fitter, y[rows], weight[rows], begin, errors
+            better = yield from self._with_errors(*given, pull=pull)
             found = found.cheapest(rows, better)[0]
         return found
 
@@ -70,16 +85,18 @@ class LoadsAndErrors:
         state: State,
         count: int,
         shift: Floats,  # of the readings by errors that are about right [frame, taxel]
-    ) -> Explanations:
+    ) -> Steps[Explanations]:
         """Fit loads and errors of the inputs, whatever loads alone would leave."""
-        begin = self.fitter.fit(y - shift, weight, start, state, count)
+        begin = yield from self.fitter.steps(y - shift, weight, start, state, count)
         found = replace(begin, score=np.full(len(y), np.inf), chi2=np.full(len(y), np.inf))
         rows = np.flatnonzero(np.isfinite(begin.chi2))
         if self.errors is None or not self.errors.names or not rows.size:
             return found
         own, y, weight = found.rows(rows), y[rows], weight[rows]
+        yield "errors of the inputs"
         told = self.errors.of(own, y - own.so, self.fitter.per_contact)
-        better = self._with_errors(self.fitter, y, weight, own, told.likely, pull=False)
+        given = self.fitter, y, weight, own, told.likely
+        better = yield from self._with_errors(*given, pull=False)
         return found.with_frames(rows, better, np.arange(len(rows)))
 
     def _with_errors(
@@ -91,7 +108,7 @@ class LoadsAndErrors:
         errors: Any,  # most likely there, in standard deviations [frame, error]
         *,
         pull: bool,  # whether forces pull outwards
-    ) -> Explanations:
+    ) -> Steps[Explanations]:
         """Loads and errors of the inputs in turn, from explanations by loads alone."""
         assert self.errors is not None
         per_contact, count = self.fitter.per_contact, int(begin.contacts[0])
@@ -101,7 +118,7 @@ class LoadsAndErrors:
         slopes = self.errors.of(begin, y - begin.so, per_contact).slopes
         for _ in range(_ERROR_FITS):
             shift = np.einsum("fe,fet->ft", errors, slopes)
-            fit = fitter.fit(
+            fit = yield from fitter.steps(
                 y - shift, weight, now.parameters[:, :width], now.state, count, pull=pull
             )
             cost = fit.chi2 + (errors**2).sum(1)

@@ -9,7 +9,7 @@ What errors of the skin's inputs explain is no further contact, and no faulty ta
 """
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import jax
@@ -23,12 +23,14 @@ from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.fit.wide_contact import UNUSUAL
 from fitting.inverse_load.search.base import AbstractNodeSearch, PairSearch, Start
+from fitting.steps import Steps, finished
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.runtime.compiled import COMPILED
 
 FELT = 2.0
 """Standard deviations of a force that is there beside others."""
-_PLAUSIBLE = 0.05  # p-value of chi2 above which no further contact is sought
+PLAUSIBLE = 0.05
+"""p-value of chi2 above which no further contact is sought."""
 
 
 class Alternative(NamedTuple):
@@ -58,6 +60,12 @@ class Selection:
         self._pairs: PairSearch | None = None
         self.last: Explanations | None = None
         """Live: what explained the last frame that was touched; the next one begins there."""
+        self.known: Explanations | None = None
+        """What is known of the frames so far, while their search goes on."""
+        self.coarse = False
+        """Live: whether the last frame's time was spent before its search ended."""
+        self.searched = False
+        """Whether more than one contact was tried for the frames."""
         self.seconds: Floats = np.zeros(0)
         """Time spent on each frame of the last call beyond one contact [s]."""
         per_contact, most = self.fitter.per_contact, self.most_contacts
@@ -84,16 +92,25 @@ class Selection:
         Readings are [frame, taxel] [counts], weights inverse variances, zero where a taxel is
         not used [frame, taxel].
         """
+        return finished(self.steps(y, weight))
+
+    def steps(
+        self, y: Floats, weight: Floats
+    ) -> Steps[tuple[Explanations, list[Alternative | None]]]:
+        """`explain`, in steps."""
         self.seconds = np.zeros(len(y))
-        followed = self._followed(y, weight)
+        self.known = None
+        followed = yield from self._followed(y, weight)
         if followed is not None:
             self.last = followed
-            return followed, [None]
+            return followed, (yield from self._or_pairs(y, followed, [None]))
         first, second = self.nodes.nearest(y, weight)
-        best = self._single(y, weight, first)
-        best, others = self._second_modes(y, weight, second, best)
+        best = yield from self._single(y, weight, first)
+        best, others = yield from self._second_modes(y, weight, second, best)
         doubtful = self._doubts.of(y, best)
-        best = self._errors_first(y, weight, doubtful, best)
+        self.known = best
+        best = yield from self._errors_first(y, weight, doubtful, best)
+        yield "pairs for one that is wide"
         rows, pairs = self.fitter.pairs_for_wide(y, best)
         doubtful[rows] |= pairs.chi2 < best.chi2[rows] - self.penalty
         # What errors of the inputs explain may be a width as well.
@@ -104,39 +121,53 @@ class Selection:
             for group in groups:
                 begin = time.perf_counter() - COMPILED.seconds
                 own = (y[group], weight[group], best.rows(group), doubtful[group])
-                parts.append(self._reconsidered(*own))
+                parts.append((yield from self._reconsidered(*own)))
                 spent = time.perf_counter() - COMPILED.seconds - begin
                 self.seconds[group] = spent / len(group)
             found = Explanations.of_frames(parts)
             best = best.with_frames(frames, found, np.arange(len(frames)))
         if self.fitter.live:
             self.last = best if np.isfinite(best.chi2[0]) else None
+        self.searched = bool(frames.size)
+        return best, (yield from self._or_pairs(y, best, others))
+
+    def _or_pairs(
+        self, y: Any, best: Explanations, others: list[Alternative | None]
+    ) -> Steps[list[Alternative | None]]:
+        """Second modes, or two contacts for one that is wide where these are cheaper."""
+        yield "pairs for one that is wide"
         rows, pairs = self.fitter.pairs_for_wide(y, best)
         for k, i in enumerate(rows.tolist()):
             other = others[i]
             if other is None or pairs.chi2[k] < other.chi2:
                 others[i] = _mode(pairs, k)
-        return best, others
+        return others
 
     def _reconsidered(
         self, y: Any, weight: Any, best: Explanations, doubtful: Flags
-    ) -> Explanations:
+    ) -> Steps[Explanations]:
         """The best explanation of frames that one contact may not explain, or errors may."""
         frames = np.arange(len(y))
-        best, narrow = self._or_wide(y, weight, frames, best)
+        best, narrow = yield from self._or_wide(y, weight, frames, best)
         # A pull looks like several contacts around it, which take far longer to try.
         suspect = self._p_value(best) < SUSPECT
-        best = self._or_pulled(y, weight, frames[suspect], best)
+        best = yield from self._or_pulled(y, weight, frames[suspect], best)
         pulled = best.parameters[:, self.fitter.parameters.rows("force", 1)][:, 0] < 0
-        pulled &= (best.contacts == 1) & (self._p_value(best) >= _PLAUSIBLE)
-        best = self._more_contacts(y, weight, narrow[(doubtful & ~pulled)[narrow]], best)
-        best = self._or_pulled(y, weight, frames[~suspect & (best.contacts > 1)], best)
+        pulled &= (best.contacts == 1) & (self._p_value(best) >= PLAUSIBLE)
+        best = yield from self._more_contacts(
+            y, weight, narrow[(doubtful & ~pulled)[narrow]], best
+        )
+        best = yield from self._or_pulled(
+            y, weight, frames[~suspect & (best.contacts > 1)], best
+        )
         bad = frames[self._p_value(best) < SUSPECT / 10]
-        return self._faulty.explained_without(y, weight, bad, best) if bad.size else best
+        if bad.size:
+            best = yield from self._faulty.explained_without(y, weight, bad, best)
+        return best
 
     def _errors_first(
         self, y: Any, weight: Any, doubtful: Flags, best: Explanations
-    ) -> Explanations:
+    ) -> Steps[Explanations]:
         """What further contacts have to beat: frames in doubt with errors of the inputs."""
         rows = np.flatnonzero(doubtful & ~best.absorbed & np.isfinite(best.chi2))
         if not rows.size:
@@ -144,45 +175,54 @@ class Selection:
         own = best.rows(rows)
         start = own.parameters[:, : self.fitter.per_contact]
         how = start, own.state, 1, own.shift
-        found = self._loads.beside_errors(y[rows], weight[rows], *how)
+        found = yield from self._loads.beside_errors(y[rows], weight[rows], *how)
         return best.cheapest(rows, found)[0]
 
-    def _single(self, y: Any, weight: Any, node: Any) -> Explanations:
+    def _single(self, y: Any, weight: Any, node: Any) -> Steps[Explanations]:
         """One contact, from the nearest nodes or, live, from the last frame if nearer."""
         last = self.last
-        if last is not None and last.contacts[0] == 1:
-            before = (weight * (y - last.so) ** 2).sum()
-            table = (weight * (y - self.nodes.readings[node]) ** 2).sum()
-            if before < table:
-                found = self._loads.fit(y, weight, self._predicted(y, weight), last.state, 1)
-                if self._p_value(found)[0] >= SUSPECT:
-                    return found
-                return found.cheapest(np.zeros(1, np.intp), self._from_node(y, weight, node))[0]
-        return self._from_node(y, weight, node)
+        if last is None or last.contacts[0] > 1 or not self._nearer(y, weight, node, last):
+            return (yield from self._from_node(y, weight, node))
+        start = self._predicted(y, weight, last)
+        found = yield from self._one(y, weight, start, last.state)
+        if self._p_value(found)[0] >= SUSPECT:
+            return found
+        other = yield from self._from_node(y, weight, node)
+        return found.cheapest(np.zeros(1, np.intp), other)[0]
 
-    def _from_node(self, y: Any, weight: Any, node: Any) -> Explanations:
+    def _nearer(self, y: Any, weight: Any, node: Any, last: Explanations) -> bool:
+        """Live: whether an earlier frame is nearer than the nearest nodes."""
+        before = (weight * (y - last.so) ** 2).sum()
+        return bool(before < (weight * (y - self.nodes.readings[node]) ** 2).sum())
+
+    def _from_node(self, y: Any, weight: Any, node: Any) -> Steps[Explanations]:
         """One contact, from nodes of the table."""
         start = self.nodes.near(y, weight, node)
-        return self._loads.fit(y, weight, start, self.nodes.states(node), 1)
+        return (yield from self._one(y, weight, start, self.nodes.states(node)))
 
-    def _predicted(self, y: Any, weight: Any) -> Floats:
-        """Live: parameters from the last frame's by its own derivatives."""
-        assert self.last is not None
-        count = int(self.last.contacts[0])
+    def _one(self, y: Any, weight: Any, start: Any, state: State) -> Steps[Explanations]:
+        """One contact, from somewhere; the first thing that is known of a frame."""
+        found = yield from self.fitter.steps(y, weight, start, state, 1)
+        self.known = self.known or found
+        return (yield from self._loads.or_errors(y, weight, found, self.fitter))
+
+    def _predicted(self, y: Any, weight: Any, last: Explanations) -> Floats:
+        """Live: parameters from an earlier frame's by its own derivatives."""
+        count = int(last.contacts[0])
         width = self.fitter.per_contact * count
-        jacobian = np.where(weight > 0, self.last.jacobian[0, :width], 0.0)
+        jacobian = np.where(weight > 0, last.jacobian[0, :width], 0.0)
         weighted = jacobian * weight
         information = weighted @ jacobian.T + 1e-12 * np.diag((weighted * jacobian).sum(1))
-        residual = np.where(weight > 0, y - self.last.so, 0.0)[0]
+        residual = np.where(weight > 0, y - last.so, 0.0)[0]
         step = np.linalg.lstsq(information, weighted @ residual)[0]
-        return self.fitter.inside(self.last.parameters[:, :width] + step, count)
+        return self.fitter.inside(last.parameters[:, :width] + step, count)
 
     def _p_value(self, best: Explanations) -> Floats:
         return best.p_value(self.fitter.per_contact)
 
     def _second_modes(
         self, y: Any, weight: Any, second: Any, best: Explanations
-    ) -> tuple[Explanations, list[Alternative | None]]:
+    ) -> Steps[tuple[Explanations, list[Alternative | None]]]:
         """The better of two modes of every frame, and the other where there is one."""
         others: list[Alternative | None] = [None] * len(y)
         frames = np.flatnonzero(second >= 0)
@@ -191,7 +231,7 @@ class Selection:
         node = second[frames]
         start = self.nodes.near(y[frames], weight[frames], node)
         state = self.nodes.states(node)
-        found = self._loads.fit(y[frames], weight[frames], start, state, 1)
+        found = yield from self._loads.fit(y[frames], weight[frames], start, state, 1)
         apart = self.nodes.apart(found.parameters, best.parameters[frames])
         rows = np.flatnonzero(apart & np.isfinite(found.chi2))
         better = found.chi2[rows] < best.chi2[frames[rows]]
@@ -205,7 +245,7 @@ class Selection:
 
     def _or_wide(
         self, y: Any, weight: Any, frames: Rows, best: Explanations
-    ) -> tuple[Explanations, Rows]:
+    ) -> Steps[tuple[Explanations, Rows]]:
         """One wide contact where it is cheaper; and the frames that ask for more than that.
 
         A width is one more parameter, and costs Schwarz's criterion. A fit that has not settled
@@ -215,7 +255,7 @@ class Selection:
             return best, frames
         own = best.rows(frames)
         start = own.parameters[:, : self.fitter.per_contact]
-        found = self._loads.fit(
+        found = yield from self._loads.fit(
             y[frames], weight[frames], start, own.state, 1, fitter=self.wide_fitter
         )
         cost = np.log(np.maximum((weight[frames] > 0).sum(1), 2))
@@ -223,7 +263,7 @@ class Selection:
         found = found.penalised(np.where(settled, cost, np.inf))
         best, wide = best.cheapest(frames, found)
         explained = np.zeros(len(y), bool)
-        explained[wide] = self._p_value(best)[wide] >= _PLAUSIBLE
+        explained[wide] = self._p_value(best)[wide] >= PLAUSIBLE
         explained[wide] &= best.beside[wide, 0, 0, 0] < UNUSUAL
         explained &= ~self._doubts.hinted(y, best)
         explained[frames] |= self.fitter.left_to_shape(y[frames], best.rows(frames))
@@ -233,13 +273,16 @@ class Selection:
 
     def _more_contacts(
         self, y: Any, weight: Any, frames: Any, best: Explanations
-    ) -> Explanations:
-        if self.last is not None and self.last.contacts[0] > 1:
-            best, frames = self._as_before(y, weight, frames, best)
+    ) -> Steps[Explanations]:
+        last = self.last
+        if last is not None and last.contacts[0] > 1 and not self._gone(y, weight, last):
+            best, frames = yield from self._as_before(y, weight, frames, best)
         for count in range(2, self.most_contacts + 1):
             enough = (weight[frames] > 0).sum(1) > count * self.fitter.per_contact
             frames = frames[enough]
-            starts = [self._starts(y[i], weight[i], best, i, count) for i in frames]
+            starts = []
+            for i in frames:
+                starts.append((yield from self._starts(y[i], weight[i], best, i, count)))
             at = np.repeat(frames, [len(s) for s in starts])
             left = y - best.shift  # by errors, if there are any
             if not at.size:
@@ -249,16 +292,17 @@ class Selection:
             suspect = self._p_value(best)[at] < SUSPECT
             to_beat = best.score[at] - (count - 1) * self.penalty
             to_beat = np.where(suspect, np.inf, to_beat)
-            kept = self.fitter.screened(at, left[at], weight[at], parameters, count, to_beat)
+            given = at, left[at], weight[at], parameters, count, to_beat
+            kept = yield from self.fitter.screened(*given)
             if not kept.size:
                 break
             at, parameters = at[kept], parameters[kept]
             state = jax.tree.map(lambda x, rows=kept: x[..., rows], state)
             begin = parameters, state, count, best.shift[at]
-            found = self._fit_several(y[at], weight[at], *begin)
+            found = yield from self._fit_several(y[at], weight[at], *begin)
             best, improved = best.cheapest(at, found)
-            best = self._without_weakest(y, weight, at, found, best)
-            frames = improved[self._p_value(best)[improved] < _PLAUSIBLE]
+            best = yield from self._without_weakest(y, weight, at, found, best)
+            frames = improved[self._p_value(best)[improved] < PLAUSIBLE]
         return best
 
     def _fit_several(
@@ -269,21 +313,22 @@ class Selection:
         state: State,
         count: int,
         shift: Floats | None = None,
-    ) -> Explanations:
+    ) -> Steps[Explanations]:
         """Fits by some contacts, each beyond the first with its penalty, all of them told.
 
         A contact whose force readings do not determine, all others free, fits what a wrong
         model leaves, whatever that is. Where errors of the inputs move the readings, by a shift
         [frame, taxel], they are fitted, too, unless loads alone do.
         """
-        found = self._loads.fit(y, weight, start, state, count)
+        found = yield from self._loads.fit(y, weight, start, state, count)
         if shift is not None:
-            unsure = ~self._told(found) | (self._p_value(found) < _PLAUSIBLE)
+            unsure = ~self._told(found) | (self._p_value(found) < PLAUSIBLE)
             rows = np.flatnonzero(shift.any(1) & unsure)
             if rows.size:
                 near = jax.tree.map(lambda x: x[..., rows], state)
                 given = y[rows], weight[rows], start[rows], near, count, shift[rows]
-                found, _ = found.cheapest(rows, self._loads.beside_errors(*given))
+                other = yield from self._loads.beside_errors(*given)
+                found, _ = found.cheapest(rows, other)
         cost = (count - 1) * self.penalty
         return found.penalised(np.where(self._told(found), cost, np.inf))
 
@@ -305,35 +350,49 @@ class Selection:
 
     def _starts(
         self, y: Any, weight: Any, best: Explanations, i: int, count: int
-    ) -> list[Start]:
+    ) -> Steps[list[Start]]:
         """Where fits of a frame by so many contacts begin; a third is added to two."""
         y, so = y - best.shift[i], best.so[i] - best.shift[i]
-        starts = self.pairs.of_two(y, weight) if count == 2 else []
+        starts: list[Start] = []
+        if count == 2:
+            starts = yield from self.pairs.of_two(y, weight)
         if int(best.contacts[i]) != count - 1 or (count == 2 and not best.absorbed[i]):
             return starts
         return starts + self.pairs.of_one_more(y, weight, best.parameters[i], so, count - 1)
 
-    def _followed(self, y: Any, weight: Any) -> Explanations | None:
+    def _followed(self, y: Any, weight: Any) -> Steps[Explanations | None]:
         """Live: as many contacts as before, two or more, where they explain the readings."""
         last = self.last
-        if last is None or last.contacts[0] < 2:
+        if last is None or last.contacts[0] < 2 or self._gone(y, weight, last):
             return None
         count = int(last.contacts[0])
-        start = self._predicted(y, weight)
-        found = self._fit_several(y, weight, start, last.state, count, last.shift)
+        start = self._predicted(y, weight, last)
+        found = yield from self._fit_several(y, weight, start, last.state, count, last.shift)
         new_errors = found.absorbed[0] and not last.absorbed[0]
-        if self._p_value(found)[0] < _PLAUSIBLE or new_errors:
+        if self._p_value(found)[0] < PLAUSIBLE or new_errors:
             return None
         return found if np.isfinite(found.score[0]) else None
 
+    def _gone(self, y: Any, weight: Any, last: Explanations) -> bool:
+        """Live: whether an earlier frame's contacts leave more than any single one does.
+
+        To first order: a touch elsewhere, whose fits from there end nowhere.
+        """
+        width = self.fitter.per_contact * int(last.contacts[0])
+        step = self._predicted(y, weight, last) - last.parameters[:, :width]
+        there = last.so + (step @ np.nan_to_num(last.jacobian[0, :width]))
+        node, _ = self.nodes.nearest(y, weight)
+        return not self._nearer(y, weight, node, replace(last, so=there))
+
     def _as_before(
         self, y: Any, weight: Any, frames: Any, best: Explanations
-    ) -> tuple[Explanations, Rows]:
+    ) -> Steps[tuple[Explanations, Rows]]:
         """Live: as many contacts as before, where they were; what is left to explain."""
         assert self.last is not None
         count = int(self.last.contacts[0])
-        start = self._predicted(y, weight)
-        found = self._fit_several(y, weight, start, self.last.state, count, best.shift)
+        start = self._predicted(y, weight, self.last)
+        given = y, weight, start, self.last.state, count, best.shift
+        found = yield from self._fit_several(*given)
         best, improved = best.cheapest(frames, found)
         if improved.size:
             frames = improved[self._p_value(best) < SUSPECT]
@@ -341,7 +400,7 @@ class Selection:
 
     def _without_weakest(
         self, y: Any, weight: Any, at: Rows, found: Explanations, best: Explanations
-    ) -> Explanations:
+    ) -> Steps[Explanations]:
         """Frames again, from fits by one contact that is not told beside others."""
         count = int(found.contacts[0])
         least = found.chi2 + (count - 1) * self.penalty
@@ -356,13 +415,16 @@ class Selection:
         start = start.reshape(len(rows), count - 1, -1).transpose(0, 2, 1)
         start = start.reshape(len(rows), -1)
         begin = start, found.state, count - 1, found.shift
-        fewer = self._fit_several(y[at], weight[at], *begin)
+        fewer = yield from self._fit_several(y[at], weight[at], *begin)
         return best.cheapest(at, fewer)[0]
 
     # --- pulls ------------------------------------------------------------------------
 
     def pulled(self, y: Floats, weight: Floats) -> Explanations:
         """The best explanation of every frame by one force that pulls outwards."""
+        return finished(self._pull(y, weight))
+
+    def _pull(self, y: Floats, weight: Floats) -> Steps[Explanations]:
         change = np.where(weight > 0, y - self.nodes.rest, 0.0)
         along, size = self.nodes.score(-change, weight)
         place = np.where(along > 0, along**2 / size, -np.inf).argmax(1)
@@ -370,13 +432,22 @@ class Selection:
         force = -np.maximum(along[frame, place] / size[frame, place], 0.0)
         start = np.concatenate([self.nodes.places[place], force[:, None]], 1)
         rest = self.nodes.rest_states(len(y))
-        return self._loads.fit(y, weight, start, rest, 1, pull=True)
+        return (yield from self._loads.fit(y, weight, start, rest, 1, pull=True))
 
-    def _or_pulled(self, y: Any, weight: Any, frames: Any, best: Explanations) -> Explanations:
-        """A pull in the place of contacts that push; its penalty is that of two."""
+    def _or_pulled(
+        self, y: Any, weight: Any, frames: Any, best: Explanations
+    ) -> Steps[Explanations]:
+        """A pull in the place of contacts that push; its penalty is that of two.
+
+        One that, to first order, leaves more than half of what there is explains nothing.
+        """
+        change = np.where(weight[frames] > 0, y[frames] - self.nodes.rest, 0.0)
+        along, size = self.nodes.score(-change, weight[frames])
+        gain = (np.maximum(along, 0.0) ** 2 / size).max(1)
+        frames = frames[gain > (weight[frames] * change**2).sum(1) / 2]
         if frames.size:
-            found = self.pulled(y[frames], weight[frames]).penalised(self.penalty)
-            best, _ = best.cheapest(frames, found)
+            found = yield from self._pull(y[frames], weight[frames])
+            best, _ = best.cheapest(frames, found.penalised(self.penalty))
         return best
 
 

@@ -55,8 +55,8 @@ class LoadFilter:
             time: of the frame [s].
             estimate: what was estimated from it alone.
         """
-        if estimate.contact is None:
-            return []  # nothing is known of this frame; tracks go on at the next
+        if estimate.contact is None or estimate.status == "coarse":
+            return []  # too little is known of this frame; tracks go on at the next
         free, tracks, filtered = list(self._tracks), [], []
         for contact in estimate.contacts:
             if contact.covariance is None or not np.isfinite(contact.covariance).all():

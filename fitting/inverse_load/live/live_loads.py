@@ -148,7 +148,7 @@ def live_loads(
         smooth: also follow loads over time (`LoadFrame.filtered`).
         report: called with a sentence about what a person should know, such as a link that
             is lost; by default the logger `suas`.
-        settings: of the `LoadEstimator`.
+        settings: of the `LoadEstimator`, such as the `budget` of a frame [s].
 
     Raises:
         PortError: the port can't be opened.

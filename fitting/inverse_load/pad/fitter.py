@@ -6,6 +6,7 @@ left out, and the fit goes on until it moves no more: its end is exact but for t
 slopes.
 """
 
+from concurrent.futures import Executor
 from typing import Any
 
 import numpy as np
@@ -23,15 +24,18 @@ from fitting.inverse_load.pad.interpolant import (
 from fitting.inverse_load.pad.marginal import BESIDE, Told, beside
 from fitting.inverse_load.pad.pad_least_squares import (
     PRIOR,
+    STEPS,
     PadFit,
     PadLeastSquares,
     step_of,
 )
 from fitting.inverse_load.pad.solved import SolvedContacts, near
 from fitting.inverse_load.pad.table_build import edge_of
+from fitting.steps import Steps, finished
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.scene.skin import Skin
 
+_FEW = 1  # steps of a fit that is to be quick
 _ROUNDS = 4  # of solving several contacts and fitting again
 # Share of the change of readings that discs in the place of a wide contact leave out, by the
 # logarithm of its relief: of solved discs of 40 to 80 mm a half of it, of two fingers more.
@@ -56,7 +60,10 @@ class PadFitter(AbstractLoadFitter):
         *,
         live: bool,  # whether frames come one by one
         most_contacts: int,  # widest set of parameters
+        # that solves several contacts while other frames are fitted; None: this thread
+        aside: Executor | None = None,
     ) -> None:
+        self._aside = aside
         self.interpolant, self.told, self.live = interpolant, told, live
         self.table = interpolant.table
         self.parameters = told.parameters
@@ -81,18 +88,41 @@ class PadFitter(AbstractLoadFitter):
         pull: bool = False,
     ) -> Explanations:
         """See the base class; a state is what a fit nearby found, see `_found_before`."""
+        return finished(self.steps(y, weight, start, state, contacts, pull=pull))
+
+    def steps(
+        self,
+        y: Floats,
+        weight: Floats,
+        start: Floats,
+        state: State,
+        contacts: int,
+        *,
+        pull: bool = False,
+    ) -> Steps[Explanations]:
+        """See the base class."""
         start = self._found_before(start[:, : PLAIN * contacts], state, contacts)
         if contacts == 1:
-            fit = self.fitted(y, weight, start, 1, None, pull)
+            fit = yield from self.fitting(y, weight, start, 1, None, pull)
             return self._gathered(fit, weight, 1, None)
         fits, gaps = [], []
         for i in range(len(y)):
             row = slice(i, i + 1)
-            fit, gap = self._refined(y[row], weight[row], start[row], contacts)
+            fit, gap = yield from self._refined(y[row], weight[row], start[row], contacts)
             fits.append(fit)
             gaps.append(gap)
         joined = PadFit(*(np.concatenate(x) for x in zip(*fits, strict=True)))
         return self._gathered(joined, weight, contacts, np.array(gaps))
+
+    def roughly(
+        self, y: Floats, weight: Floats, start: Floats, state: State, contacts: int
+    ) -> Explanations:
+        """See the base class: several by the last correction, wherever it was solved."""
+        kept = self._kept.get(contacts)
+        start = self._found_before(start[:, : PLAIN * contacts], state, contacts)
+        fit = finished(self.fitting(y, weight, start, contacts, kept, most=_FEW))
+        gaps = None if contacts == 1 else np.full(len(y), kept.min_gap if kept else self._gap)
+        return self._gathered(fit, weight, contacts, gaps)
 
     def _found_before(self, start: Floats, state: State, contacts: int) -> Floats:
         """Where fits begin: with the extents and tangents of a fit nearby, if there was one.
@@ -118,10 +148,25 @@ class PadFitter(AbstractLoadFitter):
         pull: bool = False,  # whether forces pull outwards
     ) -> PadFit:
         """Fit all parameters, discs under radial forces first; see `PadLeastSquares.fitted`."""
+        return finished(self.fitting(y, weight, start, contacts, correction, pull))
+
+    def fitting(
+        self,
+        y: Any,
+        weight: Any,
+        start: Any,
+        contacts: int,
+        correction: Correction | None = None,
+        pull: bool = False,
+        *,
+        most: int = STEPS,  # steps of a frame
+    ) -> Steps[PadFit]:
+        """`fitted`, in steps."""
+        given = contacts, correction, pull
         if start.shape[1] == PLAIN * contacts:
-            plain = self.squares.fitted(y, weight, start, contacts, correction, pull)
+            plain = yield from self.squares.steps(y, weight, start, *given, most=most)
             start = self.squares.completed(plain.parameters, contacts)
-        return self.squares.fitted(y, weight, start, contacts, correction, pull)
+        return (yield from self.squares.steps(y, weight, start, *given, most=most))
 
     def inside(self, parameters: Floats, contacts: int) -> Floats:
         """See the base class; what follows the forces is sought anew by every fit."""
@@ -139,14 +184,14 @@ class PadFitter(AbstractLoadFitter):
         start: Floats,
         contacts: int,
         to_beat: Floats,
-    ) -> Rows:
+    ) -> Steps[Rows]:
         """The start of every frame from which the interpolant alone explains it best.
 
         None where even that is no better than what is known: the interpolant is exact for a
         contact beside one that hardly presses.
         """
         start = start[:, : PLAIN * contacts]
-        fit = self.squares.fitted(y, weight, start, contacts, None, False)
+        fit = yield from self.squares.steps(y, weight, start, contacts, None, False)
         best = [
             rows[np.argmin(fit.chi2[rows])]
             for rows in (np.flatnonzero(frames == i) for i in np.unique(frames))
@@ -165,28 +210,38 @@ class PadFitter(AbstractLoadFitter):
 
     # --- several contacts -------------------------------------------------------------
 
-    def _refined(self, y: Any, weight: Any, start: Any, contacts: int) -> tuple[PadFit, float]:
+    def _refined(
+        self, y: Any, weight: Any, start: Any, contacts: int
+    ) -> Steps[tuple[PadFit, float]]:
         """Fit one frame by several contacts, solving them on the way."""
         kept, gap, plain = self._kept.get(contacts), 1.0, PLAIN * contacts
         # A coarse start is near enough to try what is known.
         close = self._near(kept, start[0, :plain], contacts, live=True)
-        fit = self.fitted(y, weight, start, contacts, kept if close else None)
+        own = kept if close else None
+        fit = yield from self.fitting(y, weight, start, contacts, own)
         for _ in range(_ROUNDS):
             now = fit.parameters[0, :plain]
             if kept is not None and close and self._near(kept, now, contacts, live=self.live):
                 gap = kept.min_gap
                 break
-            found = self._solved.correction(now, contacts)
+            found = yield from self._corrected(now, contacts)
             if found is None:
                 return fit._replace(chi2=np.full(1, np.inf)), gap
             self._kept[contacts] = kept = found
             close, gap = True, found.min_gap
             before = fit.parameters[0]
-            fit = self.fitted(y, weight, before[None], contacts, found)
+            fit = yield from self.fitting(y, weight, before[None], contacts, found)
             moved = fit.parameters[0] - before
             if moved @ fit.information[0] @ moved < _MOVED**2:
                 break
         return fit, gap
+
+    def _corrected(self, now: Floats, contacts: int) -> Steps[Correction | None]:
+        if self._aside is None:
+            return self._solved.correction(now, contacts)
+        solve = self._aside.submit(self._solved.correction, now, contacts)
+        yield solve
+        return solve.result()
 
     def _near(self, kept: Correction | None, now: Any, contacts: int, *, live: bool) -> bool:
         return kept is not None and near(kept, now, contacts, self._radius, live=live)
@@ -285,9 +340,16 @@ class PadFitter(AbstractLoadFitter):
 
 
 class AskewFitter(PadFitter):
-    """Least squares for one slender contact that lies askew, from the likelier side."""
+    """Least squares for one slender contact that lies askew, from the likelier side.
 
-    def fit(
+    A state that such a fit found says where another begins.
+    """
+
+    def made(self, best: Explanations) -> bool:
+        """See the base class."""
+        return bool((np.isfinite(best.q[:, 0]).sum(1) == ASKEW).all())
+
+    def steps(
         self,
         y: Floats,
         weight: Floats,
@@ -296,10 +358,15 @@ class AskewFitter(PadFitter):
         contacts: int,
         *,
         pull: bool = False,
-    ) -> Explanations:
+    ) -> Steps[Explanations]:
         """See the base class."""
-        del state
-        plain = self.fitted(y, weight, start[:, :PLAIN], contacts, None, pull).parameters
+        before = np.asarray(state.q)
+        if before.size and (np.isfinite(before).all(0).sum(0) == ASKEW).all():
+            begin = np.concatenate([start[:, :PLAIN], before[0, PLAIN:ASKEW].T], 1)
+            fit = yield from self.squares.steps(y, weight, begin, contacts, None, pull)
+            return self._gathered(fit, weight, contacts, None)
+        given = y, weight, start[:, :PLAIN], contacts, None, pull
+        plain = (yield from self.fitting(*given)).parameters
         begins, left = [], []
         for turn in (-np.pi / 4, np.pi / 4):
             begin = np.concatenate([plain, np.full((len(y), 1), turn)], 1)
@@ -308,5 +375,5 @@ class AskewFitter(PadFitter):
             every = np.arange(begin.shape[1])
             left.append(self.squares.profiled(y, weight, begin, contacts, None, every))
         begin = np.where((left[1] < left[0])[:, None], begins[1], begins[0])
-        fit = self.squares.fitted(y, weight, begin, contacts, None, pull)
+        fit = yield from self.squares.steps(y, weight, begin, contacts, None, pull)
         return self._gathered(fit, weight, contacts, None)

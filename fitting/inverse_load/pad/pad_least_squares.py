@@ -28,6 +28,7 @@ from fitting.inverse_load.pad.interpolant import (
     PadInterpolant,
 )
 from fitting.inverse_load.pad.marginal import PRIOR_OF_TANGENTS
+from fitting.steps import Steps, finished
 
 PRIOR = np.array([0.6, 0.5, PRIOR_OF_TANGENTS, PRIOR_OF_TANGENTS])
 """Standard deviations of a contact's ln d, slenderness and tangents (see `interpolant`)."""
@@ -35,7 +36,8 @@ _FREE = 3.0  # of tangents that are asked for
 _DIAMETERS = (0.3, 15.0)  # smallest and largest, in terms of the table's
 _SLENDER, _LEAST_SLENDER = 1.5, 0.1  # the least of one that lies askew
 _MOST_TANGENT = np.tan(np.pi / 3)
-_STEPS = 100
+STEPS = 100
+"""Most steps of a fit."""
 # Decrease of chi2 below which a fit has ended, its last step taken on the readings' slopes;
 # extents are hardly told to more.
 _SETTLED, _SETTLED_WHOLE = 1e-3, 1e-1
@@ -168,16 +170,30 @@ class PadLeastSquares:
         correction: Correction | None,  # of the interpolant
         pull: bool,  # whether forces pull outwards
     ) -> PadFit:
-        """Fit frames, a few together: what they need fits in the cache.
+        """Fit frames.
 
         The start has parameters [frame, parameter], PLAIN, WHOLE or ASKEW of them a contact: so
         many are fitted.
         """
+        return finished(self.steps(y, weight, start, contacts, correction, pull))
+
+    def steps(
+        self,
+        y: Any,
+        weight: Any,
+        start: Any,
+        contacts: int,
+        correction: Correction | None,
+        pull: bool,
+        *,
+        most: int = STEPS,  # steps of a frame, which may be too few to settle
+    ) -> Steps[PadFit]:
+        """`fitted`, in steps; a few frames together: what they need fits in the cache."""
         parts = []
         for begin in range(0, len(y), _CHUNK):
             rows = slice(begin, begin + _CHUNK)
             part = (y[rows], weight[rows], start[rows])
-            parts.append(self._walk(*part, contacts, correction, pull))
+            parts.append((yield from self._walk(*part, contacts, correction, pull, most)))
         return PadFit(*(np.concatenate(x) for x in zip(*parts, strict=True)))
 
     def _walk(
@@ -188,13 +204,17 @@ class PadLeastSquares:
         contacts: int,
         correction: Correction | None,
         pull: bool,
-    ) -> PadFit:
+        most: int,
+    ) -> Steps[PadFit]:
+        name = f"step of {contacts} in {len(y)}"
+        yield name
         low, high = self.bounds(start, contacts, pull)
         best = self.judged(y, weight, np.clip(start, low, high), contacts, correction)
         damping = np.full(len(y), FIRST_DAMPING)
         live = np.arange(len(y))
         settled = _SETTLED if start.shape[1] == PLAIN * contacts else _SETTLED_WHOLE
-        for _ in range(_STEPS):
+        for _ in range(most):
+            yield name
             old = best.rows(live)
             step, decrease = step_of(old, low[live], high[live], damping[live])
             # A damped step promises little wherever it begins.

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from concurrent.futures import Executor
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -143,6 +144,7 @@ def pad_parts(
     progress: Callable[[str], None],
     workers: Executor | None,  # that solve the table's states; None: this process
     resolution: PadResolution,  # of the tables
+    aside: Executor | None,  # that solves several contacts beside frames; None: their thread
 ) -> EstimationParts:
     """The parts for a pad.
 
@@ -159,7 +161,8 @@ def pad_parts(
     radius = float(skin.geometry.outer_size[0])
     interpolant = PadInterpolant(middle, radius)
     told = Told(diameter=diameter is None, direction=direction)
-    fitter = PadFitter(skin, interpolant, told, live=live, most_contacts=most_contacts)
+    kind: dict[str, Any] = {"live": live, "most_contacts": most_contacts}
+    fitter = PadFitter(skin, interpolant, told, **kind, aside=aside)
     nodes = PadNodeSearch(middle, radius)
     own = skin.electrodes.taxels
     places = np.stack([np.asarray(x)[:, 0] for x in (own.angle, own.axial)], 1)
@@ -179,7 +182,7 @@ def pad_parts(
         (single, several),
         PadPosterior(fitter, nodes),
         PadErrors(errors, skin, middle, from_rest=from_rest, slots=max(most_contacts, 2)),
-        AskewFitter(skin, interpolant, told, live=live, most_contacts=most_contacts),
+        AskewFitter(skin, interpolant, told, **kind),
     )
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.arrays import Flags, Floats, Rows
+from fitting.steps import Steps
 from suas_jax.equilibrium.equilibrium import State
 
 NEARLY = 40.0
@@ -15,6 +16,7 @@ NEARLY = 40.0
 Start = tuple[Floats, int]
 """Parameters of several contacts, and the node of the strongest one."""
 _STARTS = 3
+_ROWS = 100  # first nodes of pairs that are tried together
 _SUPERPOSITION = 0.05  # its relative error
 _LEAST, _MOST = 0.5, 2.0  # scales of a node's change
 
@@ -44,12 +46,14 @@ class PairSearch:
         self._rest = self._reciprocal(nodes.rest[: self._taxels])
         self._change = self._reciprocal(readings) - self._rest
         self._distance = nodes.distance(self._loads[:, None], self._loads[None])
-        self._closest, self._apart = closest, apart
+        self._apart = apart
+        lower = np.tri(len(self._node), dtype=bool)  # a pair is tried once
+        self._excluded = lower | (self._distance < closest)
 
     def _reciprocal(self, so: Floats) -> Floats:
         return np.asarray(1 / np.maximum(so - self._stray, 1e-3))
 
-    def of_two(self, y: Floats, weight: Floats) -> list[Start]:
+    def of_two(self, y: Floats, weight: Floats) -> Steps[list[Start]]:
         """Starting points of two contacts in one frame, best first.
 
         Readings of the frame [taxel] have inverse variances [taxel].
@@ -59,9 +63,17 @@ class PairSearch:
         # Errors of the superposition grow with the change.
         w = used / (variance + (_SUPERPOSITION * change) ** 2)
         scaled = self._change * np.sqrt(w)
-        first, second, cost = _scaled(scaled @ scaled.T, self._change @ (w * change))
-        cost[self._distance < self._closest] = np.inf
-        cost[np.tril_indices(len(cost))] = np.inf
+        along = self._change @ (w * change)
+        own, parts = (scaled**2).sum(1), []
+        for begin in range(0, len(own), _ROWS):
+            yield "pairs"
+            rows = slice(begin, begin + _ROWS)
+            parts.append(
+                _scaled(scaled[rows] @ scaled.T, (own[rows], along[rows]), (own, along))
+            )
+        first, second, cost = (np.concatenate(x) for x in zip(*parts, strict=True))
+        yield "best pairs"
+        cost[self._excluded] = np.inf
         chosen: list[Start] = []
         for _ in range(_STARTS):
             a, b = np.unravel_index(cost.argmin(), cost.shape)
@@ -111,23 +123,27 @@ class PairSearch:
         return used, u, u**4 / np.where(used, weight, 1.0)
 
 
-def _scaled(products: Floats, along: Floats) -> tuple[Floats, Floats, Floats]:
-    """Scales of the nodes of all pairs and what is left, but for a constant.
+def _scaled(
+    products: Floats,  # of the weighted changes of first and second nodes [first, second]
+    # squares of the nodes' own changes, and their products with the measured one [node]
+    firsts: tuple[Floats, Floats],
+    seconds: tuple[Floats, Floats],
+) -> tuple[Floats, Floats, Floats]:
+    """Scales of the nodes of pairs and what is left, but for a constant.
 
-    `products` are those of the nodes' weighted changes with one another [node, node], `along`
-    those of the nodes' changes with the measured one [node].
     Returns scales of the first and of the second node of a pair, and the weighted squares of
-    what is left [node, node].
+    what is left [first, second].
     """
-    own = np.maximum(np.diagonal(products), 1e-300)
-    determinant = np.maximum(own[:, None] * own - products**2, 1e-12 * own[:, None] * own)
-    first = (along[:, None] * own - products * along) / determinant
+    one, along_one = (np.maximum(firsts[0], 1e-300)[:, None], firsts[1][:, None])
+    two, along_two = np.maximum(seconds[0], 1e-300), seconds[1]
+    determinant = np.maximum(one * two - products**2, 1e-12 * one * two)
+    first = (along_one * two - products * along_two) / determinant
     first = np.clip(first, _LEAST, _MOST)
     # The best second beside the first's, which may have been clipped, and the other way round.
-    second = np.clip((along - products * first) / own, _LEAST, _MOST)
-    first = np.clip((along[:, None] - products * second) / own[:, None], _LEAST, _MOST)
-    cost = first * (first * own[:, None] - 2 * along[:, None])
-    cost += second * (second * own - 2 * along) + 2 * first * second * products
+    second = np.clip((along_two - products * first) / two, _LEAST, _MOST)
+    first = np.clip((along_one - products * second) / one, _LEAST, _MOST)
+    cost = first * (first * one - 2 * along_one)
+    cost += second * (second * two - 2 * along_two) + 2 * first * second * products
     return first, second, cost
 
 
