@@ -194,8 +194,8 @@ def _attempt(
 
     The wall is left out until the membrane reaches it: a state without it whose gap is open
     is one with it, and most scenes need no program that knows contact. `aside` seeks the
-    branch to which a symmetric skin sways. Where bodies touch is known from the mesh tried
-    last, or from what is `known`.
+    branch to which a symmetric skin sways. Where bodies touch, and how far forces press them,
+    is known from the mesh tried last, or from what is `known`.
     """
     model, rtol = MODELS[scene.geometry.dimension][name], scene.rtol
     counts = given or model.first(scene)
@@ -209,6 +209,9 @@ def _attempt(
         slid = _slid(scene, coarser or known)
         plan, meshes, inputs, rest = prepared(scene, name, counts, slid)
         static = structure_of(scene, wall=wall)
+        begun = coarser or known
+        if begun is not None and begun.converged:
+            inputs = inputs | travels_of(scene, begun.report)
         start = None if coarser is None else _carried(model, coarser, meshes.solved)
         if aside and start is None:
             moved = shifted(scene, inputs)

@@ -23,7 +23,7 @@ POWER = 1.5  # with which a force grows with the travel, at first sight
 LONGEST = 1.5  # step of a logarithm
 _PROBE, _ACROSS = 1e-3, 0.3  # drag to learn from, and longest step of it, in thicknesses
 _LEVEL = 1e-3  # least share of the normal force that a thickness of drag is taken to add
-_PATIENCE = 12  # runs without progress after which a body slides
+_PATIENCE = 12  # runs without progress after which a body slides, or goes no further
 
 Solved = tuple[dict[str, Any], State, State, State, dict[str, Any]]
 
@@ -168,6 +168,9 @@ def under_forces(
         failure = int(number(found[-1]["result"]))
         if failure != 0 or y is None:
             blocked = failure or blocked
+            idle += best is not None
+            if idle > _PATIENCE:
+                break
             # Not touched yet, or too far at once.
             away = np.array([0.0 if d.across else 1.0 for d in loaded])
             x = x + (-away if failure else away) if before is None else (x + before[0]) / 2
@@ -178,7 +181,7 @@ def under_forces(
             best = error, found, y
         elif best[0] < _LOOSE:
             break
-        if error < _TOLERANCE or (unknown and idle > _PATIENCE):
+        if error < _TOLERANCE or idle > _PATIENCE:
             break
         if before is not None:
             dx, dy = x - before[0], y - before[1]
