@@ -553,6 +553,48 @@ def test_travels_are_found_from_forces() -> None:
     assert len(runs) < 25
 
 
+def test_a_force_that_no_travel_carries_is_given_up_soon() -> None:
+    """By a stand-in that is squeezed at a travel before it carries the force."""
+    inputs = {"load.0.force": np.asarray(2.0)}
+    deepest, carried, runs = 3.007, 1.961, []
+
+    def run(inputs: Any, start: Any) -> Any:
+        depth = 1e3 * float(inputs["load.0.depth"])
+        runs.append(depth)
+        load = {"force_N": carried * (depth / deepest) ** 2.2, "depth_m": depth / 1e3}
+        failure = index_of("squeezed") if depth > deepest else 0
+        loads = [{key: np.array([x]) for key, x in load.items()}]
+        return {"loads": loads}, start, start, start, {"result": np.array([failure])}
+
+    zero = np.zeros(1)
+    start = State(zero, zero, zero)
+    report, *_, outcome = under_forces(scene(_by_force(20, 2.0)), inputs, start, run)
+    assert outcome["result"][0] == index_of("squeezed")
+    # Still the travel before which the skin holds.
+    assert report["loads"][0]["depth_m"][0] * 1e3 == pytest.approx(deepest, rel=1e-3)
+    assert len(runs) < 35
+
+
+def test_a_travel_is_found_where_the_wall_takes_the_force() -> None:
+    """By a stand-in whose force grows a hundred times faster from a travel on."""
+    inputs = {"load.0.force": np.asarray(2.0)}
+    touch, runs = 3.0266, []
+
+    def run(inputs: Any, start: Any) -> Any:
+        depth = 1e3 * float(inputs["load.0.depth"])
+        runs.append(depth)
+        force = 1.98 * (depth / touch) ** 2.5 + 400 * max(depth - touch, 0.0)
+        loads = [{"force_N": np.array([force]), "depth_m": np.array([depth / 1e3])}]
+        return {"loads": loads}, start, start, start, {"result": np.zeros(1)}
+
+    zero = np.zeros(1)
+    start = State(zero, zero, zero)
+    report, *_, outcome = under_forces(scene(_by_force(20, 2.0)), inputs, start, run)
+    assert outcome["result"][0] == 0
+    assert abs(report["loads"][0]["force_N"][0] / 2.0 - 1) < 1e-9
+    assert len(runs) < 25, runs
+
+
 def test_drags_are_found_from_tangential_forces() -> None:
     """By a stand-in that sticks and then slides; more than it holds has a name."""
 

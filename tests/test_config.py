@@ -65,10 +65,22 @@ SKINS = sorted((CONFIGS / "skins").glob("*.toml"))
         ("0 N", "force", 0.0),
         ("2.2", "number", 2.2),
         ("0.1 %", "number", 1e-3),
+        ("60 mil", "length", 1.524e-3),
+        ("16 ozf", "force", 4.4482216152605),
     ],
 )
 def test_parse_quantity(text, dimension, value):
     assert parse_quantity(text, dimension) == value
+
+
+@pytest.mark.parametrize("unit", ["degC", "celsius", "°C", "degreeC"])
+def test_every_name_of_celsius_and_fahrenheit_counts_from_its_zero(unit):
+    fahrenheit = unit.replace("C", "F").replace("celsius", "fahrenheit")
+    for celsius, also in ((0.0, 32.0), (100.0, 212.0), (-40.0, -40.0)):
+        kelvin = pytest.approx(celsius + 273.15, abs=1e-12)
+        assert parse_quantity(f"{celsius} {unit}", "temperature") == kelvin
+        assert parse_quantity(f"{also} {fahrenheit}", "temperature") == kelvin
+    assert parse_quantity(f"1.8 {fahrenheit}", "warming") == pytest.approx(1.0, rel=1e-15)
 
 
 @pytest.mark.parametrize(

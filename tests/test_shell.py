@@ -9,6 +9,7 @@ import pytest
 from skins import LAWS, built, line, problem_of, quick, scene
 
 from suas_jax.constitutive.deformation import LogStretches
+from suas_jax.mechanics.section import SectionShape
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.numerics.bordered_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
 from suas_jax.scene.build import plan_for
@@ -344,3 +345,15 @@ def test_thin_limit_is_the_classical_ring() -> None:
     np.testing.assert_allclose(
         np.log2(np.divide(differences[:-1], differences[1:])), 2, atol=0.1
     )
+
+
+def test_the_largest_value_is_the_same_in_the_mirror():
+    # Elements share the sample at their ends. Here it is both elements' largest sample, while
+    # the parabola of the second, 0.97 - 0.3 x - 0.27 x^2 about its middle one, rises higher.
+    values = jnp.array([[0.2, 1.0], [0.9, 0.97], [1.0, 0.4]])[..., None]
+    places = jnp.array([[0.0, 2.0], [1.0, 3.0], [2.0, 4.0]])[..., None]
+    for sign, order in ((1, slice(None)), (-1, slice(None, None, -1))):
+        top, place = SectionShape.peak(values[order, order], sign * places[order, order])
+        x = -0.3 / (2 * 0.27)
+        assert top[0] == pytest.approx(0.97 - 0.3 * x - 0.27 * x**2, rel=1e-14)
+        assert sign * place[0] == pytest.approx(3 + x, rel=1e-14)

@@ -69,8 +69,13 @@ DIMENSIONS: Mapping[DimensionName, Dimension] = MappingProxyType(
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf(?:inity)?)\b")
 _COMMA = re.compile(r"([+-]?[\d.]+(?:,[\d.]+)+)(\D*)")
-_CELSIUS = ("degC", "celsius", "°C")
 _ZERO_CELSIUS = 273.15  # [K]
+_ZERO_FAHRENHEIT = 459.67 / 1.8  # [K]
+# Zero [K] of the scales that do not begin at absolute zero, by all names of their units.
+_ZEROS = MappingProxyType(
+    dict.fromkeys(("degC", "celsius", "°C", "degreeC"), _ZERO_CELSIUS)
+    | dict.fromkeys(("degF", "fahrenheit", "°F", "degreeF"), _ZERO_FAHRENHEIT)
+)
 _LONGEST = 200  # characters of a quantity
 
 
@@ -130,8 +135,8 @@ def parse_quantity(text: str, dimension: DimensionName) -> float:
         raise ValueError(f"{show(unit_text)} is {got}; {_expected(kind, number)}")
     # In decimal, "0.305 fF" is the float nearest to 3.05e-16, with no rounding on the way.
     value = float(decimal.Decimal(number) * decimal.Decimal(repr(unit.size)))
-    if dimension == "temperature" and unit_text in _CELSIUS:
-        value += _ZERO_CELSIUS
+    if dimension == "temperature":
+        value += _ZEROS.get(unit_text, 0.0)
     if not math.isfinite(value):
         raise ValueError(f"is too large to compute with; {_expected(kind)}")
     return value

@@ -34,13 +34,16 @@ ampere = [current] = A
 radian = [angle] = rad
 kelvin = [temperature] = K
 celsius = kelvin = degC = degreeC
+fahrenheit = 0.5555555555555556 kelvin = degF = degreeF
 count = []
 percent = 0.01 count = %
 ppm = 1e-6 count
 gram = 1e-3 kilogram = g
 tonne = 1e3 kilogram = t
 pound = 0.45359237 kilogram = lb
+ounce = 0.028349523125 kilogram = oz
 inch = 0.0254 meter = in = inches
+mil = 25.4e-6 meter = thou
 foot = 0.3048 meter = ft = feet
 minute = 60 second = min
 hour = 3600 second = h
@@ -52,6 +55,7 @@ dyne = 1e-5 newton = dyn
 gram_force = 9.80665e-3 newton = gf
 kilogram_force = 9.80665 newton = kgf
 pound_force = 4.4482216152605 newton = lbf
+ounce_force = 0.27801385095378125 newton = ozf
 pascal = newton / meter ** 2 = Pa
 bar = 1e5 pascal
 atmosphere = 101325 pascal = atm

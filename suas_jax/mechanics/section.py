@@ -43,17 +43,14 @@ class SectionShape(AbstractShape):
     def peak(values: Array, *companions: Array) -> tuple[Lanes, ...]:
         """Each element's samples [sample, element, lane] joined by parabolas.
 
-        They never reach across an element's end, where solutions may have a kink.
+        They never reach across an element's end, where solutions may have a kink. Elements are
+        compared by the tops of their parabolas: two of them share the sample at their end.
         """
-        samples, elements, lanes = values.shape
-        flat = values.reshape(samples * elements, lanes)
-        best = jnp.argmax(flat, 0)
-        row = jnp.clip(best // elements, 1, samples - 2)
-        element, lane = best % elements, jnp.arange(lanes)
+        row = jnp.clip(jnp.argmax(values, 0), 1, len(values) - 2)[None]
 
         def local(f: Array) -> tuple[Array, Array, Array]:
             f = jnp.broadcast_to(f, values.shape)
-            left, middle, right = (f[row + d, element, lane] for d in (-1, 0, 1))
+            left, middle, right = (jnp.take_along_axis(f, row + d, 0)[0] for d in (-1, 0, 1))
             return middle, (right - left) / 2, left + right - 2 * middle
 
         middle, slope, bend = local(values)
@@ -64,7 +61,8 @@ class SectionShape(AbstractShape):
         for companion in companions:
             middle, slope, bend = local(companion)
             found.append(middle + slope * x + bend * x**2 / 2)
-        return tuple(found)
+        best = jnp.argmax(found[0], 0)[None]
+        return tuple(jnp.take_along_axis(f, best, 0)[0] for f in found)
 
     @property
     def places(self) -> tuple[Array]:

@@ -88,6 +88,11 @@ class Attempt(NamedTuple):
         """Whether no mesh brings the error below rtol; true of an error that is unknown."""
         return not self.model_error < _MODEL_SHARE * rtol
 
+    @property
+    def beyond_shell(self) -> bool:
+        """Whether it failed in a way that the solid may not."""
+        return number(self.outcome["result"]) in [index_of(name) for name in _SOLID_KNOWS]
+
     def better_than(self, coarser: "Attempt") -> bool:
         """Whether a finer mesh has helped: zones of contact may move from mesh to mesh."""
         worse = self.mesh_error >= coarser.mesh_error
@@ -194,8 +199,8 @@ def _attempt(
 
     The wall is left out until the membrane reaches it: a state without it whose gap is open
     is one with it, and most scenes need no program that knows contact. `aside` seeks the
-    branch to which a symmetric skin sways. Where bodies touch is known from the mesh tried
-    last, or from what is `known`.
+    branch to which a symmetric skin sways. Where bodies touch, and how far forces press them,
+    is known from the mesh tried last, or from what is `known`.
     """
     model, rtol = MODELS[scene.geometry.dimension][name], scene.rtol
     counts = given or model.first(scene)
@@ -209,6 +214,9 @@ def _attempt(
         slid = _slid(scene, coarser or known)
         plan, meshes, inputs, rest = prepared(scene, name, counts, slid)
         static = structure_of(scene, wall=wall)
+        begun = coarser or known
+        if begun is not None and begun.converged:
+            inputs = inputs | travels_of(scene, begun.report)
         start = None if coarser is None else _carried(model, coarser, meshes.solved)
         if aside and start is None:
             moved = shifted(scene, inputs)
@@ -227,7 +235,8 @@ def _attempt(
                 before = _at_travels_of(found, scene, coarser, once=once)
             found.report["discretisation_error"] = difference(scene, before, found.report)
         if coarser is not None and not found.better_than(coarser):
-            return coarser
+            compared = coarser.mesh_excess(rtol) < np.inf  # else it was to be compared with
+            return coarser if compared or not found.beyond_shell else found
         # Where another model is tried next, a finer mesh of this one is wasted.
         other_next = scene.solve.model == "auto" and name == "shell" and not given
         other_next = other_next and found.converged and found.model_too_coarse(rtol)

@@ -23,7 +23,7 @@ POWER = 1.5  # with which a force grows with the travel, at first sight
 LONGEST = 1.5  # step of a logarithm
 _PROBE, _ACROSS = 1e-3, 0.3  # drag to learn from, and longest step of it, in thicknesses
 _LEVEL = 1e-3  # least share of the normal force that a thickness of drag is taken to add
-_PATIENCE = 12  # runs without progress after which a body slides
+_PATIENCE = 12  # runs without progress after which a body slides, or goes no further
 
 Solved = tuple[dict[str, Any], State, State, State, dict[str, Any]]
 
@@ -120,12 +120,19 @@ class _Search(NamedTuple):
         )
 
     def stepped(
-        self, x: np.ndarray, step: np.ndarray, ends: tuple[np.ndarray, np.ndarray]
+        self,
+        x: np.ndarray,
+        step: np.ndarray,
+        ends: tuple[np.ndarray, np.ndarray],
+        halve: bool,
     ) -> np.ndarray:
-        """A step no longer than what is trusted, drags between those known to be too far."""
+        """A step no longer than what is trusted, between those known to be too far.
+
+        `halve`: take the middle of these where both are known.
+        """
         most = np.array([_ACROSS if d.across else LONGEST for d in self.driven])
         new, (low, high) = x + np.clip(step, -most, most), ends
-        outside = (new <= low) | (new >= high)
+        outside = halve | (new <= low) | (new >= high)
         known = np.isfinite(low) & np.isfinite(high)
         middle = (np.where(known, low, 0.0) + np.where(known, high, 0.0)) / 2
         return np.where(outside & known, middle, new)
@@ -168,29 +175,39 @@ def under_forces(
         failure = int(number(found[-1]["result"]))
         if failure != 0 or y is None:
             blocked = failure or blocked
+            idle += best is not None
+            if idle > _PATIENCE:
+                break
             # Not touched yet, or too far at once.
             away = np.array([0.0 if d.across else 1.0 for d in loaded])
             x = x + (-away if failure else away) if before is None else (x + before[0]) / 2
             continue
         start, error = found[3], float(np.max(np.abs(y), initial=0.0))
         idle = 0 if best is None or error < 0.98 * best[0] else idle + 1
+        halve = len(x) == 1 and best is not None and error > best[0] / 2
         if best is None or error < best[0]:
             best = error, found, y
         elif best[0] < _LOOSE:
             break
-        if error < _TOLERANCE or (unknown and idle > _PATIENCE):
+        if error < _TOLERANCE or idle > _PATIENCE:
             break
         if before is not None:
             dx, dy = x - before[0], y - before[1]
             slope = slope + np.outer(dy - slope @ dx, dx) / (dx @ dx)
         before = x, y
-        # Forces across grow with the drag, in a straight line until points slide.
-        low = np.where(across & (y < 0), np.maximum(low, x), low)
-        high = np.where(across & (y > 0), np.minimum(high, x), high)
+        # Forces across grow with the drag, in a straight line until points slide; that of one
+        # body grows with its travel, at once much faster where the wall is reached.
+        grows = across | (len(x) == 1)
+        low = np.where(grows & (y < 0), np.maximum(low, x), low)
+        high = np.where(grows & (y > 0), np.minimum(high, x), high)
+        # A force that falls with the travel for a while says which end holds no longer.
+        crossed = low >= high
+        low = np.where(crossed & (y > 0), -np.inf, low)
+        high = np.where(crossed & (y < 0), np.inf, high)
         if slope[np.diag_indices(len(x))].all():
             rising = np.where(across, np.maximum(slope.diagonal(), _LEVEL), slope.diagonal())
             matrix = slope + np.diag(rising - slope.diagonal())
-            x = search.stepped(x, np.linalg.solve(matrix, -y), (low, high))
+            x = search.stepped(x, np.linalg.solve(matrix, -y), (low, high), halve)
         else:  # what a drag does is not known yet
             (k, *_) = (k for k in unknown if slope[k, k] == 0)
             x = x + _PROBE * np.eye(len(x))[k]
