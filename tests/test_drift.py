@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fitting.inverse_load.drift import Drift, DriftCovariance, DriftDensities, DriftFollower
+from fitting.inverse_load.estimate.at_rest import drifting
 from fitting.inverse_load.estimate.estimate import STATUS, LoadEstimate
-from fitting.inverse_load.estimator import _drifting
 from fitting.inverse_load.fit.detection import ArcDetector, Detection
 
 TAXELS, NOISE = 40, 2.0
@@ -195,7 +195,7 @@ def test_frames_of_a_stream_are_taken_together() -> None:
 def test_status_tells_that_the_device_has_drifted(
     status: str, largest: float, told: str
 ) -> None:
-    found = _drifting(LoadEstimate(True, status=status), 0.5, largest)
+    found = drifting(LoadEstimate(True, status=status), 0.5, largest)
     assert (found.status, found.drift) == (told, (0.5, largest))
     assert told in STATUS
 

@@ -36,17 +36,18 @@ from fitting.inverse_load.drift import (
     zero_of_readings,
 )
 from fitting.inverse_load.estimate.assessment import POOR
+from fitting.inverse_load.estimate.at_rest import chi2_at_rest, drifting, untouched
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
 from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.film_motion import (
+    FilmFollower,
     FilmMotion,
     covariance_by_motion,
     fading_time,
     told_moving,
 )
 from fitting.inverse_load.fit.bounded_selection import BoundedSelection
-from fitting.inverse_load.fit.detection import without_errors
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.selection import Alternative, Selection
@@ -58,7 +59,6 @@ from fitting.inverse_load.section import section_parts
 from fitting.inverse_load.taps import MotionWatch, TapFinder
 from fitting.steps import Budget
 from suas_jax.acquisition.log.format import MAX_COUNT
-from suas_jax.acquisition.taxel_faults import saturated
 from suas_jax.config import InputErrors, SkinSpec, input_errors
 from suas_jax.config.input_errors import as_assembled
 from suas_jax.runtime.compiled import COMPILED
@@ -79,7 +79,6 @@ DIAMETER = 6e-3
 """Of contacts on a pad where nothing else is said [m]: a fingertip's."""
 
 _FEWEST_TAXELS = 4
-_DRIFTING = 3.0  # counts of drift beyond which a status says so
 _GATHERED_ON_PADS = 32  # frames of a stream between looks at the drift of hundreds of taxels
 _BLOCK = 2048  # frames whose explanations are sought together
 
@@ -181,8 +180,7 @@ class LoadEstimator:
         self._of_one = replace(self.selection, most_contacts=1)
         if self._budget is not None:
             self.selection = BoundedSelection(*given, budget=self._budget)
-        self._film: FilmMotion | None = None
-        self._taps: TapFinder | None = None
+        self._film: FilmFollower | None = None
         self._follow_film(fading_time(self.spec))
         memory = None if pad else LoadMemory.of(self.spec)
         self._memory: MemoryFollower | None = None
@@ -199,12 +197,11 @@ class LoadEstimator:
 
     def _follow_film(self, fading: float | None) -> None:
         """Tell motion of the film, which fades in a time [s], apart from loads."""
-        if fading is None:
-            return
-        reading = self.reading_noise**2 + ROUNDING
-        self._film = FilmMotion(fading, reading)
-        own = self._parts.nodes, self.taxels, reading, self._alone
-        self._taps = TapFinder(MotionWatch(fading), self.skin.electrodes, *own)
+        if fading is not None:
+            reading = self.reading_noise**2 + ROUNDING
+            own = self._parts.nodes, self.taxels, reading, self._alone
+            taps = TapFinder(MotionWatch(fading), self.skin.electrodes, *own)
+            self._film = FilmFollower(FilmMotion(fading, reading), taps, self._weights)
 
     def _make_parts(self) -> EstimationParts:
         common: dict[str, Any] = {
@@ -342,7 +339,10 @@ class LoadEstimator:
         if faulty is None:
             faulty = np.zeros(so.shape, bool)
         time = None if time is None else np.asarray(time, float)
-        moved = self._moved(so, faulty, time)
+        film = None if time is None else self._film
+        if film is not None and not self.live:
+            film.forget()
+        moved = None if film is None or time is None else film.moved(so, faulty, time)
         if self._memory is not None and time is not None:
             return self._remembered(self._memory, so, faulty, time, moved, done)
         if self._budget is not None:
@@ -359,8 +359,8 @@ class LoadEstimator:
             motion = None if moved is None else moved[part]
             found += self._batch(so[part], faulty[part], measured, own, motion)
             done(len(found))
-        if self._taps is not None and time is not None:
-            found = self._with_taps(self._taps, found, time, so, faulty, drift)
+        if film is not None and time is not None:
+            found = film.with_taps(found, so, faulty, time, drift)
         return found
 
     def _remembered(
@@ -392,34 +392,6 @@ class LoadEstimator:
             return None
         return self._drift.follow(time, self._weights.change_from_rest(so, faulty))
 
-    def _moved(self, so: Floats, faulty: Flags, time: Floats | None) -> Floats | None:
-        """What of the readings may be motion; None where nothing is known of the film."""
-        if self._film is None or time is None:
-            return None
-        if not self.live:
-            self._film.forget()
-        return self._film.follow(time, self._weights.change_from_rest(so, faulty))
-
-    def _with_taps(
-        self,
-        taps: TapFinder,
-        found: list[LoadEstimate],
-        time: Floats,
-        so: Floats,
-        faulty: Flags,
-        drift: Drift | None,
-    ) -> list[LoadEstimate]:
-        """Estimates, those that end a tap with it."""
-        if not self.live:
-            taps.forget()
-        readings = self.model_rest + self._weights.change_from_rest(so, faulty)
-        if drift is not None:
-            readings = readings - drift.offset
-        return [
-            replace(e, tap=taps.follow(t, row, touched=e.contact is not False))
-            for e, t, row in zip(found, time.tolist(), readings, strict=True)
-        ]
-
     def _alone(self, y: Floats, weight: Floats) -> tuple[LoadEstimate, Floats]:
         """A frame that no frame came before, and its parameters; no load where none is felt."""
         errors = None if self._systematic is None else self._systematic.rest
@@ -434,7 +406,7 @@ class LoadEstimator:
     def forget(self) -> None:
         """Live: start the next frame from the table instead of from the last frame."""
         self.selection.forget()
-        for follower in (self._memory, self._film, self._taps):
+        for follower in (self._memory, self._film):
             if follower is not None:
                 follower.forget()
 
@@ -478,12 +450,12 @@ class LoadEstimator:
         touched = enough & (test.p_value < self.false_alarm)
         results: list[LoadEstimate] = [LoadEstimate(None)] * len(so)
         alone = np.zeros(len(so))
-        chi2_rest = _chi2_at_rest(change, weight, errors)
+        chi2_rest = chi2_at_rest(change, weight, errors)
         at_rest = chdtrc(np.maximum(count, 1), chi2_rest) > POOR
         for i in np.flatnonzero(~touched):
             ratio = float(chi2_rest[i] / max(int(count[i]), 1))
             used = weight[i, taxels] > 0
-            results[i] = _untouched(so[i], used, bool(enough[i]), ratio)
+            results[i] = untouched(so[i], used, bool(enough[i]), ratio)
         full_scale = (so >= FULL_SCALE) & ~faulty
         if isinstance(selection, BoundedSelection) and not touched.any():
             selection.untouched()
@@ -506,7 +478,7 @@ class LoadEstimator:
         if moved is not None:
             results = told_moving(results, moved, change[:, taxels])
         if drift is not None:
-            results = [_drifting(e, *d) for e, d in zip(results, drift.sizes(), strict=True)]
+            results = [drifting(e, *d) for e, d in zip(results, drift.sizes(), strict=True)]
         spent = time.perf_counter() - begin - (COMPILED.seconds - compiling)
         shared = max(spent - alone.sum(), 0.0) / len(so)
         own = (shared + alone).tolist()
@@ -544,29 +516,3 @@ class LoadEstimator:
             motion = covariance_by_motion(best, moved, per_contact)
         assess = self._parts.assessment.estimates
         return best, assess(best, others, full_scale, covariance, motion)
-
-
-def _chi2_at_rest(change: Any, weight: Any, errors: Floats | None) -> Floats:
-    """Weighted squares of the change from rest that no error of the inputs explains."""
-    left = change
-    if errors is not None and errors.any():
-        left, _ = without_errors(change, weight, errors)
-    return np.asarray((weight * left * change).sum(1))
-
-
-def _drifting(estimate: LoadEstimate, mean: float, largest: float) -> LoadEstimate:
-    """An estimate with the drift that was taken off its readings."""
-    names = {"no_contact": "drifting", "ok": "ok_drifted"}
-    far = abs(largest) > _DRIFTING
-    status = names.get(estimate.status, estimate.status) if far else estimate.status
-    return replace(estimate, status=status, drift=(mean, largest))
-
-
-def _untouched(so: Any, used: Any, enough: bool, ratio: float) -> LoadEstimate:
-    missing = tuple(np.flatnonzero(~used).tolist())
-    if not enough:
-        present = so[np.isfinite(so)]
-        at_limits = present.size and saturated(present).all()
-        status = "saturated" if at_limits else "too_few_taxels"
-        return LoadEstimate(None, status=status, left_out=missing)
-    return LoadEstimate(False, (), 0.0, False, ratio, "no_contact", missing)

@@ -14,14 +14,16 @@ estimate: G d d^T G^T adds to its covariance.
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fitting.arrays import Flags, Floats
+from fitting.inverse_load.drift import Drift, ReadingWeights
 from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.fit.covariance import inverse
 from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.taps import TapFinder
 from suas_jax.config import SkinSpec
 from suas_jax.dynamics.modes import modes
 
@@ -123,3 +125,41 @@ def _moving(estimate: LoadEstimate) -> LoadEstimate:
         return estimate
     felt = any(abs(c.force) > _FELT * c.deviation("force") for c in estimate.contacts)
     return replace(estimate, contact=felt or None, status="moving", at_least=None)
+
+
+@dataclass(frozen=True)
+class FilmFollower:
+    """Follows the film in the frames of one skin: what may be motion, and taps."""
+
+    motion: FilmMotion
+    taps: TapFinder
+    weights: ReadingWeights  # what turns readings into the model's
+
+    def forget(self) -> None:
+        """Begin with the next frame."""
+        self.motion.forget()
+        self.taps.forget()
+
+    def moved(self, so: Floats, faulty: Flags, time: Floats) -> Floats:
+        """What of the readings of frames may be motion [frame, taxel] [counts].
+
+        Readings are [frame, taxel] [counts], NaN where missing, times [frame] [s].
+        """
+        return self.motion.follow(time, self.weights.change_from_rest(so, faulty))
+
+    def with_taps(
+        self,
+        found: Sequence[LoadEstimate],
+        so: Floats,
+        faulty: Flags,
+        time: Floats,
+        drift: Drift | None,  # of the readings at rest
+    ) -> list[LoadEstimate]:
+        """Estimates of frames, those that end a tap with it."""
+        readings = self.weights.model_rest + self.weights.change_from_rest(so, faulty)
+        if drift is not None:
+            readings = readings - drift.offset
+        return [
+            replace(e, tap=self.taps.follow(t, row, touched=e.contact is not False))
+            for e, t, row in zip(found, time.tolist(), readings, strict=True)
+        ]
