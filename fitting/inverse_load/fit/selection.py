@@ -439,12 +439,13 @@ class Selection:
     ) -> Steps[Explanations]:
         """A pull in the place of contacts that push; its penalty is that of two.
 
-        One that, to first order, leaves more than half of what there is explains nothing.
+        One that, to first order, leaves more than half of what is beyond noise is not tried.
         """
-        change = np.where(weight[frames] > 0, y[frames] - self.nodes.rest, 0.0)
+        used = weight[frames] > 0
+        change = np.where(used, y[frames] - self.nodes.rest, 0.0)
         along, size = self.nodes.score(-change, weight[frames])
         gain = (np.maximum(along, 0.0) ** 2 / size).max(1)
-        frames = frames[gain > (weight[frames] * change**2).sum(1) / 2]
+        frames = frames[2 * gain > (weight[frames] * change**2).sum(1) - used.sum(1)]
         if frames.size:
             found = yield from self._pull(y[frames], weight[frames])
             best, _ = best.cheapest(frames, found.penalised(self.penalty))
