@@ -175,10 +175,9 @@ class LoadEstimator:
             parts.wide_fitter,
         )
         self._budget = None if self.budget is None else Budget(self.budget)
-        self.selection = Selection(*given)
-        # Of taps, of which a single contact is told.
-        self._of_one = replace(self.selection, most_contacts=1)
-        if self._budget is not None:
+        if self._budget is None:
+            self.selection = Selection(*given)
+        else:
             self.selection = BoundedSelection(*given, budget=self._budget)
         self._film: FilmFollower | None = None
         self._follow_film(fading_time(self.spec))
@@ -199,6 +198,10 @@ class LoadEstimator:
         """Tell motion of the film, which fades in a time [s], apart from loads."""
         if fading is not None:
             reading = self.reading_noise**2 + ROUNDING
+            every = self.selection
+            # A tap is told as one contact, whatever the budget of a frame.
+            beside = every.errors, every.wide_fitter
+            self._of_one = Selection(every.fitter, every.nodes, every.penalty, 1, *beside)
             own = self._parts.nodes, self.taxels, reading, self._alone
             taps = TapFinder(MotionWatch(fading), self.skin.electrodes, *own)
             self._film = FilmFollower(FilmMotion(fading, reading), taps, self._weights)
@@ -457,7 +460,7 @@ class LoadEstimator:
             used = weight[i, taxels] > 0
             results[i] = untouched(so[i], used, bool(enough[i]), ratio)
         full_scale = (so >= FULL_SCALE) & ~faulty
-        if isinstance(selection, BoundedSelection) and not touched.any():
+        if not touched.any():
             selection.untouched()
         for index, pulled in (
             (np.flatnonzero(touched), False),

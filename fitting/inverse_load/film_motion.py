@@ -159,7 +159,8 @@ class FilmFollower:
         readings = self.weights.model_rest + self.weights.change_from_rest(so, faulty)
         if drift is not None:
             readings = readings - drift.offset
+        gaps = self.taps.gaps(readings)
         return [
-            replace(e, tap=self.taps.follow(t, row, touched=e.contact is not False))
-            for e, t, row in zip(found, time.tolist(), readings, strict=True)
+            replace(e, tap=self.taps.follow(t, gap, touched=e.contact is not False))
+            for e, t, gap in zip(found, time.tolist(), gaps, strict=True)
         ]

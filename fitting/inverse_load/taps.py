@@ -136,17 +136,17 @@ class TapFinder:
         self._taxels, self._variance, self._explain = taxels, variance, explain
         self.forget = watch.forget
         self._so = nodes.rest[:taxels]
-        self._gap = self._gaps(self._so)
-        # of a count
-        self._slope = self._gap - self._gaps(self._so + 1)
+        self._gap, closer = self.gaps(np.stack([self._so, self._so + 1]))
+        self._slope = self._gap - closer  # of a count
 
-    def follow(self, time: float, so: Floats, *, touched: bool) -> Tap | None:
-        """Take a frame's readings as the model has them [taxel] [counts]; NaN: missing."""
-        motion = self._watch.follow(time, self._gaps(so), touched=touched)
+    def follow(self, time: float, gap: Floats, *, touched: bool) -> Tap | None:
+        """Take a frame's gaps [taxel] [m]; return the tap that it ends."""
+        motion = self._watch.follow(time, gap, touched=touched)
         return None if motion is None else self._tap(motion)
 
-    def _gaps(self, so: Floats) -> Floats:
-        return np.asarray(self._electrodes.even_film(jnp.asarray(so)[:, None])[:, 0])
+    def gaps(self, so: Floats) -> Floats:
+        """Gaps [frame, taxel] [m] that give readings of the model [counts]; NaN: missing."""
+        return np.asarray(self._electrodes.even_film(jnp.asarray(so).T)).T
 
     def _tap(self, motion: Motion) -> Tap | None:
         """The tap of a motion; None where it does not show one contact and its error."""
@@ -177,5 +177,5 @@ class TapFinder:
         """At the place of a node of the table."""
         rows = node // self._nodes.levels * self._nodes.levels + np.arange(self._nodes.levels)
         rows = rows[self._nodes.known[rows]]
-        gap = [self._gaps(so) - self._gap for so in self._nodes.readings[rows, : self._taxels]]
-        return ForceCurve.of(self._nodes.loads[rows, -1], np.array(gap))
+        gap = self.gaps(self._nodes.readings[rows, : self._taxels]) - self._gap
+        return ForceCurve.of(self._nodes.loads[rows, -1], gap)

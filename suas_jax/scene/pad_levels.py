@@ -56,9 +56,8 @@ class PadReadings(NamedTuple):
 class Ahead(NamedTuple):
     """What a column's states were ahead of where they started: where its neighbours start."""
 
-    states: (
-        BorderedVector  # rest itself, then what extrapolation left out [level and rest, ...]
-    )
+    # rest itself, then what extrapolation left out [level and rest, ...]
+    states: BorderedVector
     known: Bool[Array, ""]  # whether they are known
 
 

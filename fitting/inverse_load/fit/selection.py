@@ -77,6 +77,9 @@ class Selection:
         self.last = None
         self._doubts.forget()
 
+    def untouched(self) -> None:
+        """Live: take a frame that nothing touches."""
+
     @property
     def pairs(self) -> PairSearch:
         """The search for several contacts, made when first needed."""

@@ -84,19 +84,18 @@ class Columns:
         wanted = np.zeros(len(places)) if across is None else across
         numbers = np.column_stack([places, force, diameter, wanted])
         levels = np.broadcast_to(levels, (len(places), levels.shape[-1]))
-        parts = [slice(k, k + line) for k in range(0, len(numbers), line)]
         if self._workers is not None:
-            size = max(line, _AT_ONCE // line * line)
-            sent = [slice(k, k + size) for k in range(0, len(numbers), size)]
+            sent = _parts(len(numbers), max(line, _AT_ONCE // line * line))
             how = skin, numbers, levels, line, once
             return _joined(self._on_workers(self._workers, sent, *how))
 
         def solved(part: slice) -> list[Column]:
             return solve_line(skin, numbers[part], levels[part], once, self._count)
 
-        rows = [solved(parts[0])]  # compiles
+        first, *others = _parts(len(numbers), line)
+        rows = [solved(first)]  # compiles
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            rows += pool.map(solved, parts[1:])
+            rows += pool.map(solved, others)
         return _joined([column for row in rows for column in row])
 
     def rest(self) -> Floats:
@@ -189,9 +188,14 @@ def _solve_columns(
     """
     configure()
     skin = pickle.loads(sent)
-    parts = [slice(k, k + line) for k in range(0, len(numbers), line)]
+    parts = _parts(len(numbers), line)
     rows = [solve_line(skin, numbers[part], levels[part], once) for part in parts]
     return [column for row in rows for column in row]
+
+
+def _parts(count: int, size: int) -> list[slice]:
+    """So many rows, some at a time."""
+    return [slice(k, k + size) for k in range(0, count, size)]
 
 
 def _joined(rows: list[Column]) -> Column:
