@@ -99,7 +99,9 @@ def test_forces_of_what_the_past_leaves_are_those_of_its_energy(
 
 @pytest.mark.parametrize("warm", [False, True])
 @pytest.mark.parametrize(
-    ("file", "counts"), [(HOLD, (4,)), (SCENES / "pad_crown.toml", (6, 6))]
+    ("file", "counts"),
+    # A pad's forces of the past are those of its energy, above.
+    [(HOLD, (4,)), pytest.param(SCENES / "pad_crown.toml", (6, 6), marks=pytest.mark.long)],
 )
 def test_all_of_the_stress_remembered_balances_what_the_law_does(
     file: Path, counts: Any, warm: bool
@@ -237,7 +239,7 @@ def test_longer_steps_differ_by_no_more_than_they_say(
 
 
 def test_cycles_dissipate() -> None:
-    time = np.linspace(0.0, 6.0, 49)
+    time = np.linspace(0.0, 4.0, 33)
     points = follow(list(time), list(5 - 5 * np.cos(np.pi * time)))
     force = np.array([p["loads"][0]["force_N"] for p in points])
     moved = np.array([p["loads"][0]["displacement_m"] for p in points])
@@ -283,6 +285,8 @@ def test_the_wall_holds_what_creeps_onto_it() -> None:
     assert end < 1e-12
 
 
+# A program of a history without a past; with one, the long hold above.
+@pytest.mark.long
 def test_without_relaxation_a_history_is_a_curve() -> None:
     scene = load_scene(SCENES / "press.toml")
     (point,) = history_sweep(scene, history_of([5.0], factor=[1.0])).points
@@ -413,6 +417,8 @@ def under_a_cylinder(**how: Any) -> SceneSpec:
 INSTANTANEOUS = {"material.C1": 20.7e6, "material.C2": -4.4e6, "material.C3": 77e3}
 
 
+# Programs of a history under a body; what the past leaves is above, bodies in test_bodies.
+@pytest.mark.long
 def test_the_force_of_a_held_body_relaxes() -> None:
     scene = under_a_cylinder(depth="2 mm")
     given = history_of([0.0, 0.0, 1e4], depth_m=[0.0, 2e-3, 2e-3])

@@ -266,6 +266,7 @@ def test_a_pull_is_a_negative_force(
     assert contact.force == pytest.approx(-6.0, rel=1e-3)
 
 
+@pytest.mark.long  # the program of wide contacts; bounds and statuses in test_estimate_formulas
 def test_wall_contact_states_no_error(
     estimator: LoadEstimator, readings: Callable[..., np.ndarray]
 ) -> None:
@@ -489,6 +490,7 @@ def test_errors_of_the_stiffness_scale_forces_up_to_the_wall(estimator: LoadEsti
     np.testing.assert_allclose(slopes / size, -0.1 * by_force / size, atol=2e-5)
 
 
+@pytest.mark.long  # an estimator with errors; significance beside errors in test_load_formulas
 def test_a_wrong_gap_raises_no_alarm_at_rest(estimator: LoadEstimator) -> None:
     case = field_errors.Case("", {"geometry.oil_gap": 0.03}, baseline=False)
     random = np.random.default_rng(6)
@@ -650,7 +652,7 @@ def test_a_tap_is_told_by_its_impulse_and_no_frame_of_it_is_ok(
     estimator: LoadEstimator, readings: Callable[..., np.ndarray]
 ) -> None:
     of_film = copy.copy(estimator)
-    of_film._follow_film(0.1)
+    of_film._film = of_film._film_of(0.1)
     place = np.deg2rad(10.0)
     steady = {f: readings(place, f)[0] for f in np.linspace(0.1, 9.0, 30).tolist()}
     steady = {0.0: of_film.model_rest, **steady}

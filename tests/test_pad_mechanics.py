@@ -219,7 +219,8 @@ def test_contact_with_the_wall_comes_from_its_energy() -> None:
     np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-11 * scale)
 
 
-@pytest.mark.parametrize("friction", [None, 0.4])
+# Friction's program holds what is left without it.
+@pytest.mark.parametrize("friction", [pytest.param(None, marks=pytest.mark.long), 0.4])
 def test_contact_with_a_body_comes_from_its_energy(friction: float | None) -> None:
     """A turned box and the half pad: forces, stiffness, and forces by the body's travel.
 
@@ -448,8 +449,14 @@ def grown() -> SkinGeometry:
 
 @pytest.mark.parametrize(
     "skin",
-    # With even sheets the pad has another program; `leaning` holds the section.
-    [half_cylinder, leaning, grown, pytest.param(leaning_by_sheets, marks=pytest.mark.long)],
+    # With even sheets the pad has another program; `leaning` holds the section, `grown` the
+    # half-cylinder.
+    [
+        pytest.param(half_cylinder, marks=pytest.mark.long),
+        leaning,
+        grown,
+        pytest.param(leaning_by_sheets, marks=pytest.mark.long),
+    ],
 )
 def test_a_line_load_between_sliding_ends_is_the_section_s_shell(
     skin: Callable[[], SkinGeometry],

@@ -87,7 +87,8 @@ def pads() -> dict[bool, PadSolid]:
     return {grown: small_solid(GROWN if grown else None) for grown in (False, True)}
 
 
-@pytest.mark.parametrize("grown", [False, True])
+# Growth is a part of its own of the same potential: one more pair of programs.
+@pytest.mark.parametrize("grown", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_residual_and_tangent_come_from_the_potential(
     grown: bool, pads: dict[bool, PadSolid]
 ) -> None:

@@ -264,6 +264,7 @@ def test_the_discs_of_a_scene_are_its_loads() -> None:
         loads_of(scene_from_dict({**table, "load": [square]}))
 
 
+@pytest.mark.long  # two programs as users have them; halves in test_lanes
 def test_many_lanes_are_those_of_few(pad: object) -> None:
     """Half of them in a second thread, and chunk by chunk; an odd number of them."""
     some = loads(lanes=513)

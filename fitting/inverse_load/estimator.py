@@ -21,6 +21,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -179,8 +180,6 @@ class LoadEstimator:
             self.selection = Selection(*given)
         else:
             self.selection = BoundedSelection(*given, budget=self._budget)
-        self._film: FilmFollower | None = None
-        self._follow_film(fading_time(self.spec))
         memory = None if pad else LoadMemory.of(self.spec)
         self._memory: MemoryFollower | None = None
         if memory is not None:
@@ -194,17 +193,25 @@ class LoadEstimator:
                 penalty=max(penalty, asked),
             )
 
-    def _follow_film(self, fading: float | None) -> None:
-        """Tell motion of the film, which fades in a time [s], apart from loads."""
-        if fading is not None:
-            reading = self.reading_noise**2 + ROUNDING
-            every = self.selection
-            # A tap is told as one contact, whatever the budget of a frame.
-            beside = every.errors, every.wide_fitter
-            self._of_one = Selection(every.fitter, every.nodes, every.penalty, 1, *beside)
-            own = self._parts.nodes, self.taxels, reading, self._alone
-            taps = TapFinder(MotionWatch(fading), self.skin.electrodes, *own)
-            self._film = FilmFollower(FilmMotion(fading, reading), taps, self._weights)
+    @cached_property
+    def _film(self) -> FilmFollower | None:
+        """Tells motion of the film from loads; None where the file leaves open how it moves.
+
+        Found with the first frames whose times are known: a pad's modes take seconds.
+        """
+        fading = fading_time(self.spec)
+        return None if fading is None else self._film_of(fading)
+
+    def _film_of(self, fading: float) -> FilmFollower:
+        """Follows a film whose motion fades in a time [s]."""
+        reading = self.reading_noise**2 + ROUNDING
+        every = self.selection
+        # A tap is told as one contact, whatever the budget of a frame.
+        beside = every.errors, every.wide_fitter
+        self._of_one = Selection(every.fitter, every.nodes, every.penalty, 1, *beside)
+        own = self._parts.nodes, self.taxels, reading, self._alone
+        taps = TapFinder(MotionWatch(fading), self.skin.electrodes, *own)
+        return FilmFollower(FilmMotion(fading, reading), taps, self._weights)
 
     def _make_parts(self) -> EstimationParts:
         common: dict[str, Any] = {
