@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from fitting.datasheet import readings
 from fitting.datasheet.figures import (
     CURRIE,
     Accuracy,
@@ -26,6 +27,7 @@ from fitting.datasheet.variants import STEP, named, variants_of
 from fitting.datasheet.words import PLACED
 from suas_jax.config import continuous_inputs, load_skin
 from suas_jax.config.inelastic import RelaxationSpec
+from suas_jax.skin.plain import plain_geometry
 
 ROOT = Path(__file__).parent.parent
 SKIN = ROOT / "configs" / "skins" / "suas.toml"
@@ -152,7 +154,8 @@ def test_pads_readings_move_with_their_tolerances() -> None:
 
     errors: Any = SimpleNamespace(slopes=lambda *_: moved, rest=rest)
     at, force = rng.normal(size=(5, 2)), np.full(5, 3.0)
-    found = _readings(interpolant, errors, at, force, 0.05)  # type: ignore[arg-type]
+    rate = np.linspace(0.04, 0.06, 5)  # of the outer face, where a section is no circle
+    found = _readings(interpolant, errors, at, force, rate)  # type: ignore[arg-type]
     light = found._replace(so=0.9 * found.so)
     half = found._replace(so=0.95 * found.so)
     cases = Cases(light, half, found, found._replace(gap_slope=-1 + found.gap), force[None])
@@ -161,7 +164,22 @@ def test_pads_readings_move_with_their_tolerances() -> None:
     by_tolerance = (found.so[:, 2::2] - found.so[:, 1::2]) / (2 * STEP)
     wanted = np.transpose(moved[..., :-1], (2, 1, 0))
     np.testing.assert_allclose(by_tolerance, wanted, rtol=1e-6)
-    np.testing.assert_allclose(found.slope[0, :, 0], jacobian[:, 0, :-1].T / 0.05)
+    np.testing.assert_allclose(found.slope[0, :, 0], jacobian[:, 0, :-1].T / rate)
+    np.testing.assert_allclose(found.slope[1, :, 0], jacobian[:, 1, :-1].T)
+
+
+def test_slopes_by_place_are_those_by_the_outer_face(monkeypatch: pytest.MonkeyPatch) -> None:
+    geometry = plain_geometry(load_skin(SKIN.with_stem("suas-flat-topped")).geometry)
+
+    def stand_in(_: Any, loads: Any) -> Any:
+        so = jnp.sin(40 * geometry.outer_arc(loads.angle)) * loads.force
+        return SimpleNamespace(so=so, min_gap=loads.force, oil_pressure=loads.force, result=0)
+
+    monkeypatch.setattr(readings, "forward", stand_in)
+    angle = np.array([-1.4, -0.9, -0.2, 0.5, 1.1])  # of flat and of round parts
+    found = readings.read(SimpleNamespace(geometry=geometry), angle, np.full(5, 2.0))  # type: ignore[arg-type]
+    arc = np.asarray(geometry.outer_arc(angle))
+    np.testing.assert_allclose(found.slope[0, 0], 80 * np.cos(40 * arc), rtol=1e-6)
 
 
 @pytest.mark.long  # programs of lanes with prestress, of a solve and of small motions
