@@ -751,6 +751,7 @@ def test_memory_does_not_grow_with_the_frames(monkeypatch: pytest.MonkeyPatch) -
         (("LOG", "more.csv"), "--live PORT only"),
         (("LOG", "--loads", "x", "--taxels-only"), "give one of them"),
         (("LOG", "--history", "x.csv"), "goes with a scene"),
+        (("HISTORY",), "as --history"),
         (("LOG", "--address", "8700"), "HOST:PORT"),
         (("LOG", "--skin", "nowhere.toml"), "nowhere.toml"),
         (("nowhere.toml",), "nowhere.toml"),
@@ -760,7 +761,8 @@ def test_memory_does_not_grow_with_the_frames(monkeypatch: pytest.MonkeyPatch) -
 def test_what_cannot_be_shown_is_refused(
     arguments: tuple[str, ...], words: str, log: Path
 ) -> None:
-    files = {"LOG": str(log), "SKIN": str(SKIN)}
+    loads = SKIN.parents[1] / "scenes" / "hold.csv"
+    files = {"LOG": str(log), "SKIN": str(SKIN), "HISTORY": str(loads)}
     given = [files.get(argument, argument) for argument in arguments]
     result = CliRunner().invoke(app, ["view", *given])
     assert result.exit_code == 2
