@@ -44,12 +44,19 @@ from fitting.view.readings_picture import ReadingsPictures
 from fitting.view.scene_model import SceneModel
 from fitting.view.scene_source import SceneSource
 from fitting.view.server import ViewServer
-from fitting.view.sliders import all_stated, sliders_of
+from fitting.view.sliders import all_stated, inputs_by, sliders_of
 from suas_jax.acquisition.device.device import Device
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.log.log_file import LogWriter, log_header, read_log
 from suas_jax.acquisition.stream import Stream
-from suas_jax.config import LineLoadSpec, SceneSpec, load_scene, load_skin, with_solve
+from suas_jax.config import (
+    LineLoadSpec,
+    SceneSpec,
+    continuous_inputs,
+    load_scene,
+    load_skin,
+    with_solve,
+)
 from suas_jax.config.geometry import AlongSpec
 from suas_jax.dynamics.history import history_sweep
 from suas_jax.dynamics.history_table import history_of
@@ -154,6 +161,15 @@ def test_loads_of_any_section_have_sliders() -> None:
     half = 20e-3 + 30e-3 * np.pi / 2 + 27.5e-3
     assert arc["value"] == 10e-3
     assert arc["most"] == pytest.approx(0.94 * half, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["hold", "film", "deep_sea", "pad_ball"])
+def test_stiffness_scales_the_stress_constants_alone(name: str) -> None:
+    scene = all_stated(load_scene(CONFIGS / "scenes" / f"{name}.toml"))
+    values = {slider["name"]: slider["value"] for slider in sliders_of(scene)}
+    found, own = inputs_by(scene, values | {"stiffness": 2.0}), continuous_inputs(scene)
+    changed = {path: value / own[path] for path, value in found.items() if value != own[path]}
+    assert changed == dict.fromkeys(("material.C1", "material.C2", "material.C3"), 2.0)
 
 
 def test_answers_do_not_depend_on_the_way_to_them() -> None:
