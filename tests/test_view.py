@@ -31,10 +31,11 @@ from fitting.cli.app import app
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.live.run import LiveOptions, run_live
 from fitting.inverse_load.readings import readings_of
+from fitting.inverse_load.report.text import contact_text
 from fitting.view.grid import Grid
 from fitting.view.history_source import HistorySource
 from fitting.view.hub import Hub, understood
-from fitting.view.known_loads import surfaces_of
+from fitting.view.known_loads import known_contacts, surfaces_of
 from fitting.view.live_source import LiveSource
 from fitting.view.log_source import LogSource
 from fitting.view.membrane import InterpolatedMembrane
@@ -161,6 +162,9 @@ def test_loads_of_any_section_have_sliders() -> None:
     half = 20e-3 + 30e-3 * np.pi / 2 + 27.5e-3
     assert arc["value"] == 10e-3
     assert arc["most"] == pytest.approx(0.94 * half, rel=1e-9)
+    observed = [{"angle_deg": 0.0, "arc_m": 10e-3, "force_N": 5.0}]
+    (contact,) = known_contacts(scene, Grid.of(scene.geometry), observed).values()
+    assert contact_text(contact).startswith("10.0 mm along the arc, 5.00 N")
 
 
 @pytest.mark.parametrize("name", ["hold", "film", "deep_sea", "pad_ball"])

@@ -13,6 +13,7 @@ from fitting.arrays import Floats
 from fitting.datasheet.figures import FAR, Accuracy, Cases, Measured, rated_force
 from fitting.datasheet.readings import Readings
 from fitting.datasheet.variants import DEEPER, STEP, WARMER, Variants, why_constant
+from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.pad.input_errors import PadErrors
