@@ -191,7 +191,7 @@ def test_a_pads_sheet_tells_places_as_its_scenes_do(monkeypatch: pytest.MonkeyPa
         angle=np.array([0.0, 1.3]),
         axial=np.array([0.0, 0.05]),
         first_contact_at=lambda angle, axial: 5.0 + 0 * angle,
-        rest=np.full(taxels + 1, 4e3),
+        rest=np.full(taxels, 4e3),
         reading_error=0.0,
     )
 
