@@ -317,6 +317,8 @@ def test_contradictions_are_refused_in_python_too():
     skin = load_skin(CONFIGS / "skins/suas.toml")
     with pytest.raises(ValueError, match=r"load\.0\.angle: lies off the skin"):
         SceneSpec(**dict(skin), loads=[LineLoadSpec(angle=2.0, force=1.0)])
+    with pytest.raises(ValueError, match=r"arc: lies off .* 90\.3208 mm of arc"):
+        SceneSpec(**dict(skin), loads=[LineLoadSpec(arc=0.1, force=1.0)])
 
 
 def test_configuration_starts_neither_jax_nor_the_units_library():

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from fitting.datasheet import pad, readings
 from fitting.datasheet.figures import (
     CURRIE,
     Accuracy,
@@ -26,6 +27,7 @@ from fitting.datasheet.variants import STEP, named, variants_of
 from fitting.datasheet.words import PLACED
 from suas_jax.config import continuous_inputs, load_skin
 from suas_jax.config.inelastic import RelaxationSpec
+from suas_jax.skin.plain import plain_geometry
 
 ROOT = Path(__file__).parent.parent
 SKIN = ROOT / "configs" / "skins" / "suas.toml"
@@ -152,7 +154,8 @@ def test_pads_readings_move_with_their_tolerances() -> None:
 
     errors: Any = SimpleNamespace(slopes=lambda *_: moved, rest=rest)
     at, force = rng.normal(size=(5, 2)), np.full(5, 3.0)
-    found = _readings(interpolant, errors, at, force, 0.05)  # type: ignore[arg-type]
+    rate = np.linspace(0.04, 0.06, 5)  # of the outer face, where a section is no circle
+    found = _readings(interpolant, errors, at, force, rate)  # type: ignore[arg-type]
     light = found._replace(so=0.9 * found.so)
     half = found._replace(so=0.95 * found.so)
     cases = Cases(light, half, found, found._replace(gap_slope=-1 + found.gap), force[None])
@@ -161,7 +164,70 @@ def test_pads_readings_move_with_their_tolerances() -> None:
     by_tolerance = (found.so[:, 2::2] - found.so[:, 1::2]) / (2 * STEP)
     wanted = np.transpose(moved[..., :-1], (2, 1, 0))
     np.testing.assert_allclose(by_tolerance, wanted, rtol=1e-6)
-    np.testing.assert_allclose(found.slope[0, :, 0], jacobian[:, 0, :-1].T / 0.05)
+    np.testing.assert_allclose(found.slope[0, :, 0], jacobian[:, 0, :-1].T / rate)
+    np.testing.assert_allclose(found.slope[1, :, 0], jacobian[:, 1, :-1].T)
+
+
+def test_slopes_by_place_are_those_by_the_outer_face(monkeypatch: pytest.MonkeyPatch) -> None:
+    geometry = plain_geometry(load_skin(SKIN.with_stem("suas-flat-topped")).geometry)
+
+    def stand_in(_: Any, loads: Any) -> Any:
+        so = jnp.sin(40 * geometry.outer_arc(loads.angle)) * loads.force
+        return SimpleNamespace(so=so, min_gap=loads.force, oil_pressure=loads.force, result=0)
+
+    monkeypatch.setattr(readings, "forward", stand_in)
+    angle = np.array([-1.4, -0.9, -0.2, 0.5, 1.1])  # of flat and of round parts
+    found = readings.read(SimpleNamespace(geometry=geometry), angle, np.full(5, 2.0))  # type: ignore[arg-type]
+    arc = np.asarray(geometry.outer_arc(angle))
+    np.testing.assert_allclose(found.slope[0, 0], 80 * np.cos(40 * arc), rtol=1e-6)
+
+
+def test_a_pads_sheet_tells_places_as_its_scenes_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    spec = load_skin(SKIN.with_stem("suas-flat-topped"))
+    geometry = spec.geometry.model_copy(update={"ends": "clamped"})
+    variants = variants_of(spec.model_copy(update={"geometry": geometry}))
+    section, taxels = plain_geometry(geometry), len(spec.electrodes.taxels)  # type: ignore[union-attr]
+    table = SimpleNamespace(
+        angle=np.array([0.0, 1.3]),
+        axial=np.array([0.0, 0.05]),
+        first_contact_at=lambda angle, axial: 5.0 + 0 * angle,
+        rest=np.full(taxels, 4e3),
+        reading_error=0.0,
+    )
+
+    class Interpolant:
+        """Readings that grow with the arc length of the outer face, and with the force."""
+
+        def __init__(self, _: Any) -> None:
+            pass
+
+        def largest(self, angle: Any, axial: Any) -> Any:
+            """Largest force that is known."""
+            return 10.0 + 0 * angle + 0 * axial
+
+        def __call__(self, loads: Any, _: int) -> Any:
+            """Readings and their derivatives by angle, axial place and force."""
+            ones = np.ones((len(loads), taxels + 1))
+            rate = np.gradient(section.outer_arc(angles)[:, 0], angles[:, 0])
+            by_angle = np.interp(loads[:, 0], angles[:, 0], rate)[:, None] * ones
+            return SimpleNamespace(
+                readings=4e3 + ones, jacobian=np.stack([by_angle, ones, ones], 1)
+            )
+
+    angles = np.linspace(-1.4, 1.4, 20001)[:, None]
+    none = SimpleNamespace(
+        slopes=lambda best, *_: np.zeros((len(best.parameters), 0, taxels + 1)),
+        rest=np.zeros((0, taxels + 1)),
+    )
+    monkeypatch.setattr(pad, "pad_table_of", lambda *_, **__: table)
+    monkeypatch.setattr(pad, "PadInterpolant", Interpolant)
+    monkeypatch.setattr(pad, "_errors", lambda *_: none)
+    found = pad.measure_pad(variants, (9, 4), 2.0, 1.0, lambda text: None)
+    at = np.repeat(np.linspace(-1.3, 1.3, 9), 4)[:, None]
+    np.testing.assert_allclose(found.arc, np.asarray(section.outer_arc(at))[:, 0], rtol=1e-6)
+    arc = np.asarray(section.section.arc(at))[:, 0]
+    np.testing.assert_allclose(found.coordinates["arc_m"], arc, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(found.cases.half.slope[0], 1.0, rtol=1e-3)
 
 
 @pytest.mark.long  # programs of lanes with prestress, of a solve and of small motions

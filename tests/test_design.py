@@ -3,19 +3,23 @@
 import dataclasses
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from fitting.datasheet.variants import STEP
-from fitting.design.design import designed_skin
+from fitting.design.design import _changed, designed_skin
 from fitting.design.front import front
 from fitting.design.problem import Outcome, bound_of_units
+from fitting.design.problem import Problem as DesignProblem
 from fitting.design.resume import KeptSearches
 from fitting.design.search import Found, search
 from fitting.design.want import Front, Limit, Variable, Want, load_want
 from suas_jax.config import ConfigError, continuous_inputs, load_skin
+from suas_jax.config.fields import quantity_of
+from suas_jax.config.tolerance import deviation_of
 
 ROOT = Path(__file__).parent.parent
 WANT = ROOT / "configs" / "design" / "sensitive.toml"
@@ -194,3 +198,41 @@ def test_designed_file_has_the_numbers_and_keeps_the_rest(tmp_path: Path) -> Non
     for path, value in {**before, **wanted}.items():
         assert found[path] == pytest.approx(float(value), rel=1e-8)
     assert "# from the symmetry axis to an edge" in output.read_text()
+
+
+@pytest.mark.parametrize(
+    ("text", "value", "wanted"),
+    [
+        ("1.50 mm +- 0.03 mm", 3e-3, "3 mm +- 0.06 mm"),
+        ("(1.50 +- 0.03) mm", 3e-3, "(3 +- 0.06) mm"),
+        ("1.50 mm +- 2 %", 3e-3, "3 mm +- 2 %"),
+        ("0.05 % ± 0.02 %", -1e-3, "-0.1 % ± 0.04 %"),
+        ("0 %", -1e-3, "-0.1 %"),
+        ("20 degC +- 5 K", 303.15, "303.15 K +- 5 K"),
+        ("0 mm", 2e-3, "2 mm"),
+        (2.2, 2.5, 2.5),
+    ],
+)
+def test_designed_quantities_keep_their_unit_and_share(
+    text: Any, value: float, wanted: Any
+) -> None:
+    dimension: Any = "length" if "mm" in str(text) else "temperature"
+    dimension = "number" if "%" in str(text)[:6] or text == 2.2 else dimension
+    now = float(quantity_of(text, dimension))
+    assert _changed(text, now, value) == wanted
+    assert float(quantity_of(wanted, dimension)) == pytest.approx(value, rel=1e-9)
+
+
+def test_designs_have_the_tolerances_of_their_files(tmp_path: Path) -> None:
+    skin = ROOT / "configs" / "skins" / "suas.toml"
+    own = tmp_path / "skin.toml"
+    own.write_text(skin.read_text().replace('"1.5 mm"', '"1.5 mm +- 0.06 mm"', 1))
+    text = WANT.read_text().replace("../skins/suas.toml", str(own))
+    (tmp_path / "want.toml").write_text(text)
+    want, output = load_want(tmp_path / "want.toml"), tmp_path / "designed.toml"
+    x = np.array([0.9, 0.5, 0.5])
+    output.write_text(designed_skin(want, x, output))
+    problem: Any = SimpleNamespace(want=want)
+    for spec in (load_skin(output), DesignProblem.spec(problem, x)):
+        assert spec.geometry.thickness == pytest.approx(2.78e-3)
+        assert deviation_of(spec.geometry.thickness) == pytest.approx(0.04 * 2.78e-3)

@@ -6,8 +6,15 @@ import jax.numpy as jnp
 import pytest
 from skins import reference_rows, shaped
 
-from suas_jax.config import SceneSpec, continuous_inputs, with_inputs, with_solve
+from suas_jax.config import (
+    ConfigError,
+    SceneSpec,
+    continuous_inputs,
+    with_inputs,
+    with_solve,
+)
 from suas_jax.equilibrium.balance import Problem, State
+from suas_jax.mesh.section import measures
 from suas_jax.scene.gradient import gradient
 from suas_jax.scene.program import inputs_of
 from suas_jax.scene.solve import solve
@@ -141,6 +148,24 @@ def test_loads_are_moved_aside_by_the_key_that_places_them() -> None:
     moved = shifted(spec, known)
     assert {key for key in known if moved[key] != known[key]} == {"load.0.arc"}
     assert 0 < moved["load.0.arc"] < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"spread": "12 mm"}, r"load\.0\.spread: reaches over the clamped edge at .* mm"),
+        ({"kind": "patch", "size": ["12 mm", "4 mm"]}, r"load\.0\.size: reaches over"),
+        ({"kind": "patch", "diameter": "12 mm"}, r"load\.0\.diameter: reaches over"),
+    ],
+)
+def test_wide_loads_over_a_clamp_are_refused(more: dict[str, Any], words: str) -> None:
+    ends = {"ends": "clamped"} if "kind" in more else {}
+    length = 0.154389  # of the inner face: half of the ellipse's circumference
+    at_edge = at_arc(length / 2 - 5e-3, 1.0) | more
+    with pytest.raises(ConfigError, match=words):
+        measures(shaped(ELLIPSE | ends, at_edge))
+    narrow = {k: "9 mm" if k != "size" else ["9 mm", "4 mm"] for k in more if k != "kind"}
+    measures(shaped(ELLIPSE | ends, at_edge | more | narrow))
 
 
 @pytest.mark.long  # programs of half an arc and of the whole one

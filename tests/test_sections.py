@@ -539,6 +539,7 @@ def test_a_path_that_is_none_is_refused(change: dict[str, Any], words: list[str]
         shaped(MIRRORED_PATH | change)
     for word in words:
         assert word in str(error.value)
+    assert ("entries; at least" in str(error.value)) is (change.get("path") == [])
 
 
 @pytest.mark.parametrize(

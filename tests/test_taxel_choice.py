@@ -77,7 +77,11 @@ def test_a_contact_that_too_few_taxels_see_has_no_variance() -> None:
 
 @pytest.mark.parametrize("name", ["suas", "suas-pad"])
 def test_the_skin_file_has_the_taxels_that_are_kept(tmp_path: Path, name: str) -> None:
-    text = WANT.read_text().replace("../skins/suas-pad", str(ROOT / "configs/skins" / name))
+    skin = (ROOT / "configs/skins" / f"{name}.toml").read_text()
+    gains = ", ".join(f"{1 + 0.01 * k:g}" for k in range(10))
+    skin = skin.replace('rotation = "0 deg"', f'rotation = "0 deg", gains = [{gains}]')
+    (tmp_path / "skin.toml").write_text(skin.replace('"-70 deg"', '"-70 deg", gain = 1.02'))
+    text = WANT.read_text().replace("../skins/suas-pad", str(tmp_path / "skin"))
     (tmp_path / "want.toml").write_text(text.replace("160", "5"))
     want = load_want(tmp_path / "want.toml")
     kept, output = [0, 2, 3, 6, 7], tmp_path / "fewer.toml"
@@ -86,6 +90,9 @@ def test_the_skin_file_has_the_taxels_that_are_kept(tmp_path: Path, name: str) -
     for column in ("angle", "axial", "diameter"):
         expected = np.asarray(getattr(every.taxels, column))[kept]
         np.testing.assert_allclose(getattr(some.taxels, column), expected, rtol=1e-8)
+    lsb = np.broadcast_to(every.lsb, (len(every.taxels.angle), 1))[kept]
+    assert np.ptp(lsb) > 0
+    np.testing.assert_allclose(some.lsb, lsb, rtol=1e-8)
     if name == "suas-pad":
         assert "# module 0, taxel" in output.read_text()
 

@@ -31,10 +31,11 @@ from fitting.cli.app import app
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.live.run import LiveOptions, run_live
 from fitting.inverse_load.readings import readings_of
+from fitting.inverse_load.report.text import contact_text
 from fitting.view.grid import Grid
 from fitting.view.history_source import HistorySource
 from fitting.view.hub import Hub, understood
-from fitting.view.known_loads import surfaces_of
+from fitting.view.known_loads import known_contacts, surfaces_of
 from fitting.view.live_source import LiveSource
 from fitting.view.log_source import LogSource
 from fitting.view.membrane import InterpolatedMembrane
@@ -44,12 +45,19 @@ from fitting.view.readings_picture import ReadingsPictures
 from fitting.view.scene_model import SceneModel
 from fitting.view.scene_source import SceneSource
 from fitting.view.server import ViewServer
-from fitting.view.sliders import all_stated, sliders_of
+from fitting.view.sliders import all_stated, inputs_by, sliders_of
 from suas_jax.acquisition.device.device import Device
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.log.log_file import LogWriter, log_header, read_log
 from suas_jax.acquisition.stream import Stream
-from suas_jax.config import LineLoadSpec, SceneSpec, load_scene, load_skin, with_solve
+from suas_jax.config import (
+    LineLoadSpec,
+    SceneSpec,
+    continuous_inputs,
+    load_scene,
+    load_skin,
+    with_solve,
+)
 from suas_jax.config.geometry import AlongSpec
 from suas_jax.dynamics.history import history_sweep
 from suas_jax.dynamics.history_table import history_of
@@ -154,6 +162,18 @@ def test_loads_of_any_section_have_sliders() -> None:
     half = 20e-3 + 30e-3 * np.pi / 2 + 27.5e-3
     assert arc["value"] == 10e-3
     assert arc["most"] == pytest.approx(0.94 * half, rel=1e-9)
+    observed = [{"angle_deg": 0.0, "arc_m": 10e-3, "force_N": 5.0}]
+    (contact,) = known_contacts(scene, Grid.of(scene.geometry), observed).values()
+    assert contact_text(contact).startswith("10.0 mm along the arc, 5.00 N")
+
+
+@pytest.mark.parametrize("name", ["hold", "film", "deep_sea", "pad_ball"])
+def test_stiffness_scales_the_stress_constants_alone(name: str) -> None:
+    scene = all_stated(load_scene(CONFIGS / "scenes" / f"{name}.toml"))
+    values = {slider["name"]: slider["value"] for slider in sliders_of(scene)}
+    found, own = inputs_by(scene, values | {"stiffness": 2.0}), continuous_inputs(scene)
+    changed = {path: value / own[path] for path, value in found.items() if value != own[path]}
+    assert changed == dict.fromkeys(("material.C1", "material.C2", "material.C3"), 2.0)
 
 
 def test_answers_do_not_depend_on_the_way_to_them() -> None:
@@ -751,6 +771,7 @@ def test_memory_does_not_grow_with_the_frames(monkeypatch: pytest.MonkeyPatch) -
         (("LOG", "more.csv"), "--live PORT only"),
         (("LOG", "--loads", "x", "--taxels-only"), "give one of them"),
         (("LOG", "--history", "x.csv"), "goes with a scene"),
+        (("HISTORY",), "as --history"),
         (("LOG", "--address", "8700"), "HOST:PORT"),
         (("LOG", "--skin", "nowhere.toml"), "nowhere.toml"),
         (("nowhere.toml",), "nowhere.toml"),
@@ -760,7 +781,8 @@ def test_memory_does_not_grow_with_the_frames(monkeypatch: pytest.MonkeyPatch) -
 def test_what_cannot_be_shown_is_refused(
     arguments: tuple[str, ...], words: str, log: Path
 ) -> None:
-    files = {"LOG": str(log), "SKIN": str(SKIN)}
+    loads = SKIN.parents[1] / "scenes" / "hold.csv"
+    files = {"LOG": str(log), "SKIN": str(SKIN), "HISTORY": str(loads)}
     given = [files.get(argument, argument) for argument in arguments]
     result = CliRunner().invoke(app, ["view", *given])
     assert result.exit_code == 2

@@ -14,6 +14,7 @@ from fitting.cli.options import (
     computing,
     option,
     output_option,
+    quantity_option,
 )
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import write_text
@@ -44,11 +45,11 @@ def datasheet(
     Exit status: 0 done, 2 bad input.
     """
     with bad_input():
-        from suas_jax.config import load_skin, parse_quantity
+        from suas_jax.config import load_skin
 
         spec = load_skin(skin)
         check_files(others=[output], overwrite=overwrite)
-        rated = None if force is None else parse_quantity(force, "force")
+        rated = None if force is None else quantity_option("--force", force, "force")
         with computing("making the data sheet", workers, trust_network) as (show, processes):
             from fitting.datasheet.page import described, html_page
             from fitting.datasheet.sheet import data_sheet

@@ -121,6 +121,11 @@ def view(
             from fitting.view.scene_source import SceneSource
             from suas_jax.config import load_scene
 
+            if source.suffix.lower() == ".csv":
+                raise ValueError(
+                    f"{source}: is not a log, which has a column t_host_s; loads over time go "
+                    "with a scene, as --history"
+                )
             shown = SceneSource(load_scene(source), source.name)
         with served(shown.hub), _ended_by_signal(duration) as over:
             shown.run(over)

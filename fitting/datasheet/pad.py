@@ -13,6 +13,7 @@ from fitting.arrays import Floats
 from fitting.datasheet.figures import FAR, Accuracy, Cases, Measured, rated_force
 from fitting.datasheet.readings import Readings
 from fitting.datasheet.variants import DEEPER, STEP, WARMER, Variants, why_constant
+from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.pad.input_errors import PadErrors
@@ -62,9 +63,10 @@ def measure_pad(
         )
     progress("what tolerances do")
     errors = _errors(variants, skin, table)
-    outer = float(skin.geometry.outer_size[0])
+    along = ContactPlaces(spec.geometry, skin.geometry)
+    rate = along.outer_rate(at[:, 0])
     light, half, at_rated = (
-        _readings(interpolant, errors, at, f, outer)
+        _readings(interpolant, errors, at, f, rate)
         for f in (_LIGHT * most, 0 * most + rated / 2, 0 * most + rated)
     )
     at_rated.slope[:, :, 1:] = np.nan  # of the neighbours: unknown
@@ -79,8 +81,8 @@ def measure_pad(
     distance = np.linalg.norm((taxels[:, None] - at) * size, axis=-1)
     return Measured(
         Cases(light, half, at_rated, near, np.where(known, touch, rated)[None]),
-        {"angle_deg": np.rad2deg(at[:, 0]), "axial_m": at[:, 1]},
-        outer * at[:, 0],
+        along.coordinates(at[:, 0]) | {"axial_m": at[:, 1]},
+        along.outer_arc(at[:, 0]),
         region,
         distance > FAR * film,
         rated,
@@ -102,9 +104,12 @@ def _errors(variants: Variants, skin: Skin, table: object) -> PadErrors:
 
 
 def _readings(
-    interpolant: PadInterpolant, errors: PadErrors, at: Floats, force: Floats, outer: float
+    interpolant: PadInterpolant, errors: PadErrors, at: Floats, force: Floats, rate: Floats
 ) -> Readings:
-    """Readings of contacts on the pad and its neighbours [taxel, skin, place]."""
+    """Readings of contacts on the pad and its neighbours [taxel, skin, place].
+
+    `rate` is the length of the outer face per angle at the places [m].
+    """
     loads = np.column_stack([at, force])
     found = interpolant(loads, 1)
     so, jacobian = found.readings, found.jacobian
@@ -126,7 +131,7 @@ def _readings(
         beside=np.full((count, 1, 0, 2), np.nan),
     )
     moved = np.moveaxis(errors.slopes(best, 3, 1)[..., :-1], 0, -1)  # change, taxel, place
-    own = np.moveaxis(jacobian[..., :-1], 0, -1) / np.array([outer, 1.0, 1.0])[:, None, None]
+    own = np.moveaxis(jacobian[..., :-1], 0, -1) / np.stack([rate, rate**0, rate**0])[:, None]
     skins = 1 + 2 * len(moved)
     slope = np.repeat(own[:, :, None], skins, 2)
     # A light contact's readings are linear in its force, so their slopes move as they do.

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from fitting.datasheet.figures import Measured
 from fitting.datasheet.sheet import DataSheet
 from fitting.datasheet.words import PLACED, WORDS
 from suas_jax.config import SkinSpec, continuous_inputs
@@ -156,17 +157,14 @@ def _curve(
     axes: Axes, sheet: DataSheet, key: str, values: np.ndarray, deviation: np.ndarray
 ) -> None:
     measured = sheet.measured
-    name, unit = (
-        ("arc_m", "arc [mm]") if "arc_m" in measured.coordinates else ("", "angle [deg]")
-    )
-    at = 1e3 * measured.coordinates[name] if name else measured.coordinates["angle_deg"]
+    at, label = _along(measured)
     axes.plot(at, values, ".-", color=FIRST, lw=1.2, ms=4)
     factor = np.exp(1.96 * np.nan_to_num(deviation / values))
     axes.fill_between(at, values / factor, values * factor, alpha=0.2, lw=0)
     inside = at[measured.region]
     axes.axvspan(at[0], inside[0], color="0.5", alpha=0.12, lw=0)
     axes.axvspan(inside[-1], at[-1], color="0.5", alpha=0.12, lw=0)
-    axes.set(xlabel=unit, xlim=(at[0], at[-1]))
+    axes.set(xlabel=label, xlim=(at[0], at[-1]))
     if key in _LOGARITHMIC:
         axes.set_yscale("log")
     elif np.isfinite(values).any():
@@ -175,15 +173,23 @@ def _curve(
 
 
 def _map(axes: Axes, sheet: DataSheet, values: np.ndarray, figure: Figure) -> None:
-    coordinates = sheet.measured.coordinates
-    angle, axial = (np.unique(coordinates[k]) for k in ("angle_deg", "axial_m"))
-    grid = values.reshape(len(angle), len(axial))
-    own = values[sheet.measured.region & np.isfinite(values)]
+    measured = sheet.measured
+    places, label = _along(measured)
+    axial = 1e3 * measured.coordinates["axial_m"]
+    own = values[measured.region & np.isfinite(values)]
     ends = (own.min(), own.max()) if own.size else (None, None)  # clamps would hide the rest
-    drawn = axes.pcolormesh(angle, 1e3 * axial, grid.T, shading="nearest", cmap="viridis")
+    rows = (x.reshape(measured.grid) for x in (places, axial, values))
+    drawn = axes.pcolormesh(*rows, shading="nearest", cmap="viridis")
     drawn.set_clim(*ends)
     figure.colorbar(drawn, ax=axes, shrink=0.85, extend="both")
-    axes.set(xlabel="angle [deg]", ylabel="axial [mm]")
+    axes.set(xlabel=label, ylabel="axial [mm]")
+
+
+def _along(measured: Measured) -> tuple[np.ndarray, str]:
+    """Places along the arc, and what they are with their unit."""
+    if "arc_m" in measured.coordinates:
+        return 1e3 * measured.coordinates["arc_m"], "arc [mm]"
+    return measured.coordinates["angle_deg"], "angle [deg]"
 
 
 @styled

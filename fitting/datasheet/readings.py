@@ -49,7 +49,7 @@ def read(skin: Skin, angle: Lanes, force: Lanes) -> Readings:
         return push(eqx.tree_at(lambda x: (x.angle, x.force), none, tuple(moved)))
 
     slope, gap_slope, _ = jax.vmap(pushed)(*jnp.eye(2))
-    slope = slope.at[0].divide(skin.geometry.outer_size)
+    slope = slope.at[0].divide(skin.geometry.outer_rate(angle))
     return Readings(so, slope, gap, gap_slope[1], pressure, result)
 
 

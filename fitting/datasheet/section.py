@@ -63,12 +63,9 @@ def measure_section(
     lost = (near.result != 0) | ~np.isfinite(touch)
     near = near._replace(gap=np.where(lost, np.nan, near.gap))
     at = ContactPlaces(spec.geometry, free.geometry)
-    coordinates = {"angle_deg": np.rad2deg(at.angle(angle))}
-    if (arc := at.arc(angle)) is not None:
-        coordinates["arc_m"] = arc
     return Measured(
         Cases(rest, half, at_rated, near, np.broadcast_to(known[3], (count, places))),
-        coordinates,
+        at.coordinates(angle),
         at.outer_arc(angle),
         region,
         far_taxels(free, angle),

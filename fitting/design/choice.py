@@ -16,6 +16,7 @@ from fitting.datasheet.variants import variants_of
 from fitting.datasheet.words import WORDS
 from fitting.design.taxels import Selection, Variances, select
 from fitting.design.want import Want
+from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.report.description import Headline, Part, Remark, ReportTable
 from suas_jax import skin_of
 from suas_jax.figures.pad import plot_pad
@@ -23,6 +24,7 @@ from suas_jax.sensing.taxels import taxel_names
 from suas_jax.skin.plain import angles_at
 
 _AXIALS = 7  # places along a pad's axis, as in its data sheet
+_SLACK = 1e-9  # of a place at the edge of a region [m]
 
 
 class Choice(NamedTuple):
@@ -131,8 +133,9 @@ def choose_taxels(
         )
         inside = measured.region.copy()
         if between is not None:
-            angle = measured.arc / float(skin_of(spec, contact=False).geometry.outer_size[0])
-            inside &= (angle >= between[0] - 1e-9) & (angle <= between[1] + 1e-9)
+            along = ContactPlaces(spec.geometry, skin_of(spec, contact=False).geometry)
+            first, last = along.outer_arc(np.array(between))
+            inside &= (measured.arc >= first - _SLACK) & (measured.arc <= last + _SLACK)
     else:
         # The skin alone: no tolerance moves a choice.
         alone = {path: values[:1] for path, values in variants.inputs.items()}

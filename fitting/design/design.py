@@ -24,7 +24,10 @@ from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.report.description import Headline, Part, Remark, ReportTable
 from suas_jax import skin_of
 from suas_jax.config import continuous_inputs
+from suas_jax.config.quantities import ZEROS
+from suas_jax.config.tolerance import deviation_start
 from suas_jax.config.toml_file import MOST_BYTES
+from suas_jax.config.units import find_unit
 from suas_jax.figures.style import FIRST, styled
 from suas_jax.files.reading import read_bytes
 
@@ -225,7 +228,7 @@ def design_skin(
     return Design(problem, found, before, after, between, found.calls + calls)
 
 
-_QUANTITY = re.compile(r"\s*([+-]?[\d.]+(?:[eE][+-]?\d+)?)(.*)", re.DOTALL)
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 
 
 def designed_skin(want: Want, x: Floats, output: Path) -> str:
@@ -250,7 +253,8 @@ def designed_skin(want: Want, x: Floats, output: Path) -> str:
             table[last] = _changed(table[last], now[path], value)
         except (KeyError, IndexError, TypeError):
             raise ValueError(
-                f"{want.skin}: {path}: is not written in the file itself; write it there"
+                f"{want.skin}: {path}: is not written as a number in the file itself; write it "
+                "there"
             ) from None
     return str(tomlkit.dumps(document))
 
@@ -270,6 +274,7 @@ def skin_with_taxels(want: Want, kept: Sequence[int], output: Path) -> str:
     angle = np.asarray(taxels.angle)[:, 0]
     arc = places.arc(angle)
     height = np.broadcast_to(np.asarray(skin.electrodes.height), (len(angle), 1))
+    gain = np.broadcast_to(spec.lsb / np.asarray(skin.electrodes.lsb), (len(angle), 1))
     rows = tomlkit.array()
     for k in kept:
         row = tomlkit.inline_table()
@@ -281,6 +286,8 @@ def skin_with_taxels(want: Want, kept: Sequence[int], output: Path) -> str:
         row["diameter"] = _millimetres(taxels.diameter[k, 0])
         if height[k, 0]:
             row["height"] = _millimetres(height[k, 0])
+        if gain[k, 0] != 1:
+            row["gain"] = float(f"{gain[k, 0]:.9g}")
         name = f"module {taxels.module[k]}, taxel {taxels.number[k]}"
         rows.add_line(row, indent="  ", comment=name)
     rows.add_line(indent="")
@@ -307,11 +314,28 @@ def _millimetres(value: Any) -> str:
 
 
 def _changed(text: Any, now: float, value: float) -> Any:
-    """A quantity as the file has it, with another value in the same unit."""
+    """A quantity as the file has it, with another value; its deviation stays the same share.
+
+    Raises KeyError: it is not a number with a unit.
+    """
     if not isinstance(text, str):
         return float(f"{value:.9g}")
-    found = _QUANTITY.fullmatch(text)
-    if found is None or now == 0:
-        raise KeyError(text)
-    number = float(found[1]) * value / now
-    return f"{number:.9g}{found[2]}"
+    start = deviation_start(text)
+    own, deviation = text[:start], text[start:]
+    unit = _NUMBER.sub("", own).strip()
+    if unit in ZEROS:  # of temperature, where a share of the number means nothing
+        return f"{value:.9g} K {deviation}".strip()
+    if now == 0:
+        size = find_unit(unit)
+        if size is None or (deviation and not unit):
+            raise KeyError(text)
+        return _NUMBER.sub(f"{value / size.size:.9g}", own) + deviation
+    ratio = value / now
+    if "%" in own or "%" not in deviation:
+        deviation = _scaled(deviation, abs(ratio))
+    return _scaled(own, ratio) + deviation
+
+
+def _scaled(text: str, ratio: float) -> str:
+    """Its first number times a ratio."""
+    return _NUMBER.sub(lambda found: f"{float(found[0]) * ratio:.9g}", text, count=1)

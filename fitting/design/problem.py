@@ -28,6 +28,8 @@ from fitting.force_range.bound import angles_over, first_contacts
 from fitting.inverse_load.estimator import MODEL_ERROR
 from suas_jax import Skin, skin_of
 from suas_jax.config import SkinSpec, continuous_inputs, structure, with_inputs
+from suas_jax.config.inputs import given_inputs
+from suas_jax.config.tolerance import UncertainQuantity, deviation_of
 from suas_jax.numerics.length import length
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import Keyed
@@ -215,8 +217,14 @@ class Problem:
         return self._with_others(outcome, x) if self._others and found else outcome
 
     def spec(self, x: Floats) -> SkinSpec:
-        """The skin of a design."""
-        inputs = {path: float(value) for path, value in self.want.inputs(x).items()}
+        """The skin of a design; tolerances stay the same share of its numbers."""
+        own, inputs = given_inputs(self.want.spec), {}
+        for path, now in self.want.inputs(x).items():
+            value, deviation = float(now), deviation_of(own[path])
+            if deviation is not None:
+                share = abs(value / own[path]) if own[path] else 1.0
+                value = UncertainQuantity(value, deviation * share)
+            inputs[path] = value
         return with_inputs(self.want.spec.unloaded, inputs).skin
 
     def _with_others(self, outcome: Outcome, x: Floats) -> Outcome:

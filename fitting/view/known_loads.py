@@ -39,7 +39,10 @@ def known_contacts(
             told = ("angle", angle) if arc is None else ("arc", arc)
             turn = grid.direction(float(grid.places.from_place(told[0], np.asarray(told[1]))))
         axial = None if spec.kind == "line" else load.get("axial_m")
-        found[i] = Contact(angle, load["force_N"], turn, None, axial=axial, arc=arc)
+        by_arc = not scene.geometry.has_angle
+        found[i] = Contact(
+            angle, load["force_N"], turn, None, axial=axial, arc=arc, by_arc=by_arc
+        )
     return found
 
 

@@ -5,14 +5,13 @@ from typing import Any
 import numpy as np
 
 from suas_jax.config import (
-    LAWS,
     LineLoadSpec,
     LoadSpec,
     PatchLoadSpec,
     SceneSpec,
-    continuous_inputs,
     with_solve,
 )
+from suas_jax.config.input_errors import stresses_of
 from suas_jax.skin.plain import clamped_edge, plain_geometry
 
 _LEAST_FORCE = 20.0  # upper end of a force's slider, unless the scene has a larger force [N]
@@ -57,14 +56,9 @@ def inputs_by(scene: SceneSpec, values: dict[str, float]) -> dict[str, float]:
 
     Stiffness is one factor on the material's constants that are stresses.
     """
-    inputs = continuous_inputs(scene)
-    declared = LAWS[scene.material.law].declared()
     found = {name: value for name, value in values.items() if name != _STIFFNESS}
-    found |= {
-        path: values[_STIFFNESS] * value
-        for path, value in inputs.items()
-        if path.startswith("material.") and declared[path.split(".")[1]].dimension == "stress"
-    }
+    stresses = stresses_of(scene).items()
+    found |= {path: values[_STIFFNESS] * value for path, value in stresses}
     return found
 
 

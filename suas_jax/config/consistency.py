@@ -299,10 +299,13 @@ def _off_the_skin(
     edge = format_quantity(circle.half_angle, "angle")
     angle = angle_on(circle, load)
     if abs(angle) >= circle.half_angle:
+        where = f"{edge} (geometry.half_angle); the angle is measured from the symmetry axis"
+        if load.arc is not None:
+            edge = format_quantity(circle.half_angle * circle.inner_radius, "length")
+            where = f"{edge} of arc from the middle of the inner face"
         yield (
             f"{key}.{load.told_by}",
-            f"lies off the skin, whose clamped edges are at -{edge} and {edge} "
-            f"(geometry.half_angle); the angle is measured from the symmetry axis",
+            f"lies off the skin, whose clamped edges are at -{edge} and {where}",
         )
     elif load.kind == "line" and load.spread is not None:
         outer_radius = circle.inner_radius + circle.mean_thickness

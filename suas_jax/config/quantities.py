@@ -71,11 +71,11 @@ _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf
 _COMMA = re.compile(r"([+-]?[\d.]+(?:,[\d.]+)+)(\D*)")
 _ZERO_CELSIUS = 273.15  # [K]
 _ZERO_FAHRENHEIT = 459.67 / 1.8  # [K]
-# Zero [K] of the scales that do not begin at absolute zero, by all names of their units.
-_ZEROS = MappingProxyType(
+ZEROS = MappingProxyType(
     dict.fromkeys(("degC", "celsius", "°C", "degreeC"), _ZERO_CELSIUS)
     | dict.fromkeys(("degF", "fahrenheit", "°F", "degreeF"), _ZERO_FAHRENHEIT)
 )
+"""Zero [K] of the scales that do not begin at absolute zero, by all names of their units."""
 _LONGEST = 200  # characters of a quantity
 
 
@@ -136,7 +136,7 @@ def parse_quantity(text: str, dimension: DimensionName) -> float:
     # In decimal, "0.305 fF" is the float nearest to 3.05e-16, with no rounding on the way.
     value = float(decimal.Decimal(number) * decimal.Decimal(repr(unit.size)))
     if dimension == "temperature":
-        value += _ZEROS.get(unit_text, 0.0)
+        value += ZEROS.get(unit_text, 0.0)
     if not math.isfinite(value):
         raise ValueError(f"is too large to compute with; {_expected(kind)}")
     return value

@@ -49,7 +49,13 @@ class TypicalQuantity(UncertainQuantity):
 
 def is_uncertain_text(text: str) -> bool:
     """Whether a text states an uncertainty."""
-    return _PLUS_MINUS.search(text) is not None
+    return deviation_start(text) < len(text)
+
+
+def deviation_start(text: str) -> int:
+    """Where a quantity's deviation begins, with its sign; the text's length without one."""
+    found = _PLUS_MINUS.search(text)
+    return len(text) if found is None else found.start()
 
 
 def parse_uncertain(text: str, dimension: DimensionName) -> UncertainQuantity:

@@ -96,6 +96,11 @@ class SkinGeometry(eqx.Module):
         """Arc length of the outer face from its middle [m]."""
         return self._arc_beside(angle, self.section.mean_thickness / 2)
 
+    def outer_rate(self, angle: Array) -> Array:
+        """Length of the outer face per angle at an angle [m]."""
+        section = self.section
+        return section.size * (1 + section.mean_thickness / 2 * section.curvature(angle))
+
     def wall_arc(self, angle: Array) -> Array:
         """Arc length of the wall from its middle [m]."""
         return self._arc_beside(angle, -(self.section.mean_thickness / 2 + self.oil_gap))

@@ -16,7 +16,7 @@ from jaxtyping import ArrayLike
 from suas_jax.config import continuous_inputs, structure
 from suas_jax.config.errors import ConfigError, Mistake
 from suas_jax.config.geometry import GeometrySpec
-from suas_jax.config.quantities import format_quantity
+from suas_jax.config.quantities import DimensionName, format_quantity
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import Keyed
 from suas_jax.skin.geometry import SkinGeometry
@@ -217,8 +217,36 @@ def check_places(spec: GeometrySpec, places: dict[str, Any]) -> None:
         by_arc = place.arc is not None
         name = "arc" if by_arc else "angle"
         end, edge = clamped_edge(section, by_arc)
-        if abs(getattr(place, name)) > end * (1 + 1e-9):
+        told = getattr(place, name)
+        wide, half = _extent(place)
+        if abs(told) > end * (1 + 1e-9):
             advice = f"lies off the skin, whose clamped edges are at -{edge} and {edge}"
-            found.append(Mistake("skin", f"{key}.{name}", advice))
+            dimension: DimensionName = "length" if by_arc else "angle"
+            shown = f'"{format_quantity(told, dimension)}"'
+            found.append(Mistake("skin", f"{key}.{name}", advice, shown))
+        elif half and half >= (room := _room(section, told, by_arc)):
+            advice = (
+                f"reaches over the clamped edge at {edge}; there is room for less than "
+                f"{format_quantity(2 * room, 'length')} along the arc"
+            )
+            found.append(Mistake("skin", f"{key}.{wide}", advice))
     if found:
         raise ConfigError(found)
+
+
+def _extent(place: Any) -> tuple[str, float]:
+    """Key that says how far a load spreads along the arc, and half of that [m]."""
+    half = getattr(place, "half_extents", (0.0, 0.0))[0]
+    keys = ("spread", "size", "diameter")
+    return next((k for k in keys if getattr(place, k, None) is not None), ""), half
+
+
+def _room(section: AbstractSection, told: float, by_arc: bool) -> float:
+    """Along the outer face, from a place as scenes state it to the nearer clamp [m]."""
+    with jax.ensure_compile_time_eval():  # also while a caller is traced
+        place = jnp.array([told])
+        angle = section.from_arc(place) if by_arc else section.from_given_angle(place)
+        ends = jnp.stack([-section.half_angle, section.half_angle])
+        turn = section.direction(ends) - section.direction(angle)
+        along = section.size * (ends - angle) + section.thickness(angle) / 2 * turn
+        return float(jnp.min(jnp.abs(along)))

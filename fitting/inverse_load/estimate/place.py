@@ -76,11 +76,14 @@ class ContactPlaces:
         angle, rows = self._rows
         return np.interp(place, rows[:, int(name == "arc")], angle)
 
+    def coordinates(self, angle: Floats) -> dict[str, Floats]:
+        """Places by key, as reports tell them."""
+        told, arc = {"angle_deg": np.rad2deg(self.angle(angle))}, self.arc(angle)
+        return told if arc is None else {**told, "arc_m": arc}
+
     def keys(self, angle: Floats) -> dict[str, float]:
         """A place as reports tell it."""
-        arc = self.arc(angle)
-        told = {"angle_deg": float(np.rad2deg(self.angle(angle)))}
-        return told if arc is None else {**told, "arc_m": float(arc)}
+        return {key: float(value) for key, value in self.coordinates(angle).items()}
 
     def error_keys(self, angle: Floats, error: float) -> dict[str, float]:
         """An error of the model's angle at a place, as one of what is estimated there."""

@@ -14,8 +14,9 @@ from jaxtyping import Array, Float
 
 from fitting.material.data.errors import DataError
 from fitting.material.experiments.skin_curve import SkinCurve, Specimen
-from suas_jax.config import SceneSpec, continuous_inputs, with_inputs, with_solve
+from suas_jax.config import SceneSpec, with_inputs, with_solve
 from suas_jax.config.fields import Spec
+from suas_jax.config.input_errors import stresses_of
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.outcomes import NAMES, advice
@@ -142,13 +143,7 @@ def _readings(points: list[Point]) -> np.ndarray:
 
 def _scaled(scene: SceneSpec, scale: float) -> dict[str, float]:
     """The stress constants of the scene's material, times a factor."""
-    declared = scene.material.declared()
-    stresses = {f"material.{key}" for key, c in declared.items() if c.dimension == "stress"}
-    return {
-        path: scale * value
-        for path, value in continuous_inputs(scene).items()
-        if ".".join(path.split(".")[:2]) in stresses
-    }
+    return {path: scale * value for path, value in stresses_of(scene).items()}
 
 
 def _followed(
