@@ -16,16 +16,16 @@ _WORDS = dict(
     laengenaenderung=extension verformung=extension verschiebung=displacement weg=travel
     wahre_dehnung=true_strain technische_dehnung=nominal_strain nenndehnung=nominal_strain
     stauchung=compressive_strain dehnung=strain wahre_spannung=true_stress
-    technische_spannung=nominal_stress nennspannung=nominal_stress zugspannung=tensile_stress druckspannung=compressive_stress
-    schubspannung=shear_stress spannung=stress streckverhaeltnis=stretch
-    volumenverhaeltnis=volume_ratio volumendehnung=volumetric_strain
-    volumenaenderung=volume_change volumenstauchung=volumetric_compression
-    ueberdruck=pressure innendruck=pressure druck=pressure pruefzeit=test_time
-    versuchszeit=test_time zeit=time zyklus=cycle anfangsquerschnitt=initial_area
-    querschnittsflaeche=area querschnitt=area einspannlaenge=grip_separation
-    klemmlaenge=clamping_length messlaenge=gauge_length anfangslaenge=initial_length
-    probendicke=specimen_thickness dicke=thickness probenbreite=specimen_width breite=width
-    probendurchmesser=specimen_diameter durchmesser=diameter hoehe=height
+    technische_spannung=nominal_stress nennspannung=nominal_stress zugspannung=tensile_stress
+    druckspannung=compressive_stress schubspannung=shear_stress spannung=stress
+    streckverhaeltnis=stretch volumenverhaeltnis=volume_ratio volumendehnung=volumetric_strain
+    volumenaenderung=volume_change volumenstauchung=volumetric_compression ueberdruck=pressure
+    innendruck=pressure druck=pressure pruefzeit=test_time versuchszeit=test_time zeit=time
+    zyklus=cycle anfangsquerschnitt=initial_area querschnittsflaeche=area querschnitt=area
+    einspannlaenge=grip_separation klemmlaenge=clamping_length messlaenge=gauge_length
+    anfangslaenge=initial_length probendicke=specimen_thickness dicke=thickness
+    probenbreite=specimen_width breite=width probendurchmesser=specimen_diameter
+    durchmesser=diameter hoehe=height
 
     allongement=elongation deplacement=displacement deformation=strain contrainte=stress
     pression=pressure rapport_de_volume=volume_ratio epaisseur=thickness largeur=width
