@@ -1,6 +1,7 @@
 """Formulas of a skin's calibration against closed forms: priors, noise, outliers, warnings."""
 
 import dataclasses
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,13 +12,21 @@ from fitting.sensor.fit import checks, priors
 from fitting.sensor.fit.residuals import Prior, SensorProblem, bounds_of
 from fitting.sensor.fit.result import _ratio, _taken_out
 from fitting.sensor.fit.search import _kept, _spread
-from fitting.sensor.logs.data import NoCalibration, _forget_idle_places
+from fitting.sensor.logs.data import NoCalibration, _forget_idle_places, load_sensor_data
 from fitting.sensor.logs.known_inputs import check_known, fluid_name, permittivities
 from fitting.sensor.logs.readings import ROUNDING, LoggedCounts, _first_noise, measured_noise
-from fitting.sensor.model.constants import SensorConstant, SensorFamily, is_gap, moves_membrane
+from fitting.sensor.model.constants import (
+    SensorConstant,
+    SensorFamily,
+    is_gap,
+    moves_membrane,
+    named,
+)
 from fitting.sensor.report.skin_file import _layers, _text
-from suas_jax.config import UncertainQuantity
+from suas_jax.config import UncertainQuantity, load_skin
 from suas_jax.config.sections.circle import CircleSpec
+
+ROOT = Path(__file__).parent.parent
 
 RNG = np.random.default_rng(0)
 PERMITTIVITY = SensorConstant("relative_permittivity", "1", 2.0)
@@ -582,3 +591,36 @@ def test_states_at_rest_have_no_place() -> None:
     assert table.keys() == rows.keys()
     for name, row in rows.items():
         np.testing.assert_array_equal(table[name], [row])
+
+
+@pytest.mark.parametrize(
+    ("geometry", "fit", "column", "said"),
+    [
+        ({}, "permittivity,gap", "load_0_force_N", ["thickness, known to 3 %", "10 %"]),
+        (
+            {},
+            "permittivity,gap",
+            "load_0_force_N",
+            ["relative_permittivity,oil_gap,thickness --j"],
+        ),
+        ({}, "gap,thickness", "load_0_force_N", ["material", "oil_gap,thickness --joint"]),
+        ({}, "gap,thickness,material.C1", "load_0_force_N", []),
+        ({}, "permittivity,gap", "load_0_displacement_mm", []),
+        ({}, "permittivity,scale", "load_0_force_N", []),
+        ({"thickness": UncertainQuantity(1.5e-3, 3e-5)}, "gap", "load_0_force_N", ["to 2 %"]),
+    ],
+)
+def test_forces_tell_a_gap_no_better_than_the_membrane_is_known(
+    tmp_path: Path, geometry: dict[str, Any], fit: str, column: str, said: list[str]
+) -> None:
+    spec = load_skin(ROOT / "configs/skins/suas.toml")
+    spec = spec.model_copy(update={"geometry": spec.geometry.model_copy(update=geometry)})
+    names = ["t_host_s", "t_device_s", "seq", "module", *(f"so_{k}" for k in range(1, 9))]
+    rows = [f"{k},{k},{k},0,{','.join(['200'] * 8)},{k},20" for k in range(3)]
+    head = ",".join([*names, column, "load_0_angle_deg"])
+    (tmp_path / "a.csv").write_text("\n".join([head, *rows]) + "\n")
+    data = load_sensor_data(spec, [tmp_path / "a.csv"])
+    family = SensorFamily(tuple(named(spec, name) for name in fit.split(",")))
+    text = checks.exact_membrane_warning(family, data)
+    assert bool(text) == bool(said)
+    assert all(part in text for part in said)
