@@ -6,17 +6,7 @@ from fitting.sensor.fit.priors import is_static
 from fitting.sensor.fit.residuals import SensorProblem
 from fitting.sensor.logs.data import NoCalibration, SensorData
 from fitting.sensor.logs.log import Masked
-from fitting.sensor.model.constants import (
-    GAP,
-    PATHS,
-    PERMITTIVITY,
-    STIFFNESS,
-    THICKNESS,
-    SensorFamily,
-    is_gap,
-)
-from suas_jax.config.input_errors import input_errors, stresses_of
-from suas_jax.config.inputs import given_inputs
+from fitting.sensor.model.constants import PERMITTIVITY, is_gap
 from suas_jax.sensing.taxels import taxel_names
 
 # A taxel-to-taxel misfit beyond this is not a tolerance of assembly.
@@ -26,7 +16,6 @@ _UNEXPLAINED, _BEYOND_NOISE = 0.3, 5.0
 _PLAUSIBLE = (0.9, 200.0)
 _FACTORS = {PERMITTIVITY: 4.0, "gap": 3.0}
 _DOUBTFUL = 2.0
-_EXACT = 1e-3  # share of the membrane's stiffness that nobody has to be told of
 _DRIFTING = 5.0
 _DRIFT_FRAMES, _POWERS = 20, 7
 # Share of the time's course that must differ from the load's.
@@ -204,41 +193,6 @@ def noise_warning(noise: np.ndarray, data: SensorData) -> str:
     return (
         f"readings scatter by {found:.3g} counts about the model, electrodes.noise says "
         f"{stated:.3g}: noise, or a model that is not this skin's"
-    )
-
-
-def exact_membrane_warning(family: SensorFamily, data: SensorData) -> str:
-    """A warning where forces tell the gap by a stiffness that is taken as exact, or nothing."""
-    by_force = bool(np.nan_to_num(data.loads.force).any())
-    by_travel = bool(np.isfinite(data.loads.displacement).any() or data.loads.bodies)
-    if not by_force or by_travel or not any(map(is_gap, family.names)):
-        return ""
-    values, errors = given_inputs(data.spec), input_errors(data.spec)
-    held = {
-        "thickness": [path for path in values if path.startswith(PATHS[THICKNESS])],
-        "material": list(stresses_of(data.spec)),
-    }
-    fitted = {name.partition(".")[0] for name in family.names}
-    told: dict[str, str] = {}
-    for what, paths in held.items():
-        columns = [errors.paths.index(path) for path in paths if path in errors.paths]
-        if what in fitted or STIFFNESS in fitted or not columns:
-            continue
-        size = sum(float(values[path]) for path in paths)
-        share = float(np.linalg.norm(errors.directions[:, columns].sum(1))) / abs(size)
-        if share > _EXACT:
-            told[what] = f"{what}, known to {100 * share:.2g} %"
-    if not told:
-        return ""
-    more = ",thickness" * ("thickness" in told) + " --joint" * ("material" in told)
-    names = dict.fromkeys(GAP if is_gap(name) else name for name in family.names)
-    option = f"--fit {','.join(names)}{more}"
-    if held["thickness"][0] != PATHS[THICKNESS]:
-        option = "--fit as-built"  # a table is not one number
-    return (
-        f"known forces tell the gap by the membrane's stiffness, which is taken as exact "
-        f"({'; '.join(told.values())}): the gap may be off by more than its interval says; "
-        f"{option} finds what is not exact, too, and known displacements don't need it"
     )
 
 
