@@ -16,7 +16,7 @@ from suas_jax.config.errors import listed
 # Readings whose sign tells tension from compression.
 _SIGNED = ("force", "stress", "nominal", "cauchy", "strain", "log_strain", "displacement")
 # What a file says of its test: the kind, method or standard of it.
-_OF_TEST = re.compile(r"test|method|procedure|pruef|standard|norm|type|mode")
+_OF_TEST = re.compile(r"test|pruef|(?:method|procedure|standard|norm|type|mode)(?![a-z])")
 _COMPRESSION = r"compress(?!ion_mou?ld)|druckversuch|stauch|iso_7743|astm_d_?575"
 _CLOCK = re.compile(r"(?:(\d+):)?(\d+):(\d+(?:\.\d*)?)\s*([AaPp][Mm])?")
 

@@ -189,15 +189,17 @@ class Reader(NamedColumns):
     def _measure_by_force(self, values: np.ndarray, direction: int) -> str:
         """Measure of stresses whose name states none, where the file has the force, too."""
         name = self.table.names[self.position("stress", direction)]
-        force, area = self.signed("force", direction), None
+        force = area = stretch = None
         with contextlib.suppress(DataError):
-            area = self.area()
+            force, area = self.signed("force", direction), self.area()
+            stretch = self.stretch(direction)
         taken = "taken as nominal (force over undeformed area)"
         said = f'column "{name}" does not say whether it is nominal or Cauchy stress; {taken}'
-        if force is not None and area is not None:
-            with np.errstate(divide="ignore", invalid="ignore"):
-                ratio = values * area / np.where(force != 0.0, force, np.nan)
-                grown = ratio / self.stretch(direction)
+        if force is not None and stretch is not None and np.any(np.nan_to_num(force)):
+            # Near rest a zero that is off by little changes the ratio by much.
+            known = np.abs(force) > 0.1 * np.nanmax(np.abs(force))
+            ratio = (values * area)[known] / force[known]
+            grown = ratio / stretch[known]
             off, off_grown = (float(np.nanmedian(np.abs(x - 1.0))) for x in (ratio, grown))
             if off < _AS_FORCE:
                 return "nominal"
