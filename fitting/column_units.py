@@ -30,6 +30,17 @@ Spellings are lower case and without blanks.
 Megapascals are never millipascals here.
 """
 
+MULTIPLES = {
+    "dan": "10N",
+    "cn": "0.01N",
+    "\N{GREEK SMALL LETTER MU}\N{GREEK SMALL LETTER EPSILON}": "1e-4%",
+    "microstrain": "1e-4%",
+    "inh2o": "249.089Pa",
+    "cmh2o": "98.0665Pa",
+    "mmh2o": "9.80665Pa",
+}
+"""Units that are a number of others, spelled as those of `UNITS`."""
+
 
 def unit_size(unit: str, dimension: str) -> float:
     """Size of a unit in SI units; an area's is the square of its length's.

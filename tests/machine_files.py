@@ -524,4 +524,147 @@ FILES = [
     MachineFile(
         "old workbook", b"\xd0\xcf\x11\xe0" + b"\x00" * 64, (".xlsx or as CSV",), suffix=".xls"
     ),
+    MachineFile(
+        "Instron Bluehill, two specimens under a table of results with a mean",
+        (
+            '\ufeff"Results"\n"","Specimen label","Width","Thickness","Length","Force"\n'
+            '"","","(mm)","(mm)","(mm)","(N)"\n"1","S-A","6.00","2.00","25.00","8.4"\n'
+            '"2","S-B","6.00","4.00","25.00","16.8"\n"Mean","","6.00","3.00","25.00","12"\n\n'
+            + "".join(
+                f'"Specimen {k}"\n"Time","Displacement","Force"\n"(s)","(mm)","(N)"\n'
+                + rows(TIME, TRAVEL, k * FORCE, quote='"')
+                for k in (1, 2)
+            )
+        ).encode(),
+        factors=(1.0, 1.0),
+    ),
+    MachineFile(
+        "MTS, short names",
+        (
+            "Time\tAx Disp\tAx Force\nSec\tmm\tkN\n"
+            + rows(TIME, TRAVEL, FORCE / 1e3, between="\t")
+        ).encode(),
+        specimen=SIZES,
+        suffix=".txt",
+    ),
+    MachineFile(
+        "Shimadzu Trapezium, strain of the stroke beside it",
+        (
+            '"Time","Stroke","Stress","Stroke Strain"\n"sec","mm","N/mm2","%"\n'
+            + rows(TIME, TRAVEL, stress(STRETCH), 100.0 * (STRETCH - 1.0), quote='"')
+        ).encode(),
+    ),
+    MachineFile(
+        "TA RSA-G3, distance of the clamps",
+        (
+            "Length\t25.0 mm\nWidth\t6.0 mm\nThickness\t2.0 mm\n[step]\nAxial - 1\n"
+            "Step time\tGap\tAxial force\ns\tmm\tN\n"
+            + rows(TIME, LENGTH + TRAVEL, FORCE, between="\t")
+        ).encode(),
+        suffix=".txt",
+    ),
+    MachineFile(
+        "times of a clock, after midnight too",
+        (
+            "Time,Displacement (mm),Force (N)\n"
+            + "".join(
+                f"{23 * (k < 5):02d}:{59 * (k < 5):02d}:{k:02d}.5,{x:.6g},{y:.6g}\n"
+                for k, (x, y) in enumerate(zip(TRAVEL, FORCE, strict=True))
+            )
+        ).encode(),
+        specimen=SIZES,
+    ),
+    MachineFile(
+        "decanewtons and microstrain",
+        ("Force (daN),Strain (µε)\n" + rows(FORCE / 10.0, 1e6 * (STRETCH - 1.0))).encode(),
+        specimen=SIZES,
+    ),
+    MachineFile(
+        "letters for names",
+        (
+            "ε [%];σ [MPa]\n" + rows(100.0 * (STRETCH - 1.0), stress(STRETCH), **SEMICOLONS)
+        ).encode(),
+    ),
+    MachineFile(
+        "letters for force and travel",
+        ("ΔL (mm),F (N)\n" + rows(TRAVEL, FORCE)).encode(),
+        specimen=SIZES,
+    ),
+    MachineFile(
+        "thickness at three places",
+        (
+            "Thickness 1,1.9,mm\nThickness 2,2.0,mm\nThickness 3,2.3,mm\nWidth,6,mm\n"
+            "Gauge length,25,mm\nExtension (mm),Force (N)\n" + rows(TRAVEL, FORCE)
+        ).encode(),
+    ),
+    MachineFile(
+        "Cauchy stress by the force beside it",
+        (
+            "Width: 6 mm\nThickness: 2 mm\nStrain (%),Force (N),Stress (MPa)\n"
+            + rows(100.0 * (STRETCH - 1.0), FORCE, stress(STRETCH) * STRETCH)
+        ).encode(),
+    ),
+    MachineFile(
+        "compression that only the method tells",
+        (
+            '"Method","ISO 7743 compression.im_comp"\n"Height h0","25","mm"\n'
+            '"Diameter","29","mm"\n"Extension (mm)","Load (N)"\n'
+            + rows(DOWN, -button(SQUEEZED), quote='"')
+        ).encode(),
+        stretch=SQUEEZED,
+    ),
+    MachineFile(
+        "ring by its word",
+        (
+            "# Inner diameter: 44.6 mm\n# Width: 4 mm\n# Thickness: 4 mm\n"
+            "Strain (%),Force (N)\n" + rows(100.0 * (STRETCH - 1.0), FORCE)
+        ).encode(),
+        ("ring", "legs", "--specimen"),
+    ),
+    MachineFile(
+        "ring by a diameter and a thickness",
+        (
+            "Diameter: 44.6 mm\nThickness: 4 mm\nStrain (%),Force (N)\n"
+            + rows(100.0 * (STRETCH - 1.0), FORCE)
+        ).encode(),
+        ("ring", "legs", "--specimen"),
+    ),
+    MachineFile(
+        "ring, both legs",
+        (
+            "Specimen: ring ISO 37 type A\nDiameter: 44.6 mm\nThickness: 4 mm\n"
+            "Strain (%),Force (N)\n" + rows(100.0 * (STRETCH - 1.0), FORCE)
+        ).encode(),
+        specimen={"area": "12 mm2"},
+    ),
+    MachineFile(
+        "strain of an unknown kind",
+        ("frame,eps_yy,Force_N\n" + rows(TIME, STRETCH - 1.0, FORCE)).encode(),
+        ("strain=NAME %", "green_strain=NAME"),
+        specimen=SIZES,
+    ),
+    MachineFile(
+        "unknown unit in brackets",
+        ("Strain [%],Force (stone)\n" + rows(100.0 * (STRETCH - 1.0), FORCE)).encode(),
+        ("stone is not one of N", '"Force_N"'),
+        specimen=SIZES,
+    ),
+    MachineFile(
+        "inflation in inches of water, ratio of sizes",
+        (
+            "# thickness_ratio: 0.015\nHoop stretch,Internal pressure (inH2O)\n"
+            + rows(STRETCH, 0.03 * MODULUS / 249.089 * (1 / STRETCH - STRETCH**-7))
+        ).encode(),
+        mode="balloon",
+    ),
+    MachineFile(
+        "both directions' forces and travels",
+        (
+            "Force X (N),Force Y (N),Displacement X (mm),Displacement Y (mm)\n"
+            + rows(*[MODULUS / 1e6 * (STRETCH - STRETCH**-5) * 50.0] * 2, TRAVEL, TRAVEL)
+        ).encode(),
+        specimen={"length": "25 mm", "width": "25 mm", "thickness": "2 mm"},
+        stretch=np.tile(STRETCH, 2),
+        mode="biaxial",
+    ),
 ]

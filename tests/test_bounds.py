@@ -216,6 +216,16 @@ def test_odd_frame_numbers_are_told(
     assert note is None or note in notes[0]
 
 
+@pytest.mark.parametrize("clock", ["t_host_s", "t_device_s"])
+def test_a_clock_that_goes_back_is_told(tmp_path: Path, clock: str) -> None:
+    set_back = [0.0, 1.0, 2.0, 1.5, 2.5, 0.5]
+    times = {"t_host_s": range(6), "t_device_s": range(6), clock: set_back}
+    columns = zip(times["t_host_s"], times["t_device_s"], strict=True)
+    rows = [f"{host},{device},{i},0,5" for i, (host, device) in enumerate(columns)]
+    (note,) = sequence_notes(read_log(written_log(tmp_path / "a.csv", rows)))
+    assert f"{clock} goes back, 2 times, first to 1.5 s (row 4)" in note
+
+
 def test_rates_and_points_are_bounded(tmp_path: Path) -> None:
     program = f"""
 import resource, sys

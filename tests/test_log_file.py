@@ -140,7 +140,7 @@ def test_a_malformed_row_is_named(row, words, tmp_path):
         ("t_host_s,t_device_s,seq,module", "so_1, so_2"),
         ("t_host_s,t_device_s,seq,module,so_1,so_3", "without a hole"),
         ("t_host_s,t_device_s,seq,module,so_1,so_1", "named twice: so_1"),
-        ("t_host_s;t_device_s;seq;module;so_1", "no column t_host_s"),
+        ("t_host_s;t_device_s;seq;module;so_1", "put commas between fields"),
     ],
 )
 def test_wrong_columns_are_named(columns, words, tmp_path):

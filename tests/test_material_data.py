@@ -13,6 +13,7 @@ from fitting.material.data.cells import decimal_mark, number
 from fitting.material.data.errors import DataError
 from fitting.material.experiments.data_checks import contradictions, warnings_of
 from fitting.material.experiments.datasets import load_dataset
+from fitting.material.experiments.measurements import StressTest
 
 STRETCH = np.array([1.0, 1.2, 1.5, 2.0])
 NOMINAL = 4e5 * (STRETCH - STRETCH**-2)
@@ -228,3 +229,18 @@ def test_command_line(tmp_path: pathlib.Path) -> None:
         result = run.invoke(app, [*options, *bad])
         assert result.exit_code == 2, bad
         assert message in result.stderr
+
+
+def test_a_clock_tells_the_time(tmp_path: pathlib.Path) -> None:
+    clock = ["23:59:58.5", "23:59:59", "0:00:01", "0:00:02.25"]
+    rows = "\n".join(f"{text},{k}.0,{k}.5" for k, text in enumerate(clock, 1))
+    file = written(tmp_path, f"Time (hh:mm:ss),Strain (%),Stress (MPa)\n{rows}".encode())
+    data = load_dataset("uniaxial", file)
+    assert isinstance(data, StressTest)
+    np.testing.assert_allclose(np.diff(data.time), [0.5, 2.0, 1.25])
+    late = rows.replace("23:", "11:").replace("58.5", "58.5 PM").replace("59,", "59 PM,")
+    late = late.replace("0:00:01", "12:00:01 AM").replace("0:00:02.25", "12:00:02.25 AM")
+    file = written(tmp_path, f"Time,Strain (%),Stress (MPa)\n{late}".encode(), "late.csv")
+    data = load_dataset("uniaxial", file)
+    assert isinstance(data, StressTest)
+    np.testing.assert_allclose(np.diff(data.time), [0.5, 2.0, 1.25])

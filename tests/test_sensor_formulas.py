@@ -1,23 +1,32 @@
 """Formulas of a skin's calibration against closed forms: priors, noise, outliers, warnings."""
 
 import dataclasses
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from fitting.sensor.fit import checks, priors
+from fitting.sensor.fit import checks, doubts, priors
 from fitting.sensor.fit.residuals import Prior, SensorProblem, bounds_of
 from fitting.sensor.fit.result import _ratio, _taken_out
 from fitting.sensor.fit.search import _kept, _spread
-from fitting.sensor.logs.data import NoCalibration, _forget_idle_places
+from fitting.sensor.logs.data import NoCalibration, _forget_idle_places, load_sensor_data
 from fitting.sensor.logs.known_inputs import check_known, fluid_name, permittivities
 from fitting.sensor.logs.readings import ROUNDING, LoggedCounts, _first_noise, measured_noise
-from fitting.sensor.model.constants import SensorConstant, SensorFamily, is_gap, moves_membrane
+from fitting.sensor.model.constants import (
+    SensorConstant,
+    SensorFamily,
+    is_gap,
+    moves_membrane,
+    named,
+)
 from fitting.sensor.report.skin_file import _layers, _text
-from suas_jax.config import UncertainQuantity
+from suas_jax.config import UncertainQuantity, load_skin
 from suas_jax.config.sections.circle import CircleSpec
+
+ROOT = Path(__file__).parent.parent
 
 RNG = np.random.default_rng(0)
 PERMITTIVITY = SensorConstant("relative_permittivity", "1", 2.0)
@@ -429,6 +438,31 @@ def test_powers_of_the_load_span_what_counts_change_with() -> None:
     assert checks._powers_of_load(np.full((2, 5), 1000.0)).tolist() == [[1.0]] * 5
 
 
+def test_a_constant_far_from_its_prior_is_told() -> None:
+    given = {PERMITTIVITY.name: Prior(2.2, 0.05, ""), GAP.name: Prior(5e-3, 2e-4, "")}
+    one = problem([PERMITTIVITY, GAP], np.ones((1, 4, 2)), **given)
+    assert not doubts.pulled_warning(one, np.array([2.35, 4.4e-3]))
+    text = doubts.pulled_warning(one, np.array([2.51, 4.4e-3]))
+    assert f"{PERMITTIVITY.name} is 6.2 standard deviations" in text
+    assert "others" not in text
+    assert "1 others" in doubts.pulled_warning(one, np.array([2.51, 4.0e-3]))
+
+
+def test_exchanged_taxels_are_named() -> None:
+    load = np.linspace(0.0, 1.0, 40)
+    predicted = 200.0 + np.outer([10.0, 90.0, 150.0, 40.0], load)
+    for order, told in (([0, 2, 1, 3], "0.2 and 0.3"), ([1, 2, 0, 3], ""), ([0, 1, 2, 3], "")):
+        so = predicted[order] + 2.0 * RNG.normal(size=predicted.shape)
+        used = np.equal(order, range(4))[:, None] & np.ones(so.shape, bool)
+        readings = SimpleNamespace(
+            so=so, sigma=np.full(so.shape, 2.0), present=~np.isnan(so), used=used, offsets=False
+        )
+        one: Any = SimpleNamespace(readings=readings, predicted=lambda constants: predicted)
+        data: Any = SimpleNamespace(spec=load_skin(ROOT / "configs/skins/suas.toml"))
+        text = doubts.exchanged_warning(one, np.ones(2), data)
+        assert told in text if told else not text
+
+
 def test_what_a_fit_leaves_out_is_listed_taxel_by_taxel() -> None:
     taxel = SimpleNamespace(layout="list")
     electrodes: Any = SimpleNamespace(taxels_by_module={0: 4}, noise=2.0, **vars(taxel))
@@ -582,3 +616,36 @@ def test_states_at_rest_have_no_place() -> None:
     assert table.keys() == rows.keys()
     for name, row in rows.items():
         np.testing.assert_array_equal(table[name], [row])
+
+
+@pytest.mark.parametrize(
+    ("geometry", "fit", "column", "said"),
+    [
+        ({}, "permittivity,gap", "load_0_force_N", ["thickness, known to 3 %", "10 %"]),
+        (
+            {},
+            "permittivity,gap",
+            "load_0_force_N",
+            ["relative_permittivity,oil_gap,thickness --j"],
+        ),
+        ({}, "gap,thickness", "load_0_force_N", ["material", "oil_gap,thickness --joint"]),
+        ({}, "gap,thickness,material.C1", "load_0_force_N", []),
+        ({}, "permittivity,gap", "load_0_displacement_mm", []),
+        ({}, "permittivity,scale", "load_0_force_N", []),
+        ({"thickness": UncertainQuantity(1.5e-3, 3e-5)}, "gap", "load_0_force_N", ["to 2 %"]),
+    ],
+)
+def test_forces_tell_a_gap_no_better_than_the_membrane_is_known(
+    tmp_path: Path, geometry: dict[str, Any], fit: str, column: str, said: list[str]
+) -> None:
+    spec = load_skin(ROOT / "configs/skins/suas.toml")
+    spec = spec.model_copy(update={"geometry": spec.geometry.model_copy(update=geometry)})
+    names = ["t_host_s", "t_device_s", "seq", "module", *(f"so_{k}" for k in range(1, 9))]
+    rows = [f"{k},{k},{k},0,{','.join(['200'] * 8)},{k},20" for k in range(3)]
+    head = ",".join([*names, column, "load_0_angle_deg"])
+    (tmp_path / "a.csv").write_text("\n".join([head, *rows]) + "\n")
+    data = load_sensor_data(spec, [tmp_path / "a.csv"])
+    family = SensorFamily(tuple(named(spec, name) for name in fit.split(",")))
+    text = doubts.exact_membrane_warning(family, data)
+    assert bool(text) == bool(said)
+    assert all(part in text for part in said)

@@ -122,6 +122,19 @@ def test_a_skin_that_states_nothing_has_the_defaults_and_says_so() -> None:
         assert stiffness[f"material.{name}"] == pytest.approx(expected)
 
 
+def test_a_table_has_the_default_of_its_length_all_over() -> None:
+    table = {"arc": [0, 0.5, 1], "value": ["1.2 mm", "1.8 mm", "1.4 mm"]}
+    for key in ("thickness", "oil_gap"):
+        errors = input_errors(scene(geometry={key: table}))
+        assert errors.names == errors.assumed == tuple(DEFAULTS)
+        row = errors.directions[errors.names.index(f"geometry.{key}")]
+        own = dict(zip(errors.paths, row, strict=True))
+        found = [own[f"geometry.{key}.value.{k}"] for k in range(3)]
+        np.testing.assert_allclose(found, [0.036e-3, 0.054e-3, 0.042e-3])
+    exact = table | {"value": ["1.2 mm +- 0", "1.8 mm", "1.4 mm"]}
+    assert "geometry.thickness" not in input_errors(scene(geometry={"thickness": exact})).names
+
+
 def test_a_stated_tolerance_takes_the_place_of_its_own_default_alone() -> None:
     errors = input_errors(scene(oil={"relative_permittivity": "2.2 +- 0.1"}))
     stated = "oil.relative_permittivity"

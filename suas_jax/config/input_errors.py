@@ -198,6 +198,8 @@ def _defaults(spec: SkinSpec) -> Iterator[tuple[str, dict[str, float]]]:
             constants = {path: share * value for path, value in stresses_of(spec).items()}
             if constants:
                 yield name, constants
+        elif table := [path for path in values if path.startswith(f"{name}.value.")]:
+            yield name, {path: share * values[path] for path in table}
         elif name in values:
             yield name, {name: share * values[name]}
         elif name == "electrodes.lsb" and spec.electrodes is not None:

@@ -13,19 +13,19 @@ _WORDS = dict(
     standardkraft=standard_force pruefkraft=test_force zugkraft=tensile_force
     druckkraft=compressive_force kraft=force standardweg=standard_travel
     traversenweg=crosshead_travel kolbenweg=actuator_travel verlaengerung=extension
-    laengenaenderung=extension verschiebung=displacement weg=travel wahre_dehnung=true_strain
-    technische_dehnung=nominal_strain nenndehnung=nominal_strain stauchung=compressive_strain
-    dehnung=strain wahre_spannung=true_stress technische_spannung=nominal_stress
-    nennspannung=nominal_stress zugspannung=tensile_stress druckspannung=compressive_stress
-    schubspannung=shear_stress spannung=stress streckverhaeltnis=stretch
-    volumenverhaeltnis=volume_ratio volumendehnung=volumetric_strain
-    volumenaenderung=volume_change volumenstauchung=volumetric_compression
-    ueberdruck=pressure innendruck=pressure druck=pressure pruefzeit=test_time
-    versuchszeit=test_time zeit=time zyklus=cycle anfangsquerschnitt=initial_area
-    querschnittsflaeche=area querschnitt=area einspannlaenge=grip_separation
-    klemmlaenge=clamping_length messlaenge=gauge_length anfangslaenge=initial_length
-    probendicke=specimen_thickness dicke=thickness probenbreite=specimen_width breite=width
-    probendurchmesser=specimen_diameter durchmesser=diameter hoehe=height
+    laengenaenderung=extension verformung=extension verschiebung=displacement weg=travel
+    wahre_dehnung=true_strain technische_dehnung=nominal_strain nenndehnung=nominal_strain
+    stauchung=compressive_strain dehnung=strain wahre_spannung=true_stress
+    technische_spannung=nominal_stress nennspannung=nominal_stress zugspannung=tensile_stress
+    druckspannung=compressive_stress schubspannung=shear_stress spannung=stress
+    streckverhaeltnis=stretch volumenverhaeltnis=volume_ratio volumendehnung=volumetric_strain
+    volumenaenderung=volume_change volumenstauchung=volumetric_compression ueberdruck=pressure
+    innendruck=pressure druck=pressure pruefzeit=test_time versuchszeit=test_time zeit=time
+    zyklus=cycle anfangsquerschnitt=initial_area querschnittsflaeche=area querschnitt=area
+    einspannlaenge=grip_separation klemmlaenge=clamping_length messlaenge=gauge_length
+    anfangslaenge=initial_length probendicke=specimen_thickness dicke=thickness
+    probenbreite=specimen_width breite=width probendurchmesser=specimen_diameter
+    durchmesser=diameter hoehe=height
 
     allongement=elongation deplacement=displacement deformation=strain contrainte=stress
     pression=pressure rapport_de_volume=volume_ratio epaisseur=thickness largeur=width
@@ -119,12 +119,12 @@ second_pk stress (?:second_piola_kirchhoff|pk2|2nd_pk|second_pk)(?:_stress)?
 nominal stress (?:nominal|engineering|eng|first_piola_kirchhoff|pk1|1st_pk|first_pk|tensile
     |compressive|compression|standard)_?stress|pk1|first_piola_kirchhoff
     |(?:stress|sigma|σ)_(?:eng|engineering|nom|nominal)
-stress stress (?:axial_)?stress
-pressure pressure (?:inflation_|gauge_|differential_|oil_|hydrostatic_|confining_|chamber_)?
-    pressure|p
-force force (?:axial_|static_|standard_|tensile_|tension_|compressive_|compression_|test_
-    |load_cell_)*(?:force|load)(?:_cell)?
-time time (?:test_|running_|total_|elapsed_)*time|t(?=_s$|_min$|$)
+stress stress (?:axial_)?stress|σ
+pressure pressure (?:inflation_|gauge_|differential_|oil_|hydrostatic_|confining_|chamber_
+    |internal_|inner_|applied_|balloon_)*pressure|p
+force force (?:axial_|ax_|static_|standard_|tensile_|tension_|compressive_|compression_|test_
+    |shear_|normal_|applied_|load_cell_)*(?:force|load)(?:_cell)?|f(?=_[mk]?n$|$)
+time time (?:test_|running_|total_|elapsed_|step_)*time|t(?=_s$|_min$|$)
 cycle number (?:total_|elapsed_)?cycles?(?:_(?:count|number|no))?
 volume_ratio number (?:relative_)?volume_(?:ratio|stretch)|relative_volume|v/v_?[0o]|jacobian|j
 volumetric_compression number (?:volumetric|volume)_(?:compression|reduction|loss)
@@ -138,25 +138,29 @@ log_strain number (?:log|true|hencky|logarithmic|natural|ln)_?strain
     |e(?:xx|yy|[12])_\[1\]_hencky
 green_strain number green(?:_lagrange)?_?strain|e(?:xx|yy|[12])_\[1\]_lagrange
 strain number (?:nominal_|engineering_|eng_|tensile_|compressive_|compression_|axial_|standard_
-    |corrected_|extensometer_|technical_)*strain|elongation_percent
+    |corrected_|extensometer_|technical_|stroke_|crosshead_|displacement_)*strain
+    |elongation_percent|ε
     |(?:strain|eps|epsilon|ε)_(?:eng|engineering|nom|nominal)
     |(?:section_\d+_|point_\d+_|mean_)?epsilon|e(?:xx|yy|[12])_\[1\]_(?:biot|engineering)
 stretch number (?:hoop_)?stretch(?:_ratio)?|extension_ratio|lambda|λ|lam
-displacement length (?:crosshead_|cross_head_|loads_0_|axial_|standard_|tensile_|compressive_
-    |actuator_|corrected_|extensometer_|video_|machine_)*(?:displacement|extension|elongation
-    |stroke|travel|deflection|crosshead|distance|position|extensometer)
+displacement length (?:crosshead_|cross_head_|loads_0_|axial_|ax_|standard_|tensile_
+    |compressive_|actuator_|corrected_|extensometer_|video_|machine_|shear_)*(?:displacement|displ?
+    |extension|elongation|stroke|travel|deflection|crosshead|distance|position|extensometer)
+    |d(?:elta_)?l|δl
+current_length length (?:axial_|plate_)?gap|current_length
 grip_separation length (?:initial_)?(?:grip|jaw|clamp)(?:_to_(?:grip|jaw|clamp))?
     _(?:separation|distance|length)(?:_at_(?:the_)?start(?:_position)?)?|clamping_length
-height length (?:apex_|pole_|bulge_|dome_)?height|apex_displacement
+height length (?:apex_|pole_|bulge_|dome_|specimen_|initial_)*height(?:_h[0o]?)?
+    |apex_displacement
 length length (?:gauge_|gage_|initial_|original_|specimen_|parallel_)*length(?:_l?[0o])?|l[0o]
 width length (?:specimen_|plate_|sample_|initial_)*width(?:_[bw][0o]?)?|b0|w0
+thickness_ratio number thickness_ratio|h_over_r
 thickness length (?:specimen_|plate_|sample_|wall_|initial_|membrane_)*thickness
     (?:_[abht][0o]?)?|h0|t0
-diameter length (?:specimen_|initial_)?diameter(?:_d[0o]?)?|d0
+diameter length (?:specimen_|initial_|outer_)*diameter(?:_d[0o]?)?|d0
 rest_radius length (?:initial|undeformed|reference|rest)_radius|r0
 radius length (?:current_|balloon_|membrane_|diaphragm_)?radius
 area area (?:specimen_|initial_|cross_section(?:al)?_)*area(?:_[as][0o]?)?|cross_section|a0|s0
-thickness_ratio number thickness_ratio|h_over_r
 weight number weight
 use word use|mask|valid|include
 specimen word specimen|sample|specimen_id|sample_id

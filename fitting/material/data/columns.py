@@ -3,14 +3,16 @@
 import re
 from typing import NamedTuple
 
-from fitting.column_units import UNITS, unit_size
+from fitting.column_units import MULTIPLES, UNITS, unit_size
 from fitting.material.data.column_names import QUANTITIES, Quantity, plain_words
 
 SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0, "hr": 3600.0}
+_CLOCKS = "hh:mm:ss", "h:mm:ss", "h:m:s", "mm:ss"  # how times are written, read as seconds
 # Units of quantities that do not concern a material's law.
 _OTHER_UNITS = frozenset(
     (
         *SECONDS,
+        *_CLOCKS,
         *("seconds", "secs", "minutes", "cycles", "hz", "mm/min", "mm/s", "1/s", "%/s", "nm"),
         *("°c", "c", "k", "°f", "v", "mv", "mv/v", "mpa/s", "n/s", "kn/s", "n*m", "j", "w"),
     )
@@ -111,7 +113,7 @@ def split_specimen(name: str) -> tuple[str, str]:
 def is_unit(text: str) -> bool:
     """Whether a cell holds a unit, in brackets or without."""
     bare = text.strip("()[]{}<> ").casefold().replace("²", "2").replace("^2", "2")
-    return bare in UNITS or bare in _OTHER_UNITS
+    return bare in UNITS or bare in MULTIPLES or bare in _OTHER_UNITS
 
 
 def with_unit(name: str, unit: str) -> str:
@@ -136,7 +138,7 @@ def _name_and_unit(name: str) -> tuple[str, str | None]:
 
 
 def _split_direction(rest: str) -> tuple[int, str]:
-    found = re.match(r"_?(1|2|x|y)(?:_(?:fixed|held))?(?=_|/|$)", rest)
+    found = re.match(r"_?([12xy])\1?(?:_(?:fixed|held))?(?=_|/|$)", rest)
     if not found:
         return 0, rest
     return {"1": 1, "x": 1, "2": 2, "y": 2}[found.group(1)], rest[found.end() :]
@@ -147,11 +149,12 @@ def _with_unit(
 ) -> Column | None:
     bare = unit.casefold().strip("/_ ")
     bare = re.sub(r"_per_|_", "/", re.sub(r"\s+", "", bare))
-    scaled = _SCALED.fullmatch(bare)
+    scaled = _SCALED.fullmatch(MULTIPLES.get(bare, bare).casefold())
     if scaled is not None:  # readings of an amplifier, such as 50 N for every volt
         column = _with_unit(quantity, direction, scaled.group(2), name, where)
         size = float(scaled.group(1).replace(",", "."))
-        return column and column._replace(factor=size * column.factor)
+        told = column and column._replace(factor=size * column.factor)
+        return told and told._replace(unit=unit) if bare in MULTIPLES else told
     kind, dimension, known = quantity.name, quantity.dimension, UNITS.get(bare)
     if dimension == "word":
         return None if bare else Column(kind, direction, "", 1.0)
@@ -160,6 +163,7 @@ def _with_unit(
             return Column(kind, direction, "", 1.0)
         return Column(kind, direction, "%", 0.01) if known == "%" else None
     if dimension == "time":
+        bare = "s" if bare in _CLOCKS else bare
         size = SECONDS.get(bare or "s", 0.0)
         return Column("time", direction, bare or "s", size) if size else None
     # ISO 527 calls a thickness a0.
@@ -172,9 +176,12 @@ def _with_unit(
     if not bare:
         if kind in ("pressure", "length", "radius", "height") and len(name) <= 2:
             return None
+        bracket = re.search(r"[\[({<]([^\])}>]*)[\])}>]\s*$", name)
+        own = name[: bracket.start()].strip() if bracket else name
+        no_unit = f"states no unit ({bracket[1]} is not one of {allowed})" if bracket else ""
         raise ValueError(
-            f'{where}: column "{name}" states no unit; add it, for example '
-            f'"{name}_{example}", or say which one by --columns "{kind}={name} {example}"'
+            f'{where}: column "{name}" {no_unit or "states no unit"}; add it, for example '
+            f'"{own}_{example}", or say which one by --columns "{kind}={name} {example}"'
         )
     if known is None:
         if kind == "stress":  # "stress_ratio" and the like

@@ -7,6 +7,7 @@ such in a row, and small tables of results whose columns are sizes of the specim
 import contextlib
 import dataclasses
 import re
+import statistics
 from collections.abc import Mapping, Sequence
 
 from fitting.column_units import unit_size
@@ -21,7 +22,7 @@ from fitting.material.data.columns import (
     with_unit,
 )
 from fitting.material.data.errors import DataError, said_of
-from fitting.material.data.layout import TableLayout
+from fitting.material.data.layout import STATISTICS, TableLayout
 from suas_jax.config.errors import listed, nearest
 from suas_jax.config.quantities import parse_quantity
 
@@ -29,6 +30,7 @@ from suas_jax.config.quantities import parse_quantity
 _STATED = re.compile(r"([^\W\d][\w ]*?)\s*[:=]\s*([\d.,]*\d)\s*([^\W\d]\w*)")
 _THREE = re.compile(r"([\d.,]+)\s*(?:x\s*)?([\d.,]+)\s*(?:x\s*)?([\d.,]+)\s*(\w+)")
 _META = re.compile(r"^\s*([^\W\d][\w /^-]*?)\s*[:=]\s*(.+?)\s*$")
+_PLACE = re.compile(r"(.*\w)[\s_#]+[1-9]")  # one of several where a size was measured
 _SI = {"area": "m2", "thickness_ratio": ""}  # of other sizes "m"
 
 
@@ -73,16 +75,22 @@ def read_header(cells: Cells, layout: TableLayout | None) -> Header:
     decimal = decimal_mark(cell for row in cells.rows[:2000] for cell in row)
     metadata: dict[str, str] = {}
     sizes: dict[str, dict[str, str]] = {}
+    numbered: dict[str, list[float]] = {}  # what "Thickness 1" to "Thickness 3" say
     for text in cells.comments:
         if found := _META.match(text):
             metadata.setdefault(_key(found.group(1)), found.group(2).strip(" ;,\t\"'"))
     for key, value, unit in (pair for row in rows for pair in _pairs(row)):
         name, label = split_specimen(key)
-        size = _size(name, value, unit, decimal)
+        place = _PLACE.fullmatch(name)
+        size = _size(place[1] if place else name, value, unit, decimal)
         if size is not None and label:
             sizes.setdefault(label, {}).setdefault(*size)
         elif size is not None:
             known, _, si = size[0].rstrip("]").partition(" [")
+            if place and (known in numbered or known not in metadata):
+                # ISO 37 and ASTM D412: the median of the places that were measured.
+                numbered.setdefault(known, []).append(float(size[1]))
+                metadata[known] = f"{statistics.median(numbered[known])!r} {si}"
             metadata.setdefault(known, f"{size[1]} {si}")
         elif not size_of(name):
             metadata.setdefault(_key(key), f"{value} {unit}".strip())
@@ -146,6 +154,8 @@ def _results(rows: list[list[str]], decimal: str) -> dict[str, dict[str, str]]:
             below = below[1:]
         for count, row in enumerate(below, 1):
             if not any(k < len(row) and looks_numeric(row[k]) for k in sized):
+                break
+            if any(STATISTICS.match(plain_words(cell)) for cell in row[:2]):
                 break
             label = row[0] if row[0] and 0 not in sized else str(count)
             label = split_specimen(label)[1] or label

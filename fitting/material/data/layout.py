@@ -23,8 +23,8 @@ from fitting.material.data.errors import DataError
 
 _HEAD_ROWS = 4  # of names and units above a table
 _BRACKETS = "()[]{}<> "
-# First words of rows about the readings of a table, which may stand below it.
-_STATISTICS = re.compile(
+# First words of rows about the rows of a table, which may stand below it.
+STATISTICS = re.compile(
     r"(?:mean|average|median|min|max|minimum|maximum|range|std|stdev|sd|standard_dev\w*|variance|"
     r"coefficient|mittelwert|standardabweichung|moyenne|ecart|media|desviacion|deviazione|"
     r"平均|標準偏差|标准差|最大|最小)(?![a-z])"
@@ -48,10 +48,7 @@ class TableLayout:
     @property
     def known(self) -> int:
         """How many columns are known quantities that a test reads; sizes are none."""
-        pairs = zip(self.names, self.units, strict=False)
-        return sum(
-            _is_known(name, unit) and quantity_of(name) not in SIZES for name, unit in pairs
-        )
+        return _read(self.names, self.units)
 
 
 def find_table(file: str, cells: Cells, *, named: bool) -> TableLayout:
@@ -93,8 +90,8 @@ def stacked(cells: Cells) -> list[Cells]:
     specimen; otherwise the first table goes on.
     """
     rows = cells.rows
-    heads = (k for k, row in enumerate(rows) if not looks_numeric(row[0]) and _are_names(row))
-    names = next((rows[k] for k in heads if _known(rows[k], []) > 1), None)
+    heads = (row for row in rows if not looks_numeric(row[0]) and _are_names(row))
+    names = next((row for row in heads if _read(row, []) > 1), None)
     places = [k for k, row in enumerate(rows) if row == names]
     starts = [0]
     for last, place in itertools.pairwise(places):
@@ -126,7 +123,7 @@ def _kind(row: list[str]) -> str:
     filled = [cell for cell in row if not is_missing(cell)]
     if not filled:
         return "e"
-    if _STATISTICS.match(plain_words(filled[0])):
+    if STATISTICS.match(plain_words(filled[0])):
         return "w"
     numbers = sum(looks_numeric(cell) for cell in filled)
     return "n" if numbers and 3 * numbers >= len(filled) else "w"
@@ -222,6 +219,12 @@ def _known(names: list[str], units: list[str]) -> int:
         _is_known(name, unit.strip(_BRACKETS))
         for name, unit in zip(names, _filled(units, len(names)), strict=True)
     )
+
+
+def _read(names: list[str], units: list[str]) -> int:
+    """How many columns are known quantities that a test reads; sizes are none."""
+    pairs = zip(names, _filled(units, len(names)), strict=True)
+    return sum(_is_known(name, unit) and quantity_of(name) not in SIZES for name, unit in pairs)
 
 
 def _is_known(name: str, unit: str) -> bool:

@@ -78,7 +78,8 @@ def biaxial(reader: Reader) -> StressTest:
 
 def _second_stretch(reader: Reader) -> np.ndarray:
     have = {key for key in reader.columns if key[1] == 2}
-    if not any(q in ("stretch", "strain", "log_strain", "green_strain") for q, _ in have):
+    measures = "stretch", "strain", "log_strain", "green_strain", "displacement"
+    if not any(quantity in measures for quantity, _ in have):
         raise reader.need("the second stretch", "stretch_2", "strain_2")
     return reader.stretch(2)
 

@@ -15,6 +15,10 @@ from suas_jax.config.errors import listed
 
 # Readings whose sign tells tension from compression.
 _SIGNED = ("force", "stress", "nominal", "cauchy", "strain", "log_strain", "displacement")
+# What a file says of its test: the kind, method or standard of it.
+_OF_TEST = re.compile(r"test|pruef|(?:method|procedure|standard|norm|type|mode)(?![a-z])")
+_COMPRESSION = r"compress(?!ion_mou?ld)|druckversuch|stauch|iso_7743|astm_d_?575"
+_CLOCK = re.compile(r"(?:(\d+):)?(\d+):(\d+(?:\.\d*)?)\s*([AaPp][Mm])?")
 
 
 class NamedColumns:
@@ -109,6 +113,8 @@ class NamedColumns:
             return None
         index, column = found
         values = self.table.cells[:, index]
+        if quantity == "time" and np.isnan(values).any():
+            values = _of_clock(values, [texts[index] for texts in self.table.texts])
         for row in np.flatnonzero(np.isnan(values)):
             text = self.table.texts[row][index]
             if not is_missing(text):
@@ -147,13 +153,19 @@ class NamedColumns:
             index for (quantity, _), (index, _) in self.columns.items() if quantity in _SIGNED
         }
         said = [self.table.names[index] for index in read]
-        said += [text for key, text in self.table.metadata.items() if key.startswith("test")]
+        said += [text for key, text in self.table.metadata.items() if _OF_TEST.match(key)]
         words = [plain_words(text) for text in said]
         return (
             self.mode in PATHS
-            and any(re.search(r"compress|druckversuch|stauch", text) for text in words)
+            and any(re.search(_COMPRESSION, text) for text in words)
             and not any(re.search(r"(?<!ex)tens(?:ion|ile)|zug", text) for text in words)
         )
+
+    @property
+    def _is_pulled(self) -> bool:
+        """Whether most of the force is tension."""
+        force = np.nan_to_num(x) if (x := self.column("force")) is not None else np.zeros(1)
+        return not self._is_compression and bool(force.max() > -force.min())
 
     def at(self, row: int, index: int) -> str:
         """Where a cell is, for messages."""
@@ -185,12 +197,27 @@ class NamedColumns:
         have = ", ".join(f'"{name}"' for name in self.table.names if name)
         choices = listed(f'"{name}"' for name in names)
         quantity = names[-1].partition("_")[0]
+        moved = quantity == "displacement"
         unit = {"force": "50 N/V", "displacement": "mm"}.get(quantity, "UNIT")
         return DataError(
             f"{self.table.file}: {what} is missing for the mode {self.mode}; expected a "
             f"column such as {choices} (the file has {have}); if one of them is it, say which, "
             f'with its unit or with what a volt stands for: --columns "{quantity}=NAME {unit}"'
+            + (' or, of a strain, "strain=NAME %", "green_strain=NAME"' if moved else "")
         )
+
+
+def _of_clock(values: np.ndarray, texts: list[str]) -> np.ndarray:
+    """Times of rows, those such as "00:01:30.5", with a date or without, in seconds."""
+    found = [_CLOCK.search(text) for text in texts]
+    parts = [[float(x or 0) for x in m.groups()[:3]] if m else [np.nan] * 3 for m in found]
+    clock = np.array(parts) @ [3600.0, 60.0, 1.0]
+    half = [m[4].casefold() if m and m[4] else "" for m in found]
+    clock = np.where([x != "" for x in half], clock % 43200.0, clock)
+    clock += np.where([x == "pm" for x in half], 43200.0, 0.0)
+    # After midnight a clock begins again.
+    again = np.diff(clock, prepend=clock[:1]) < -43200.0
+    return np.where(np.isnan(values), clock + 86400.0 * np.cumsum(again), values)
 
 
 def closeness_to_specimen(name: str) -> int:

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from fitting.material.data.column_names import plain_words
 from fitting.material.data.errors import DataError
 from fitting.material.data.header import given_sizes, stated_sizes
 from fitting.material.data.tables import Table
@@ -31,6 +32,9 @@ _MEASURES: tuple[tuple[str, Callable[[np.ndarray], np.ndarray], str], ...] = (
 # Columns of the noise, over the readings where it is zero; dimension of what is not stress.
 _SIGMAS = {"sigma": 1.0, "relative_sigma": 0.0}
 _DIMENSIONS: dict[str, DimensionName] = {"displacement": "length", "force": "force"}
+# Share by which a stress may miss the force over the area that it is.
+_AS_FORCE = 0.02
+_RING = re.compile(r"(?<![a-z])(?:o_?)?ring(?:probe|_type)?(?![a-z])|(?:inner|inside)_diameter")
 _PRELOAD = re.compile(r"vorkraft|vorlast|pre_?(?:load|force|tension)|precharge")
 
 AnyStressTest = TypeVar("AnyStressTest", bound=StressTest)
@@ -83,6 +87,10 @@ class Reader(NamedColumns):
                 moved = moved - self._given_way(direction)
             why = "the specimen would have no length left"
             return self._possible(1.0 + moved / length, "displacement", why)
+        apart = self.column("current_length", direction)
+        if apart is not None:
+            ratio = apart / self._needed_length(direction)
+            return self._possible(ratio, "current_length", "the specimen has no length left")
         held = self.stated.held_stretch()
         if held is not None and direction != 2:
             return np.full(len(self.table.lines), held)
@@ -137,11 +145,22 @@ class Reader(NamedColumns):
         return grips if closeness_to_specimen(name) < 0 else gauge
 
     def area(self) -> np.ndarray:
-        """Undeformed cross-section of the specimen [m²]."""
+        """Undeformed cross-section of the specimen [m²].
+
+        Raises DataError: no size states it, or the specimen is a ring.
+        """
         area = self.size("area")
         if area is not None:
             return area
         width, thickness = self.size("width"), self.size("thickness")
+        said = (plain_words(f"{key} {text}") for key, text in self.table.metadata.items())
+        flat = width is None and thickness is not None and self.size("diameter") is not None
+        if any(map(_RING.search, said)) or (flat and self._is_pulled):
+            raise DataError(
+                f"{self.table.file}: sizes of a ring, whose two legs carry the force: give the "
+                f'cross-section of both, --specimen "area=32 mm2" for legs of 4 mm by 4 mm '
+                f"(of another specimen its own)"
+            )
         if width is not None and thickness is not None:
             return width * thickness
         diameter = self.size("diameter")
@@ -161,16 +180,41 @@ class Reader(NamedColumns):
                 return values, quantity
         values = self.signed("stress", direction)
         if values is not None:
-            name = self.table.names[self.position("stress", direction)]
-            self.warnings.append(
-                f'column "{name}" does not say whether it is nominal or Cauchy stress; taken '
-                f"as nominal (force over undeformed area)"
-            )
-            return values, "nominal"
+            return values, self._measure_by_force(values, direction)
         force = self.signed("force", direction)
         if force is not None:
             return force / self.area(), "nominal"
         return None
+
+    def _measure_by_force(self, values: np.ndarray, direction: int) -> str:
+        """Measure of stresses whose name states none, where the file has the force, too."""
+        name = self.table.names[self.position("stress", direction)]
+        force = area = stretch = None
+        with contextlib.suppress(DataError):
+            force, area = self.signed("force", direction), self.area()
+            stretch = self.stretch(direction)
+        taken = "taken as nominal (force over undeformed area)"
+        said = f'column "{name}" does not say whether it is nominal or Cauchy stress; {taken}'
+        if force is not None and stretch is not None and np.any(np.nan_to_num(force)):
+            # Near rest a zero that is off by little changes the ratio by much.
+            known = np.abs(force) > 0.1 * np.nanmax(np.abs(force))
+            ratio = (values * area)[known] / force[known]
+            grown = ratio / stretch[known]
+            off, off_grown = (float(np.nanmedian(np.abs(x - 1.0))) for x in (ratio, grown))
+            if off < _AS_FORCE:
+                return "nominal"
+            if off_grown < _AS_FORCE:
+                self.warnings.append(
+                    f'column "{name}" is taken as Cauchy stress: it is the force over the '
+                    f"undeformed area times the stretch"
+                )
+                return "cauchy"
+            said = (
+                f'column "{name}" is {float(np.nanmedian(ratio)):.3g} times the force over the '
+                f"stated cross-section: check the sizes; it is {taken}"
+            )
+        self.warnings.append(said)
+        return "nominal"
 
     def needed_stress(self, what: str, *names: str) -> tuple[np.ndarray, str]:
         """As `stress`; what is missing, and columns that would state it, are told."""

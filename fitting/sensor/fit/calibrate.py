@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from fitting.sensor.fit.checks import check_agreement, drift_warning
+from fitting.sensor.fit.doubts import exact_membrane_warning
 from fitting.sensor.fit.lacking import with_discrepancy
 from fitting.sensor.fit.priors import (
     as_built_priors,
@@ -174,6 +175,7 @@ def fit_sensor(
     settled = _settled(problem, found, shapes, touching, solver, stated, progress)
     problem, found, shapes, touching, steady = settled
     warnings = [*data.warnings, *solver.warnings, "" if steady else _UNSTEADY]
+    warnings += [exact_membrane_warning(family, data)] if not own else []
     drifts = drift_warning(problem, found.constants)
     if drifts:
         warnings.append(drifts)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from fitting.sensor.fit.checks import disagreement_warning, masked_taxels, noise_warning
+from fitting.sensor.fit.doubts import exchanged_warning, pulled_warning
 from fitting.sensor.fit.priors import findings, log_contributions
 from fitting.sensor.fit.residuals import Prior, SensorProblem, SensorResiduals, bounds_of
 from fitting.sensor.fit.search import Found
@@ -138,7 +139,12 @@ def judged_fit(
         hint = "; --field takes capacitances from the field instead of the formula"
         can = problem.model.factor is None and data.spec.geometry.dimension == 2
         warnings.append(words + (hint if can else ""))
-    warnings += [disagreement_warning(problem, constants), noise_warning(noise, data)]
+    warnings += [
+        disagreement_warning(problem, constants),
+        exchanged_warning(problem, constants, data),
+        pulled_warning(problem, constants),
+        noise_warning(noise, data),
+    ]
     offsets, drift = _taken_out(problem, constants)
     return SensorFit(
         data=data,

@@ -154,12 +154,16 @@ def sequence_notes(log: SoLog) -> tuple[str, ...]:
     known = flagged(log, "duplicate") | flagged(log, "restart")
     again: list[int] = []
     back: list[int] = []
+    clocks = {"t_host_s": log.t_host, "t_device_s": log.t_device}
+    earlier: dict[str, list[int]] = {name: [] for name in clocks}
     for module in np.unique(log.module)[:MOST_MODULES]:
         rows = np.flatnonzero((log.module == module) & ~known)
         step = np.diff(log.seq[rows])
         wrapped = np.isin(step, [near - m for m in _COUNTERS for near in range(1, 17)])
         again += rows[1:][step == 0].tolist()
         back += rows[1:][(step < 0) & ~wrapped].tolist()
+        for name, clock in clocks.items():
+            earlier[name] += rows[1:][np.diff(clock[rows]) < 0].tolist()
     notes = []
     for module in np.unique(log.module[flagged(log, "other_taxels")]):
         rows = np.flatnonzero(flagged(log, "other_taxels") & (log.module == module))
@@ -168,6 +172,14 @@ def sequence_notes(log: SoLog) -> tuple[str, ...]:
             f"(row {rows[0] + 1}): they came with {log.flags['other_taxels'][rows[0]]} counts, "
             "another number than this module's"
         )
+    for name, rows_found in earlier.items():
+        if rows_found:
+            row = min(rows_found)
+            notes.append(
+                f"{name} goes back, {len(rows_found)} times, first to {clocks[name][row]:g} s "
+                f"(row {row + 1}): a clock that was set, or several recordings; drift and "
+                "--inputs go by it"
+            )
     for rows_found, what in (
         (again, "repeat the frame number of the row before"),
         (back, "go back in frame numbers"),

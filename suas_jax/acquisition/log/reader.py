@@ -176,10 +176,11 @@ class _Parser:
             raise LogFileError(f"{where}: columns named twice: {', '.join(twice)}")
         missing = [name for name in KEY_COLUMNS if name not in names]
         if missing:
+            hint = "; put commas between fields, and decimal points" if ";" in names[0] else ""
             raise LogFileError(
                 f"{where}: no column {', '.join(missing)}; a log has the columns "
                 f"{','.join(KEY_COLUMNS)},so_1,... but this line reads "
-                f'"{",".join(names)[:80]}"'
+                f'"{",".join(names)[:80]}"{hint}'
             )
         taxels = sorted(int(name[3:]) for name in names if re.fullmatch(r"so_[0-9]+", name))
         if not taxels or taxels != list(range(1, len(taxels) + 1)):

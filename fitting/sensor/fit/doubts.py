@@ -1,0 +1,101 @@
+"""Doubts about a calibration that followed its logs: what it took as given may be otherwise."""
+
+import itertools
+
+import numpy as np
+
+from fitting.sensor.fit.residuals import SensorProblem
+from fitting.sensor.logs.data import SensorData
+from fitting.sensor.model.constants import (
+    GAP,
+    PATHS,
+    STIFFNESS,
+    THICKNESS,
+    SensorFamily,
+    is_gap,
+)
+from suas_jax.config.input_errors import input_errors, stresses_of
+from suas_jax.config.inputs import given_inputs
+from suas_jax.sensing.taxels import taxel_names
+
+_EXACT = 1e-3  # share of the membrane's stiffness that nobody has to be told of
+_PULLED = 4.0  # standard deviations of a prior
+_FOLLOWS = 3.0  # standard deviations of the noise that a taxel's readings are off
+
+
+def exact_membrane_warning(family: SensorFamily, data: SensorData) -> str:
+    """A warning where forces tell the gap by a stiffness that is taken as exact, or nothing."""
+    by_force = bool(np.nan_to_num(data.loads.force).any())
+    by_travel = bool(np.isfinite(data.loads.displacement).any() or data.loads.bodies)
+    if not by_force or by_travel or not any(map(is_gap, family.names)):
+        return ""
+    values, errors = given_inputs(data.spec), input_errors(data.spec)
+    held = {
+        "thickness": [path for path in values if path.startswith(PATHS[THICKNESS])],
+        "material": list(stresses_of(data.spec)),
+    }
+    fitted = {name.partition(".")[0] for name in family.names}
+    told: dict[str, str] = {}
+    for what, paths in held.items():
+        columns = [errors.paths.index(path) for path in paths if path in errors.paths]
+        if what in fitted or STIFFNESS in fitted or not columns:
+            continue
+        size = sum(float(values[path]) for path in paths)
+        share = float(np.linalg.norm(errors.directions[:, columns].sum(1))) / abs(size)
+        if share > _EXACT:
+            told[what] = f"{what}, known to {100 * share:.2g} %"
+    if not told:
+        return ""
+    more = ",thickness" * ("thickness" in told) + " --joint" * ("material" in told)
+    names = dict.fromkeys(GAP if is_gap(name) else name for name in family.names)
+    option = f"--fit {','.join(names)}{more}"
+    if held["thickness"][0] != PATHS[THICKNESS]:
+        option = "--fit as-built"  # a table is not one number
+    return (
+        f"known forces tell the gap by the membrane's stiffness, which is taken as exact "
+        f"({'; '.join(told.values())}): the gap may be off by more than its interval says; "
+        f"{option} finds what is not exact, too, and known displacements don't need it"
+    )
+
+
+def pulled_warning(problem: SensorProblem, constants: np.ndarray) -> str:
+    """A warning where a constant is far from its prior, which pulls it, or nothing."""
+    found = dict(zip(problem.family.names, constants.tolist(), strict=True))
+    off = {
+        name: abs(found[name] - prior.mean) / prior.sd for name, prior in problem.priors.items()
+    }
+    far = [name for name, size in off.items() if size > _PULLED]
+    if not far:
+        return ""
+    worst = max(far, key=off.__getitem__)
+    more = f", and {len(far) - 1} others are farther than {_PULLED:g}" if far[1:] else ""
+    return (
+        f"{worst} is {off[worst]:.2g} standard deviations from its prior{more}: priors "
+        "pull what was found, and intervals don't allow for it; state in the skin file what "
+        'this unit may have, such as relative_permittivity = "2.6 +- 10 %"'
+    )
+
+
+def exchanged_warning(problem: SensorProblem, constants: np.ndarray, data: SensorData) -> str:
+    """A warning where taxels that were left out read as each other should, or nothing."""
+    here, so = problem.readings, problem.predicted(constants)
+    modules, numbers = taxel_names(data.spec.electrodes)  # type: ignore[arg-type]
+    out = np.flatnonzero(here.present.any(1) & ~here.used.any(1))
+
+    def follows(i: int, k: int) -> bool:
+        """Whether taxel i reads what taxel k should."""
+        off = ((here.so[i] - so[k]) / here.sigma[i])[here.present[i]]
+        off = off - off.mean() * here.offsets
+        return bool(np.sqrt(np.mean(off**2)) < _FOLLOWS)
+
+    pairs = [
+        f"{modules[i]}.{numbers[i]} and {modules[k]}.{numbers[k]}"
+        for i, k in itertools.combinations(out.tolist(), 2)
+        if follows(i, k) and follows(k, i)
+    ]
+    if not pairs:
+        return ""
+    return (
+        f"taxels {', '.join(pairs)} read as each other should: their wires, or their places "
+        "in [electrodes], are exchanged; exchange them there"
+    )
