@@ -33,6 +33,7 @@ from fitting.sensor.model.as_built import (
     press_errors,
     shared_deviation,
     shared_error,
+    shift_of_loads,
 )
 from fitting.sensor.model.constants import SensorConstant, SensorFamily, named, with_constants
 from fitting.sensor.model.counts import SensorModel, parts_of
@@ -131,6 +132,13 @@ def test_what_errors_share_is_told_by_their_posterior() -> None:
     m, deviation = shared_error(found, covariance, own)
     assert m == pytest.approx(expected.item(), rel=1e-9)
     assert deviation == pytest.approx(np.sqrt(joint[0, 0]), rel=1e-9)
+
+
+def test_loads_to_come_are_off_as_presses_were_or_not_at_all() -> None:
+    """Mean and deviation of the mixture, from draws of it."""
+    mean, deviation = shift_of_loads(-0.7, 0.2)
+    drawn = np.where(RNG.random(400_000) < 0.5, RNG.normal(-0.7, 0.2, 400_000), 0.0)
+    assert (mean, deviation) == pytest.approx((drawn.mean(), drawn.std()), rel=5e-3)
 
 
 def test_stiffness_is_a_factor_and_errors_of_presses_are_no_inputs() -> None:

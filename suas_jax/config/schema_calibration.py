@@ -108,8 +108,8 @@ class CalibrationSpec(Spec):
             where it is unknown.
         offset_errors: their standard errors [counts].
         masked: taxels that took no part, in words.
-        place_shift: by how much further along the arc than told all presses were felt alike;
-            estimated places are told less it [rad].
+        place_shift: by how much further along the arc than they are contacts are felt, as
+            presses show; it is taken off estimated places [rad].
         place_shift_error: its standard deviation [rad].
         discrepancy: what presses showed beyond the model, where they did.
         skin: the file that was calibrated.

@@ -83,8 +83,7 @@ class SensorFit:
     def place_shift(self) -> tuple[float, float] | None:
         """What all places of presses are off by alike, and its standard deviation [rad].
 
-        A contact that is found there lies, as presses were told, less that. None where presses
-        have no places to be found, and on pads.
+        None where presses have no places to be found, and on pads.
         """
         at = [i for i, n in enumerate(self.family.names) if n.startswith(f"{PLACE}.")]
         if not at or self.data.spec.geometry.dimension == 3:

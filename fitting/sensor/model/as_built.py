@@ -199,6 +199,16 @@ def shared_error(found: Floats, covariance: Floats, own: float) -> tuple[float, 
     return float(found.sum() / count), float(np.sqrt(variance))
 
 
+def shift_of_loads(shared: float, deviation: float) -> tuple[float, float]:
+    """What places of loads to come are off by, and its standard deviation.
+
+    Where a bar stood askew, a finger that presses straight is not off as the presses were;
+    where the ruler's zero was, it is. Presses do not tell which, so each counts as likely: the
+    mean is half of what they share, and what is left may be as large.
+    """
+    return shared / 2, float(np.sqrt(deviation**2 / 2 + shared**2 / 4))
+
+
 def shared_deviation(values: Floats, variances: Floats) -> float:
     """The deviation t of numbers x ~ N(1, t^2) that are known to within variances.
 

@@ -11,7 +11,7 @@ import numpy as np
 import tomlkit
 
 from fitting.sensor.fit.result import SensorFit
-from fitting.sensor.model.as_built import is_gain
+from fitting.sensor.model.as_built import is_gain, shift_of_loads
 from fitting.sensor.model.constants import (
     FILL,
     GAP,
@@ -202,7 +202,7 @@ def _record(skin: Path, fit: SensorFit) -> Any:
         f"module {m.module}, taxel {m.taxel}: {m.reason}" for m in fit.masked if m.whole
     ]
     if fit.place_shift is not None:
-        found, deviation = fit.place_shift
+        found, deviation = shift_of_loads(*fit.place_shift)
         table["place_shift"] = float(f"{found:.6g}")
         table["place_shift_error"] = float(f"{deviation:.6g}")
     if fit.discrepancy is not None and fit.discrepancy[0] is not None:

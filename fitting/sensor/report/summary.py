@@ -188,7 +188,7 @@ def described(report: dict[str, Any], fit: SensorFit) -> Iterator[Part]:
         value, error = (f"{1e3 * shift[key]:.2f}" for key in ("value", "standard_error"))
         yield Remark(
             f"all presses were felt {value} +- {error} mm further along the arc than told; "
-            "suas invert tells places as the presses were told"
+            "suas invert takes half of it off places, and counts half as their error"
         )
     if lacking := report.get("discrepancy"):
         yield Remark(_lacking(**lacking))
