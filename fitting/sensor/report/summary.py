@@ -86,13 +86,9 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
         "status": fit.status,
     }
     if fit.place_shift is not None:
-        found, deviation = fit.place_shift
         size = float(plain_geometry(fit.data.spec.geometry).section.size[0])
-        report["place_shift"] = {
-            "value": found * size,
-            "standard_error": deviation * size,
-            "unit": "m",
-        }
+        value, error = (size * x for x in fit.place_shift)
+        report["place_shift"] = {"value": value, "standard_error": error, "unit": "m"}
     if fit.discrepancy is not None:
         lacking, evidence = fit.discrepancy
         report["discrepancy"] = {
