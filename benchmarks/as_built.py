@@ -340,7 +340,12 @@ def main() -> None:
                     key = f"as built with correction, {kind}", count
                     rows.setdefault(key, []).append(with_it)
                     spent = time.process_time() - begin
-                    print(f"unit {seed}, {kind} {count}: {spent:.0f} s", flush=True)
+                    record = own.calibration
+                    assert record is not None
+                    # Half of what presses share, see `shift_of_loads`.
+                    shared = 2e3 * unit.radius * record.place_shift
+                    said = f"presses off by {shared:.2f} mm alike, {spent:.0f} s"
+                    print(f"unit {seed}, {kind} {count}: {said}", flush=True)
             print(f"unit {seed}, all so far:", flush=True)
             printed({key: summary(own) for key, own in rows.items()})
     if options.plot is not None:

@@ -32,6 +32,8 @@ from fitting.sensor.model.as_built import (
     is_gain,
     press_errors,
     shared_deviation,
+    shared_error,
+    shift_of_loads,
 )
 from fitting.sensor.model.constants import SensorConstant, SensorFamily, named, with_constants
 from fitting.sensor.model.counts import SensorModel, parts_of
@@ -100,6 +102,43 @@ def test_gains_tell_their_own_deviation() -> None:
         variance = np.full(len(read), share * error**2)
         t = shared_deviation(1 + share * (read - 1), variance)
     assert t == pytest.approx(true, rel=0.04)
+
+
+def test_what_errors_share_is_told_by_their_posterior() -> None:
+    """Against the joint posterior of the shared part and all errors, from the same readings."""
+    own, count = 0.5, 6
+    prior = own**2 * (1 + np.eye(count))
+    skin = as_built(SKIN)
+    errors = press_errors(SKIN, count, own)
+    parts = [*(named(skin, name) for name in as_built_names(skin)), *errors]
+    deviations, correlation = as_built_deviations(SKIN, parts)
+    sd = np.array([deviations[part.name] for part in errors[:count]]) / errors[0].size
+    alike = correlation[-2 * count :, -2 * count :]
+    np.testing.assert_allclose(
+        alike[:count, :count] * np.outer(sd, sd), prior / own**2, rtol=1e-12
+    )
+    np.testing.assert_array_equal(alike[count:], np.eye(2 * count)[count:])  # of forces
+    slope = RNG.normal(size=(9, count))
+    read = slope @ (0.7 + own * RNG.normal(size=count)) + 0.1 * RNG.normal(size=9)
+    information = slope.T @ slope / 0.1**2
+    covariance = np.linalg.inv(information + np.linalg.inv(prior))
+    found = covariance @ slope.T @ read / 0.1**2
+    # Jointly: the shared part m first, errors m + u.
+    base = np.concatenate([[[1.0]], np.zeros((1, count))], 1)
+    mixed = np.concatenate([np.ones((count, 1)), np.eye(count)], 1)
+    both = (slope @ mixed).T @ (slope @ mixed) / 0.1**2 + np.eye(count + 1) / own**2
+    joint = np.linalg.inv(both)
+    expected = base @ joint @ (slope @ mixed).T @ read / 0.1**2
+    m, deviation = shared_error(found, covariance, own)
+    assert m == pytest.approx(expected.item(), rel=1e-9)
+    assert deviation == pytest.approx(np.sqrt(joint[0, 0]), rel=1e-9)
+
+
+def test_loads_to_come_are_off_as_presses_were_or_not_at_all() -> None:
+    """Mean and deviation of the mixture, from draws of it."""
+    mean, deviation = shift_of_loads(-0.7, 0.2)
+    drawn = np.where(RNG.random(400_000) < 0.5, RNG.normal(-0.7, 0.2, 400_000), 0.0)
+    assert (mean, deviation) == pytest.approx((drawn.mean(), drawn.std()), rel=5e-3)
 
 
 def test_stiffness_is_a_factor_and_errors_of_presses_are_no_inputs() -> None:

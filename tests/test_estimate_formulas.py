@@ -357,6 +357,13 @@ def test_a_contact_s_place_is_the_one_that_scenes_state(section: str) -> None:
     step = 1e-4
     slope = (places.estimated(at + step) - places.estimated(at - step)) / (2 * step)
     assert places.slope(at) == pytest.approx(slope, rel=1e-5)
+    # What presses were felt to be off by is taken off places; the clamp stays where it is.
+    told = ContactPlaces(spec, geometry, 0.02)
+    for name in ("angle", "arc", "outer_arc", "inner_arc", "estimated"):
+        assert getattr(told, name)(at + 0.02) == pytest.approx(getattr(places, name)(at))
+    assert told.edge == places.edge
+    kind = {"ellipse": "angle", "path": "arc"}[section]
+    assert told.from_place(kind, told.estimated(at)) == pytest.approx(at, abs=1e-6)
 
 
 class FarNodes(DimpleNodes):

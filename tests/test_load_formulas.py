@@ -32,7 +32,7 @@ from fitting.inverse_load.fit.loads_and_errors import LoadsAndErrors
 from fitting.inverse_load.fit.section_errors import SectionErrors, _filled, _most_alike
 from fitting.inverse_load.fit.section_least_squares import Fit, Target, _last_step, _step
 from fitting.inverse_load.fit.selection import Selection
-from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
+from fitting.inverse_load.fit.systematic import AbstractSystematicErrors, of_shared_place
 from fitting.inverse_load.model.evaluation import Evaluation
 from fitting.inverse_load.search import table as load_table
 from fitting.inverse_load.search.base import _scaled
@@ -267,6 +267,18 @@ class KnownErrors(AbstractSystematicErrors):
     def unexplained(self, best: Any, per_contact: int) -> np.ndarray | None:
         """As given."""
         return self._own
+
+
+def test_an_error_that_all_places_share_moves_them_alike() -> None:
+    """Of two contacts the distance stays as it is, and their middle has its deviation."""
+    best: Any = SimpleNamespace(contacts=np.array([1, 2]), information=np.zeros((2, 4, 4)))
+    one, two = of_shared_place(best, 2, 0.04)
+    np.testing.assert_array_equal(one[:2, :2], [[0.04, 0.0], [0.0, 0.0]])
+    assert np.isnan(one[2:]).all()
+    apart, middle = np.array([1.0, -1, 0, 0]), np.array([0.5, 0.5, 0, 0])
+    assert apart @ two @ apart == 0.0
+    assert middle @ two @ middle == pytest.approx(0.04)
+    assert not two[2:].any()
 
 
 ERROR_SLOPES = RNG.normal(size=(2, 6))

@@ -52,7 +52,7 @@ from fitting.inverse_load.fit.bounded_selection import BoundedSelection
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.selection import Alternative, Selection
-from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
+from fitting.inverse_load.fit.systematic import AbstractSystematicErrors, of_shared_place
 from fitting.inverse_load.memory.follower import MemoryFollower
 from fitting.inverse_load.memory.series import LoadMemory
 from fitting.inverse_load.readings import noise_of_readings
@@ -155,6 +155,8 @@ class LoadEstimator:
         )
         self._systematic = parts.systematic
         self.discrepancy: ReadingDiscrepancy | None = None
+        told = None if pad else self.spec.calibration
+        self._place_variance = 0.0 if told is None else told.place_shift_error**2
         if not pad:
             places = np.asarray(self.skin.electrodes.taxels.angle)[:, 0]
             self.discrepancy = ReadingDiscrepancy.of(self.spec, self.table, places)
@@ -515,13 +517,16 @@ class LoadEstimator:
             best, others = selection.explain(y, weight)
             if selection.coarse:
                 return best, [self._parts.assessment.so_far(best)]
-        covariance = motion = None
+        motion = None
         per_contact = self._parts.fitter.per_contact
+        parts = []
         if systematic is not None:
-            covariance = systematic.covariance(best, y, per_contact)
+            parts.append(systematic.covariance(best, y, per_contact))
+        if self._place_variance:
+            parts.append(of_shared_place(best, per_contact, self._place_variance))
         if discrepancy is not None and left is not None:
-            own = discrepancy.of_loads(best, left, per_contact)
-            covariance = own if covariance is None else covariance + own
+            parts.append(discrepancy.of_loads(best, left, per_contact))
+        covariance = sum(parts[1:], parts[0]) if parts else None
         if moved is not None:
             motion = covariance_by_motion(best, moved, per_contact)
         assess = self._parts.assessment.estimates

@@ -35,7 +35,8 @@ def section_parts(
         skin, table, direction=direction, live=live, most_contacts=most_contacts
     )
     nodes = NodeSearch(skin, table)
-    places = ContactPlaces(spec.geometry, skin.geometry)
+    shift = 0.0 if spec.calibration is None else spec.calibration.place_shift
+    places = ContactPlaces(spec.geometry, skin.geometry, shift)
     taxels = np.asarray(skin.electrodes.taxels.angle)
     middle, quarter = len(table.angles) // 2, len(table.angles) // 4
     single = table.so[middle, table.so.shape[1] // 2]

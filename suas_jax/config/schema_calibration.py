@@ -92,6 +92,8 @@ class DiscrepancySpec(Spec):
 class CalibrationSpec(Spec):
     """The record of `suas fit sensor`. It changes no result of the model.
 
+    Estimates of loads read it: covariance, offsets, place_shift and discrepancy.
+
     Attributes:
         created: date and time, UTC.
         versions: of the programs.
@@ -106,6 +108,9 @@ class CalibrationSpec(Spec):
             where it is unknown.
         offset_errors: their standard errors [counts].
         masked: taxels that took no part, in words.
+        place_shift: by how much further along the arc than they are contacts are felt, as
+            presses show; it is taken off estimated places [rad].
+        place_shift_error: its standard deviation [rad].
         discrepancy: what presses showed beyond the model, where they did.
         skin: the file that was calibrated.
         logs: files of readings and known inputs.
@@ -123,6 +128,8 @@ class CalibrationSpec(Spec):
     offsets: Numbers = file_key("[1.5, -0.3]", ())
     offset_errors: Numbers = file_key("[0.1, 0.1]", ())
     masked: Names = file_key('["module 0, taxel 3: stuck"]', ())
+    place_shift: float = file_key("-0.012", 0.0, ge=-1, le=1)
+    place_shift_error: float = file_key("0.003", 0.0, ge=0, le=1)
     discrepancy: DiscrepancySpec | None = file_key("{ common = 0.01 }", None)
     skin: LogRecord | None = file_key('{ path = "suas.toml", sha256 = "e3b0c442..." }', None)
     logs: Annotated[tuple[LogRecord, ...], AsList] = file_key(

@@ -16,10 +16,11 @@ _POINTS = 4001  # of the tables along the arc: good to 1e-9 of it
 class ContactPlaces:
     """Places along the arc of one skin, as its scenes state them.
 
-    They are made from the [geometry] table and its dimensions.
+    They are made from the [geometry] table and its dimensions. Places that presses told are
+    less by `shift` than the model's angle [rad].
     """
 
-    def __init__(self, spec: GeometrySpec, geometry: SkinGeometry) -> None:
+    def __init__(self, spec: GeometrySpec, geometry: SkinGeometry, shift: float = 0.0) -> None:
         # name of the coordinate that is estimated: "arc", the arc length of the inner face from
         # its middle [m], where the section knows no angle; else "angle" [rad]
         self.name = "angle" if spec.has_angle else "arc"
@@ -33,18 +34,22 @@ class ContactPlaces:
             self._rows = angle, np.concatenate([np.asarray(x) for x in rows], 1)
             self._table = CubicSpline(*self._rows)
         # the estimated coordinate of the right clamped edge
+        self._shift = 0.0
         self.edge = float(self.estimated(np.asarray(geometry.half_angle)[0]))
+        self._shift = shift
 
     def angle(self, angle: Floats) -> Floats:
         """The angle that a scene calls so; of a path or spline that of the normal [rad]."""
+        angle = angle - self._shift
         return angle if self._circle else self._table(angle)[..., 0]
 
     def arc(self, angle: Floats) -> Floats | None:
         """Arc length of the inner face from its middle [m]; None on a circle."""
-        return None if self._circle else self._table(angle)[..., 1]
+        return None if self._circle else self._table(angle - self._shift)[..., 1]
 
     def outer_arc(self, angle: Floats) -> Floats:
         """The same of the outer face [m]."""
+        angle = angle - self._shift
         return angle * self._outer_size if self._circle else self._table(angle)[..., 2]
 
     def estimated(self, angle: Floats) -> Floats:
@@ -61,6 +66,7 @@ class ContactPlaces:
 
     def inner_arc(self, angle: Floats) -> Floats:
         """Arc length of the inner face from its middle [m], of a circle too."""
+        angle = angle - self._shift
         return angle * self._inner_size if self._circle else self._table(angle)[..., 1]
 
     def outer_rate(self, angle: Floats) -> Floats:
@@ -72,9 +78,9 @@ class ContactPlaces:
     def from_place(self, name: str, place: Floats) -> Floats:
         """The model's angle of places that are told by "angle" [rad] or "arc" [m]."""
         if self._circle:
-            return place if name == "angle" else place / self._inner_size
+            return self._shift + (place if name == "angle" else place / self._inner_size)
         angle, rows = self._rows
-        return np.interp(place, rows[:, int(name == "arc")], angle)
+        return self._shift + np.interp(place, rows[:, int(name == "arc")], angle)
 
     def coordinates(self, angle: Floats) -> dict[str, Floats]:
         """Places by key, as reports tell them."""

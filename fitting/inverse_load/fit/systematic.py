@@ -120,6 +120,19 @@ class AbstractSystematicErrors(abc.ABC):
         return total if own_error is None else total + own_error
 
 
+def of_shared_place(best: Explanations, per_contact: int, variance: float) -> Floats:
+    """Covariances of the parameters by an error that all places share, padded likewise.
+
+    Angles come first among the parameters; `variance` is the error's [rad^2].
+    """
+    total = np.full(best.information.shape, np.nan)
+    for count in np.unique(best.contacts):
+        frames, width = best.contacts == count, per_contact * int(count)
+        total[frames, :width, :width] = 0.0
+        total[frames, :count, :count] = variance
+    return total
+
+
 def _alike(contacts: NDArray[np.int64]) -> Iterator[Rows]:
     """Frames of one number of contacts, so few together that they fit in the cache."""
     for count in np.unique(contacts):

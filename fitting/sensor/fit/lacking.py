@@ -1,7 +1,7 @@
 """What the presses of a unit show beyond its model as built: `fitting.statistics.discrepancy`.
 
-Places and forces are those that were told: their errors, which a fit finds press by press,
-would take up part of it.
+Places and forces are those that were told, but for what all places are off by alike: their
+errors, which a fit finds press by press, would take up part of it.
 """
 
 import dataclasses
@@ -41,17 +41,20 @@ def presses_of(fit: SensorFit) -> Presses:
     loaded = np.append(fit.data.loaded, False)  # a baseline's state comes last
     pressed = loaded[here.state]
     change = np.nan_to_num(so - so[:, ~pressed].mean(1, keepdims=True))
+    shift, _ = fit.place_shift or (0.0, 0.0)
     rows: list[tuple[Floats, ...]] = []
     states = [int(k) for k in np.flatnonzero(loaded)]
     for i in np.flatnonzero(pressed):
         number = states.index(int(here.state[i]))
         k, m = (names.index(f"{kind}.{number}") for kind in (PLACE, PUSH))
         place, push = by[:, i, k], by[:, i, m]
-        told = left[:, i] + place * fit.constants[k] + push * fit.constants[m]
-        size = fit.priors[names[k]].sd
+        told = left[:, i] + place * (fit.constants[k] - shift) + push * fit.constants[m]
+        size = fit.family.parts[k].size
         rows.append((change[:, i], told, here.sigma[:, i], place * size, push))
     own = here.state[pressed]
     force = np.nan_to_num(fit.data.loads.force).sum(0)[own]
     return Presses(
-        fit.data.loads.angle[0, own], force, *(np.array(x) for x in zip(*rows, strict=True))
+        fit.data.loads.angle[0, own] + shift,
+        force,
+        *(np.array(x) for x in zip(*rows, strict=True)),
     )

@@ -10,6 +10,10 @@ else 3 %, and l = 1 / 4 of the arc and of the length. Filling, mounting, permitt
 membrane's stiffness have the file's deviations; channels have gains 1 + N(0, t^2), whose t is
 found from the gains themselves (`shared_deviation`). Every press is where, and as strong as, it
 was told to be up to errors of its own, which are constants like the others.
+
+On a section presses may all be off alike, by a ruler's zero, or a bar that stands askew or
+presses unevenly: a press's place is off by m + u_k, and m and each u_k have the standard
+deviation s that is stated of places (`shared_error`).
 """
 
 from collections.abc import Sequence
@@ -156,6 +160,10 @@ def as_built_deviations(
             found[part.name] = own[part.name] * part.size
         elif is_press_error(part.name):
             found[part.name] = part.size
+    if drawing.geometry.dimension == 2:
+        alike = [i for i, part in enumerate(parts) if part.name.startswith(f"{PLACE}.")]
+        found |= {parts[i].name: np.sqrt(2) * parts[i].size for i in alike}
+        correlation[np.ix_(alike, alike)] = (1 + np.eye(len(alike))) / 2
     for key in _TABLES:
         table = _tabled(drawing, key)
         index = [
@@ -173,6 +181,32 @@ def _share(value: Any, usual: float) -> float:
     """Relative standard deviation that a file states, or the usual one."""
     deviation = deviation_of(value)
     return usual if deviation is None or not value else max(deviation / abs(value), _EXACT)
+
+
+def shared_error(found: Floats, covariance: Floats, own: float) -> tuple[float, float]:
+    """What errors share, and its standard deviation, from their posterior.
+
+    Errors are m + u_k with m, u_k ~ N(0, s^2). Given all n of them m is their sum over n + 1,
+    with the variance s^2 / (n + 1).
+
+    Args:
+        found: the errors [n].
+        covariance: theirs [n, n].
+        own: s.
+    """
+    count = len(found) + 1
+    variance = own**2 / count + covariance.sum() / count**2
+    return float(found.sum() / count), float(np.sqrt(variance))
+
+
+def shift_of_loads(shared: float, deviation: float) -> tuple[float, float]:
+    """What places of loads to come are off by, and its standard deviation.
+
+    Where a bar stood askew, a finger that presses straight is not off as the presses were;
+    where the ruler's zero was, it is. Presses do not tell which, so each counts as likely: the
+    mean is half of what they share, and what is left may be as large.
+    """
+    return shared / 2, float(np.sqrt(deviation**2 / 2 + shared**2 / 4))
 
 
 def shared_deviation(values: Floats, variances: Floats) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 import tomlkit
 
 from fitting.sensor.fit.result import SensorFit
-from fitting.sensor.model.as_built import is_gain
+from fitting.sensor.model.as_built import is_gain, shift_of_loads
 from fitting.sensor.model.constants import (
     FILL,
     GAP,
@@ -167,7 +167,7 @@ def _set_material(document: Any, spec: SkinSpec, values: dict[str, float]) -> No
 
 def _record(skin: Path, fit: SensorFit) -> Any:
     table = tomlkit.table()
-    table.comment(f"{MARK}; SI units; no result depends on it")
+    table.comment(f"{MARK}; SI units")
     programs = ("suas-jax", "jax", "optimistix", "numpy")
     table["created"] = datetime.now(UTC).isoformat(timespec="seconds")
     table["versions"] = ", ".join(
@@ -201,6 +201,10 @@ def _record(skin: Path, fit: SensorFit) -> Any:
     table["masked"] = [
         f"module {m.module}, taxel {m.taxel}: {m.reason}" for m in fit.masked if m.whole
     ]
+    if fit.place_shift is not None:
+        found, deviation = shift_of_loads(*fit.place_shift)
+        table["place_shift"] = float(f"{found:.6g}")
+        table["place_shift_error"] = float(f"{deviation:.6g}")
     if fit.discrepancy is not None and fit.discrepancy[0] is not None:
         table["discrepancy"] = _discrepancy(fit.discrepancy[0])
     table["skin"] = _file(str(skin), hashlib.sha256(read_bytes(skin, MOST_BYTES)).hexdigest())

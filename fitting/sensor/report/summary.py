@@ -17,6 +17,7 @@ from fitting.sensor.fit.result import SensorFit
 from fitting.sensor.model.as_built import is_gain
 from fitting.sensor.model.constants import PATHS, is_press_error
 from suas_jax.sensing.taxels import taxel_names
+from suas_jax.skin.plain import plain_geometry
 
 _MANY = 10  # channels whose gains are told together, constants whose priors have one reason
 
@@ -84,11 +85,15 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
         "warnings": list(fit.warnings),
         "status": fit.status,
     }
+    if fit.place_shift is not None:
+        size = float(plain_geometry(fit.data.spec.geometry).section.size[0])
+        value, error = (size * x for x in fit.place_shift)
+        report["place_shift"] = {"value": value, "standard_error": error, "unit": "m"}
     if fit.discrepancy is not None:
-        found, evidence = fit.discrepancy
+        lacking, evidence = fit.discrepancy
         report["discrepancy"] = {
             "log_evidence": evidence._asdict(),
-            "numbers": None if found is None else found.numbers._asdict(),
+            "numbers": None if lacking is None else lacking.numbers._asdict(),
         }
     if fit.ratio is not None:
         report["permittivity_per_gap"] = {
@@ -175,6 +180,12 @@ def described(report: dict[str, Any], fit: SensorFit) -> Iterator[Part]:
     if ratio := report.get("permittivity_per_gap"):
         error = f"{ratio['standard_error']:.2g}"
         yield Remark(f"permittivity / gap: {ratio['value']:.6g} +- {error} 1/m")
+    if shift := report.get("place_shift"):
+        value, error = (f"{1e3 * shift[key]:.2f}" for key in ("value", "standard_error"))
+        yield Remark(
+            f"all presses were felt {value} +- {error} mm further along the arc than told; "
+            "suas invert takes half of it off places, and counts half as their error"
+        )
     if lacking := report.get("discrepancy"):
         yield Remark(_lacking(**lacking))
     if posterior := report.get("posterior"):
