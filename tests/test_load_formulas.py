@@ -3,10 +3,12 @@
 import dataclasses
 import itertools
 from concurrent.futures import Future
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -29,7 +31,13 @@ from fitting.inverse_load.fit.doubts import (
 )
 from fitting.inverse_load.fit.explanation import widened
 from fitting.inverse_load.fit.loads_and_errors import LoadsAndErrors
-from fitting.inverse_load.fit.section_errors import SectionErrors, _filled, _most_alike
+from fitting.inverse_load.fit.section_errors import (
+    SectionErrors,
+    _filled,
+    _most_alike,
+    changed_skin,
+    skin_tangents,
+)
 from fitting.inverse_load.fit.section_least_squares import Fit, Target, _last_step, _step
 from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors, of_shared_place
@@ -39,7 +47,10 @@ from fitting.inverse_load.search.base import _scaled
 from fitting.inverse_load.search.section import NodeSearch
 from fitting.inverse_load.search.table import LoadTable
 from fitting.steps import Budget, Search, finished
+from suas_jax.config import continuous_inputs, load_skin
+from suas_jax.config.geometry import AlongSpec
 from suas_jax.equilibrium.equilibrium import State
+from suas_jax.scene.skin import skin_of
 from tests import stand_ins
 from tests.skins import quick
 from tests.stand_ins import (
@@ -51,6 +62,7 @@ from tests.stand_ins import (
     explanations,
 )
 
+SKINS = Path(__file__).parents[1] / "configs" / "skins"
 RNG = np.random.default_rng(0)
 SLOPES = RNG.normal(size=(2, 6))  # of six readings by two parameters
 WEIGHT = np.array([1.0, 4.0, 0.25, 1.0, 2.0, 1.0])
@@ -1149,3 +1161,29 @@ def test_errors_under_one_contact_are_interpolated_in_angle_and_log_force() -> N
     far = errors.under_one(np.array([9.0]), np.array([1e9]), 0 * jacobian)
     expected = 1e9 * left[-1, -1] * np.array([1.0, 2.0]) + errors.rest[0]
     np.testing.assert_allclose(far[0, 0], expected, rtol=1e-9)
+
+
+def test_tangents_of_a_skin_are_those_of_differences() -> None:
+    """Of a section whose thickness is a table, along several changes of its file at once."""
+    spec = load_skin(SKINS / "suas-flat-topped.toml")
+    thickness = AlongSpec(arc=(0.0, 0.5, 1.0), value=(1.5e-3, 1.7e-3, 1.4e-3))
+    geometry = spec.geometry.model_copy(update={"thickness": thickness})
+    spec = spec.model_copy(update={"geometry": geometry})
+    skin = skin_of(spec, contact=False)
+    paths = ("geometry.thickness.value.1", "geometry.oil_gap", "material.C1")
+    columns = np.array([[1e-4, 2e-4, 0.0], [0.0, 0.0, 1e6], [0.0, 0.0, 0.0]])
+    arrays = eqx.filter(changed_skin(spec, skin, {}), eqx.is_inexact_array)
+    none = jax.tree.map(lambda x: jnp.zeros((len(columns), *x.shape)), arrays)
+    found = eqx.combine(skin_tangents(spec, skin, paths, columns), none)
+    known = continuous_inputs(spec)
+
+    def at(share: float, column: np.ndarray) -> Any:
+        moved = {p: known[p] + share * x for p, x in zip(paths, column, strict=True)}
+        return eqx.filter(changed_skin(spec, skin, moved), eqx.is_inexact_array)
+
+    for k, column in enumerate(columns):
+        ends = at(1e-3, column), at(-1e-3, column)
+        for own, plus, minus in zip(*map(jax.tree.leaves, (found, *ends)), strict=True):
+            wanted = (np.asarray(plus) - minus) / 2e-3
+            scale = max(np.abs(wanted).max(), 1e-9 * np.abs(plus).max())
+            np.testing.assert_allclose(own[k], wanted, rtol=0, atol=1e-5 * scale)

@@ -64,7 +64,7 @@ class SceneParts(NamedTuple):
         return sum(self.pressures, jnp.zeros(1))
 
 
-class _SkinStructure(Keyed):
+class SkinStructure(Keyed):
     """A skin compared by its section, and of the rest by all but its numbers."""
 
     def __init__(self, spec: SkinSpec) -> None:
@@ -72,7 +72,7 @@ class _SkinStructure(Keyed):
 
 
 @eqx.filter_jit
-def _compiled(skin: _SkinStructure, inputs: Mapping[str, ArrayLike]) -> SkinParts:
+def _compiled(skin: SkinStructure, inputs: Mapping[str, ArrayLike]) -> SkinParts:
     return _skin(skin.spec, _all_numbers(skin.spec, inputs))
 
 
@@ -90,7 +90,7 @@ def skin_parts(spec: SkinSpec, inputs: Mapping[str, ArrayLike]) -> SkinParts:
     if traced or not charted(spec.geometry):
         return _skin(spec, _all_numbers(spec, inputs))
     numbers = {path: np.asarray(x, float) for path, x in inputs.items()}
-    found: SkinParts = COMPILED.run(_compiled, _SkinStructure(spec), numbers, once=True)
+    found: SkinParts = COMPILED.run(_compiled, SkinStructure(spec), numbers, once=True)
     return found
 
 

@@ -31,10 +31,11 @@ from suas_jax.equilibrium.equilibrium import State, differentiable
 from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import content_key
-from suas_jax.scene.parts import skin_parts
+from suas_jax.scene.parts import SkinStructure, skin_parts
 from suas_jax.scene.skin import Skin
 
 _RADIAL = 2  # parameters of a contact whose direction is held
+_TOGETHER = 8  # directions of one program, whatever the number of errors
 _RIDGE = 1e-12  # of squared cosines: where angle and force do the same
 
 
@@ -55,7 +56,7 @@ class SectionErrors(AbstractSystematicErrors):
         self._skin, self._table = changed_skin(errors.spec, skin, {}), table
         self._lanes = 1 if live else LANES // 4
         self._spec, self._errors = errors.spec, errors
-        self._tangents: list[Skin] = []
+        self._tangents: list[Skin] = []  # of `_TOGETHER` errors each
         self._per_newton, self._alike, at_zero = self._tabulated()
         self._at_zero = at_zero
         self.rest = np.zeros_like(at_zero) if from_rest else at_zero
@@ -131,21 +132,24 @@ class SectionErrors(AbstractSystematicErrors):
 
     def _by_contact(self, parameters: Floats, state: State) -> Floats:
         """Derivatives of readings by angle and force of one contact [frame, 2, taxel]."""
-        none = jax.tree.map(jnp.zeros_like, eqx.filter(self._skin, eqx.is_inexact_array))
-        return self._along(
-            [(none, unit) for unit in np.eye(_RADIAL)], parameters, state, 1, LANES
-        )
+        arrays = eqx.filter(self._skin, eqx.is_inexact_array)
+        none = jax.tree.map(lambda x: jnp.zeros((_TOGETHER, *x.shape)), arrays)
+        units = np.eye(_TOGETHER, _RADIAL)
+        return self._along([(none, units)], parameters, state, 1, LANES)[:, :_RADIAL]
 
     def _computed(self, parameters: Floats, state: State, count: int, lanes: int) -> Floats:
         """Change of readings by each error, from the model [frame, error, taxel]."""
+        errors = len(self._errors)
         if not self._tangents:
+            columns = np.zeros((-(-errors // _TOGETHER) * _TOGETHER, len(self._errors.paths)))
+            columns[:errors] = self._errors.directions
             self._tangents = [
-                skin_tangent(self._spec, self._skin, self._errors.paths, column)
-                for column in self._errors.directions
+                skin_tangents(self._spec, self._skin, self._errors.paths, group)
+                for group in columns.reshape(-1, _TOGETHER, columns.shape[1])
             ]
-        none = np.zeros(parameters.shape[1])
-        along = [(tangent, none) for tangent in self._tangents]
-        return self._along(along, parameters, state, count, lanes)
+        none = np.zeros((_TOGETHER, parameters.shape[1]))
+        along = [(tangents, none) for tangents in self._tangents]
+        return self._along(along, parameters, state, count, lanes)[:, :errors]
 
     def _along(
         self,
@@ -155,18 +159,21 @@ class SectionErrors(AbstractSystematicErrors):
         count: int,
         lanes: int,
     ) -> Floats:
-        """Derivatives of readings as skin and contacts change [frame, direction, taxel]."""
+        """Derivatives of readings as skin and contacts change [frame, direction, taxel].
+
+        Directions come `_TOGETHER` at a time.
+        """
         parts = []
         for begin in range(0, len(parameters), lanes):
             pick = np.minimum(np.arange(begin, begin + lanes), len(parameters) - 1)
             there = jax.tree.map(lambda x, i=pick: np.asarray(x)[..., i], state)
-            columns = [
+            found = [
                 COMPILED.run(
                     SLOPE_PROGRAMS[count], self._skin, *along, parameters[pick].T, there
                 )
                 for along in directions
             ]
-            parts.append(np.stack([np.asarray(column).T for column in columns], 1))
+            parts.append(np.moveaxis(np.concatenate(found), -1, 0))
         return np.concatenate(parts)[: len(parameters)]
 
 
@@ -202,39 +209,65 @@ def changed_skin(spec: SkinSpec, skin: Skin, inputs: Mapping[str, ArrayLike]) ->
     return Skin(parts.geometry, parts.law, parts.oil, parts.sensing(), wall, skin.elements)
 
 
-def skin_tangent(spec: SkinSpec, skin: Skin, paths: tuple[str, ...], column: Floats) -> Skin:
-    """Derivative of a skin by its inputs along a direction.
-
-    `skin` is the model made from the file; `column` is the change of the inputs at the paths
-    [path], SI.
-    """
-    at = [value_of(spec, path) for path in paths]
-
-    def changed(values: Float[Array, " path"]) -> Skin:
-        return changed_skin(spec, skin, dict(zip(paths, values, strict=True)))
-
-    _, tangent = eqx.filter_jvp(changed, (jnp.array(at),), (jnp.asarray(column),))
-    return tangent
-
-
-def _slope(
+@eqx.filter_jit
+def _tangents(
+    file: SkinStructure,
     skin: Skin,
-    tangent: Skin,
-    along: Float[Array, " parameter"],
+    paths: tuple[str, ...],
+    numbers: dict[str, Floats],  # of the file, by path
+    at: Float[Array, " path"],
+    columns: Float[Array, "direction path"],
+) -> Skin:
+    def changed(values: Float[Array, " path"]) -> Skin:
+        return changed_skin(file.spec, skin, numbers | dict(zip(paths, values, strict=True)))
+
+    def along(column: Float[Array, " path"]) -> Skin:
+        tangent: Skin = eqx.filter_jvp(changed, (at,), (column,))[1]
+        return tangent
+
+    found: Skin = eqx.filter_vmap(along)(columns)
+    return found
+
+
+def skin_tangents(spec: SkinSpec, skin: Skin, paths: tuple[str, ...], columns: Floats) -> Skin:
+    """Derivatives of a skin by its inputs along directions, an axis of which comes first.
+
+    `skin` is the model made from the file; `columns` are changes of the inputs at the paths
+    [direction, path], SI. By one program: operation by operation, those of a section with
+    tables take half a minute.
+    """
+    numbers = {path: np.asarray(x, float) for path, x in continuous_inputs(spec).items()}
+    at = np.array([value_of(spec, path) for path in paths])
+    given = SkinStructure(spec), skin, paths, numbers, at, np.asarray(columns)
+    found: Skin = COMPILED.run(_tangents, *given, once=True)
+    return found
+
+
+def _slopes(
+    skin: Skin,
+    tangents: Skin,  # arrays with an axis of directions first
+    along: Float[Array, "direction parameter"],
     parameters: Float[Array, "parameter lane"],
     state: State,
     contacts: int,
-) -> Float[Array, "taxel lane"]:
-    """Change of readings as the skin changes along a tangent, and all loads along another."""
+) -> Float[Array, "direction taxel lane"]:
+    """Change of readings as the skin changes along tangents, and all loads along others.
+
+    The tangent stiffness is factorised once for all directions.
+    """
 
     def so(skin: Skin, parameters: Array) -> Array:
         problem = skin.problem(loads_from(parameters, contacts))
         q = differentiable(problem, state).q
         return skin.electrodes.read(problem.mechanics, q).so
 
-    moved = jnp.broadcast_to(along[:, None], parameters.shape)
-    return eqx.filter_jvp(so, (skin, parameters), (tangent, moved))[1]
+    def one(tangent: Skin, along: Float[Array, " parameter"]) -> Array:
+        moved = jnp.broadcast_to(along[:, None], parameters.shape)
+        change: Array = eqx.filter_jvp(so, (skin, parameters), (tangent, moved))[1]
+        return change
+
+    return jax.vmap(one)(tangents, along)
 
 
-SLOPE_PROGRAMS = {k: eqx.filter_jit(partial(_slope, contacts=k)) for k in (1, 2, 3)}
+SLOPE_PROGRAMS = {k: eqx.filter_jit(partial(_slopes, contacts=k)) for k in (1, 2, 3)}
 """Derivatives of readings as skin and contacts change together, by number of contacts."""

@@ -12,7 +12,7 @@ own mean until that stays where it is; what is left of e is the zero.
 
 import dataclasses
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -24,7 +24,7 @@ from scipy.special import chdtrc
 
 from fitting.arrays import Floats
 from fitting.inverse_load.estimate.assessment import POOR
-from fitting.inverse_load.fit.section_errors import changed_skin, skin_tangent
+from fitting.inverse_load.fit.section_errors import changed_skin, skin_tangents
 from fitting.inverse_load.zero.gaussian import Gaussian, conditioned
 from fitting.inverse_load.zero.zero import KnownPress, Zero, inputs_at, zeroed_inputs
 from suas_jax.config import InputErrors
@@ -112,9 +112,8 @@ class PressModel:
         values = dict(zip(paths, inputs_at(self._errors, e).tolist(), strict=True))
         spec = zeroed_inputs(self._errors.spec, values)
         plain = changed_skin(spec, self._skin, {})
-        tangents = [
-            skin_tangent(spec, plain, paths, column) for column in self._errors.directions
-        ]
+        tangents = skin_tangents(spec, plain, paths, self._errors.directions)
+        errors = len(self._errors)
         so, slopes = [], []
         for mesh, loads in zip(self._meshes, self._groups(x), strict=True):
             skin = _on(plain, mesh)
@@ -125,20 +124,18 @@ class PressModel:
                     + ", ".join(f"{path} = {value:.6g}" for path, value in values.items())
                     + ": is the force right, and the skin file this skin's?"
                 )
-            still = jax.tree.map(jnp.zeros_like, loads)
-            along = [(_filled(skin, tangent), still) for tangent in tangents]
-            none = _filled(skin, None)
-            along += [
-                (none, dataclasses.replace(still, **{k: jnp.ones_like(getattr(loads, k))}))
-                for k in _QUANTITIES
-                if getattr(loads, k) is not None
-            ]
+            names = [k for k in _QUANTITIES if getattr(loads, k) is not None]
+            by_skin, by_loads = (_zeros(x, errors + len(names)) for x in (skin, loads))
+            own = eqx.combine(_on(tangents, None), _zeros(skin, errors))
+            by_skin = jax.tree.map(lambda x, y: x.at[:errors].set(y), by_skin, own)
+            for row, k in enumerate(names, errors):
+                unit = getattr(by_loads, k).at[row].set(1.0)
+                by_loads = dataclasses.replace(by_loads, **{k: unit})
             so.append(np.asarray(found.so).T)
-            every = jax.tree.map(lambda *x: jnp.stack(x), *along)
-            columns = COMPILED.run(_along, skin, loads, found.state, *every)
+            columns = COMPILED.run(_along, skin, loads, found.state, by_skin, by_loads)
             slopes.append(np.moveaxis(np.asarray(columns), -1, 0))
         readings, moved = np.concatenate(so), np.concatenate(slopes)
-        by_error, by_press = moved[:, : len(tangents)], moved[:-1, len(tangents) :]
+        by_error, by_press = moved[:, :errors], moved[:-1, errors:]
         return _Model(
             readings[:-1] - readings[-1],
             by_press * self._scale[..., None],
@@ -150,11 +147,10 @@ def _on(skin: Skin, mesh: PadPlan | None) -> Skin:
     return dataclasses.replace(skin, mesh=mesh)
 
 
-def _filled(skin: Skin, tangent: Skin | None) -> Skin:
-    """A tangent of a skin with zeros where nothing changes: one structure, one program."""
-    arrays = eqx.filter(skin, eqx.is_inexact_array)
-    zero = jax.tree.map(jnp.zeros_like, arrays)
-    return zero if tangent is None else eqx.combine(_on(tangent, None), zero)
+def _zeros(tree: Any, directions: int) -> Any:
+    """No change of any array along some directions, an axis of which comes first."""
+    arrays = eqx.filter(tree, eqx.is_inexact_array)
+    return jax.tree.map(lambda x: jnp.zeros((directions, *x.shape)), arrays)
 
 
 @eqx.filter_jit
