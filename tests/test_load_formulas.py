@@ -552,6 +552,19 @@ def test_frames_in_doubt_are_fitted_alone_or_together_with_one_result(alone: boo
     assert (selection.seconds[0] == selection.seconds[2]) != alone
 
 
+def test_of_many_frames_that_no_loads_explain_some_are_reconsidered() -> None:
+    """A wrong model is wrong in every frame; two contacts in all of them are found in all."""
+    selection, y, weight = selected(np.tile([[0.1, 6.0]], (70, 1)), most_contacts=1)
+    best, _ = selection.explain(y + 20.0 * (-1.0) ** np.arange(len(TAXELS)), weight)
+    assert (best.contacts == 1).all()
+    np.testing.assert_allclose(best.chi2, best.chi2[0], rtol=1e-6)
+    assert (selection.seconds > 0).sum() == 32
+    selection, y, weight = selected(np.tile([[-0.25, 0.3, 8.0, 5.0]], (70, 1)))
+    best, _ = selection.explain(y, weight)
+    assert (best.contacts == 2).all()
+    assert (selection.seconds > 0).all()
+
+
 class Wide(DimpleFitter):
     """Explains every frame by one wide contact, with a step that would still lower chi2."""
 

@@ -31,6 +31,7 @@ FELT = 2.0
 """Standard deviations of a force that is there beside others."""
 PLAUSIBLE = 0.05
 """p-value of chi2 above which no further contact is sought."""
+_TRIALS = 32  # frames in doubt that are reconsidered before many others
 
 
 class Alternative(NamedTuple):
@@ -118,21 +119,33 @@ class Selection:
         doubtful[rows] |= pairs.chi2 < best.chi2[rows] - self.penalty
         # What errors of the inputs explain may be a width as well.
         frames = np.flatnonzero(doubtful | best.absorbed)
-        if frames.size:
-            groups = np.split(frames, len(frames) if self.fitter.alone else 1)
-            parts = []
-            for group in groups:
-                begin = time.perf_counter() - COMPILED.seconds
-                own = (y[group], weight[group], best.rows(group), doubtful[group])
-                parts.append((yield from self._reconsidered(*own)))
-                spent = time.perf_counter() - COMPILED.seconds - begin
-                self.seconds[group] = spent / len(group)
-            found = Explanations.of_frames(parts)
-            best = best.with_frames(frames, found, np.arange(len(frames)))
+        first, rest = _trials(frames)
+        best = yield from self._each_reconsidered(y, weight, first, doubtful, best)
+        # A model that explains none of many frames, by whatever loads, is wrong: so it is for
+        # the others, and their search would take seconds a frame.
+        if rest.size and (self._p_value(best)[first] >= SUSPECT).any():
+            best = yield from self._each_reconsidered(y, weight, rest, doubtful, best)
         if self.fitter.live:
             self.last = best if np.isfinite(best.chi2[0]) else None
         self.searched = bool(frames.size)
         return best, (yield from self._or_pairs(y, best, others))
+
+    def _each_reconsidered(
+        self, y: Any, weight: Any, frames: Rows, doubtful: Flags, best: Explanations
+    ) -> Steps[Explanations]:
+        """Some frames reconsidered: all at once, or one after another where these take long."""
+        if not frames.size:
+            return best
+        groups = np.split(frames, len(frames) if self.fitter.alone else 1)
+        parts = []
+        for group in groups:
+            begin = time.perf_counter() - COMPILED.seconds
+            own = (y[group], weight[group], best.rows(group), doubtful[group])
+            parts.append((yield from self._reconsidered(*own)))
+            spent = time.perf_counter() - COMPILED.seconds - begin
+            self.seconds[group] = spent / len(group)
+        found = Explanations.of_frames(parts)
+        return best.with_frames(frames, found, np.arange(len(frames)))
 
     def _or_pairs(
         self, y: Any, best: Explanations, others: list[Alternative | None]
@@ -453,6 +466,14 @@ class Selection:
             found = yield from self._pull(y[frames], weight[frames])
             best, _ = best.cheapest(frames, found.penalised(self.penalty))
         return best
+
+
+def _trials(frames: Rows) -> tuple[Rows, Rows]:
+    """Some frames spread evenly over many, and the others; all of them where they are few."""
+    if len(frames) <= 2 * _TRIALS:
+        return frames, frames[:0]
+    some = np.linspace(0, len(frames) - 1, _TRIALS).round().astype(int)
+    return frames[some], np.delete(frames, some)
 
 
 def _mode(explanations: Explanations, i: int) -> Alternative:
