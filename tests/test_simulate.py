@@ -161,6 +161,17 @@ def test_noise_drift_and_faults_are_as_asked(folder: Path, played: SoLog) -> Non
     np.testing.assert_array_equal(read_log(again).so, log.so)
 
 
+def test_a_calibrated_unit_has_its_offsets(folder: Path, played: SoLog) -> None:
+    offsets = [10.0 * k - 50.0 for k in range(20)]
+    table = f"[calibration]\noffsets = {offsets}\n"
+    (folder / "unit.toml").write_text(SCENE + table)
+    (folder / "unit.csv").write_text(PATH.replace("scene.toml", "unit.toml"))
+    status, output = suas("simulate", folder / "unit.csv", "-o", folder / "unit_log.csv")
+    assert status == 0, output
+    moved = counts_of(read_log(folder / "unit_log.csv")) - counts_of(played)
+    np.testing.assert_array_equal(moved.reshape(-1, 20), np.tile(offsets, (21, 1)))
+
+
 @pytest.mark.long  # a scene of its own; saturation in test_sensing
 def test_a_taxel_that_touches_reads_full_scale(folder: Path) -> None:
     (folder / "hard.csv").write_text(

@@ -245,12 +245,7 @@ def zero_of_readings(
     if rest is not None:
         return rest - model_rest, np.asarray(rest_variance, float)
     taxels, record = len(model_rest), spec.calibration
-    if record is None or not record.offsets:
+    if record is None:
         return np.zeros(taxels), np.zeros(taxels)
-    if len(record.offsets) != taxels:
-        raise ValueError(
-            f"[calibration] offsets: {len(record.offsets)} numbers for the skin's "
-            f"{taxels} taxels"
-        )
     errors = record.offset_errors or np.zeros(taxels)
-    return np.array(record.offsets, float), np.nan_to_num(np.square(errors))
+    return np.array(record.offsets_of(taxels), float), np.nan_to_num(np.square(errors))

@@ -92,7 +92,8 @@ class DiscrepancySpec(Spec):
 class CalibrationSpec(Spec):
     """The record of `suas fit sensor`. It changes no result of the model.
 
-    Estimates of loads read it: covariance, offsets, place_shift and discrepancy.
+    Estimates of loads read it: covariance, offsets, place_shift and discrepancy. Simulated
+    readings have its offsets.
 
     Attributes:
         created: date and time, UTC.
@@ -135,3 +136,16 @@ class CalibrationSpec(Spec):
     logs: Annotated[tuple[LogRecord, ...], AsList] = file_key(
         '[ { path = "press.csv", sha256 = "e3b0c442..." } ]', ()
     )
+
+    def offsets_of(self, taxels: int) -> tuple[float, ...]:
+        """Offsets of so many taxels [counts]; zeros where none were found.
+
+        Raises:
+            ValueError: they are of another number of taxels.
+        """
+        if self.offsets and len(self.offsets) != taxels:
+            raise ValueError(
+                f"[calibration] offsets: {len(self.offsets)} numbers for the skin's "
+                f"{taxels} taxels"
+            )
+        return self.offsets or (0.0,) * taxels

@@ -172,7 +172,12 @@ def simulate_log(
     assert scene.electrodes is not None  # or there would be no converter
     given = by_taxel(scene.electrodes, continuous_inputs(scene), "gain", 1.0)
     gain = np.asarray(given).reshape(-1)
-    sample = converter.sample(capacitance * gain, time, random)
+    # What a unit's channels have beside the model, where a calibration found it.
+    taxels = capacitance.shape[1]
+    offsets = np.zeros(taxels)
+    if scene.calibration is not None:
+        offsets = np.nan_to_num(scene.calibration.offsets_of(taxels))
+    sample = converter.sample(capacitance * gain + offsets * converter.lsb, time, random)
     found = list(readings(scene, time, sample, faults or LogFaults(), random))
     origin = f"seed {seed}, {rate:g} Hz, {converter}"
     return SimulatedLog(scene, converter, sample, capacitance, found, origin, loads, untold)
