@@ -33,6 +33,7 @@ from fitting.inverse_load.fit.selection import Alternative, Selection
 from fitting.inverse_load.live.filter import LoadFilter
 from suas_jax.config import continuous_inputs, input_errors, load_skin
 from suas_jax.config.input_errors import STIFFNESS
+from suas_jax.config.schema_calibration import CalibrationSpec
 from suas_jax.config.sections.circle import CircleSpec
 from suas_jax.skin.plain import plain_geometry
 from tests.stand_ins import (
@@ -242,11 +243,11 @@ def test_zero_of_readings_is_the_baseline_s_or_the_calibration_s() -> None:
     assert zero.tolist() == [10.0, 4.0]
     assert variance.tolist() == 0.5
     assert [x.tolist() for x in zero_of_readings(spec, rest, None, 0.5)] == [[0.0, 0.0]] * 2
-    spec.calibration = SimpleNamespace(offsets=(3.0, -2.0), offset_errors=(0.5, np.nan))
+    spec.calibration = CalibrationSpec(offsets=(3.0, -2.0), offset_errors=(0.5, np.nan))
     zero, variance = zero_of_readings(spec, rest, None, 0.5)
     assert zero.tolist() == [3.0, -2.0]
     assert variance.tolist() == [0.25, 0.0]
-    spec.calibration = SimpleNamespace(offsets=(3.0,), offset_errors=())
+    spec.calibration = CalibrationSpec(offsets=(3.0,))
     with pytest.raises(ValueError, match="1 numbers for the skin's 2 taxels"):
         zero_of_readings(spec, rest, None, 0.5)
 

@@ -245,7 +245,7 @@ def zero_of_readings(
     if rest is not None:
         return rest - model_rest, np.asarray(rest_variance, float)
     taxels, record = len(model_rest), spec.calibration
-    if record is None:
+    if record is None or not record.offsets:
         return np.zeros(taxels), np.zeros(taxels)
     errors = record.offset_errors or np.zeros(taxels)
     return np.array(record.offsets_of(taxels), float), np.nan_to_num(np.square(errors))
