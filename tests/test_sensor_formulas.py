@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fitting.sensor.fit import checks, doubts, priors
+from fitting.sensor.fit import assumptions, checks, priors
 from fitting.sensor.fit.residuals import Prior, SensorProblem, bounds_of
 from fitting.sensor.fit.result import _ratio, _taken_out
 from fitting.sensor.fit.search import _kept, _spread
@@ -441,11 +441,11 @@ def test_powers_of_the_load_span_what_counts_change_with() -> None:
 def test_a_constant_far_from_its_prior_is_told() -> None:
     given = {PERMITTIVITY.name: Prior(2.2, 0.05, ""), GAP.name: Prior(5e-3, 2e-4, "")}
     one = problem([PERMITTIVITY, GAP], np.ones((1, 4, 2)), **given)
-    assert not doubts.pulled_warning(one, np.array([2.35, 4.4e-3]))
-    text = doubts.pulled_warning(one, np.array([2.51, 4.4e-3]))
+    assert not assumptions.pulled_warning(one, np.array([2.35, 4.4e-3]))
+    text = assumptions.pulled_warning(one, np.array([2.51, 4.4e-3]))
     assert f"{PERMITTIVITY.name} is 6.2 standard deviations" in text
     assert "others" not in text
-    assert "1 others" in doubts.pulled_warning(one, np.array([2.51, 4.0e-3]))
+    assert "1 others" in assumptions.pulled_warning(one, np.array([2.51, 4.0e-3]))
 
 
 def test_exchanged_taxels_are_named() -> None:
@@ -459,7 +459,7 @@ def test_exchanged_taxels_are_named() -> None:
         )
         one: Any = SimpleNamespace(readings=readings, predicted=lambda constants: predicted)
         data: Any = SimpleNamespace(spec=load_skin(ROOT / "configs/skins/suas.toml"))
-        text = doubts.exchanged_warning(one, np.ones(2), data)
+        text = checks.exchanged_warning(one, np.ones(2), data)
         assert told in text if told else not text
 
 
@@ -646,6 +646,6 @@ def test_forces_tell_a_gap_no_better_than_the_membrane_is_known(
     (tmp_path / "a.csv").write_text("\n".join([head, *rows]) + "\n")
     data = load_sensor_data(spec, [tmp_path / "a.csv"])
     family = SensorFamily(tuple(named(spec, name) for name in fit.split(",")))
-    text = doubts.exact_membrane_warning(family, data)
+    text = assumptions.exact_membrane_warning(family, data)
     assert bool(text) == bool(said)
     assert all(part in text for part in said)

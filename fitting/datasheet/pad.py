@@ -131,7 +131,8 @@ def _readings(
         beside=np.full((count, 1, 0, 2), np.nan),
     )
     moved = np.moveaxis(errors.slopes(best, 3, 1)[..., :-1], 0, -1)  # change, taxel, place
-    own = np.moveaxis(jacobian[..., :-1], 0, -1) / np.stack([rate, rate**0, rate**0])[:, None]
+    per_metre = np.stack([rate, *np.ones((2, len(rate)))])[:, None]
+    own = np.moveaxis(jacobian[..., :-1], 0, -1) / per_metre
     skins = 1 + 2 * len(moved)
     slope = np.repeat(own[:, :, None], skins, 2)
     # A light contact's readings are linear in its force, so their slopes move as they do.

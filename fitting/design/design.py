@@ -326,10 +326,10 @@ def _changed(text: Any, now: float, value: float) -> Any:
     if unit in ZEROS:  # of temperature, where a share of the number means nothing
         return f"{value:.9g} K {deviation}".strip()
     if now == 0:
-        size = find_unit(unit)
-        if size is None or (deviation and not unit):
+        known = find_unit(unit)
+        if known is None or (deviation and not unit):
             raise KeyError(text)
-        return _NUMBER.sub(f"{value / size.size:.9g}", own) + deviation
+        return _NUMBER.sub(f"{value / known.size:.9g}", own) + deviation
     ratio = value / now
     if "%" in own or "%" not in deviation:
         deviation = _scaled(deviation, abs(ratio))

@@ -155,8 +155,8 @@ class LoadEstimator:
         )
         self._systematic = parts.systematic
         self.discrepancy: ReadingDiscrepancy | None = None
-        told = None if pad else self.spec.calibration
-        self._place_variance = 0.0 if told is None else told.place_shift_error**2
+        record = None if pad else self.spec.calibration
+        self._place_variance = 0.0 if record is None else record.place_shift_error**2
         if not pad:
             places = np.asarray(self.skin.electrodes.taxels.angle)[:, 0]
             self.discrepancy = ReadingDiscrepancy.of(self.spec, self.table, places)
@@ -207,13 +207,16 @@ class LoadEstimator:
     def _film_of(self, fading: float) -> FilmFollower:
         """Follows a film whose motion fades in a time [s]."""
         reading = self.reading_noise**2 + ROUNDING
-        every = self.selection
-        # A tap is told as one contact, whatever the budget of a frame.
-        beside = every.errors, every.wide_fitter
-        self._of_one = Selection(every.fitter, every.nodes, every.penalty, 1, *beside)
         own = self._parts.nodes, self.taxels, reading, self._alone
         taps = TapFinder(MotionWatch(fading), self.skin.electrodes, *own)
         return FilmFollower(FilmMotion(fading, reading), taps, self._weights)
+
+    @cached_property
+    def _of_one(self) -> Selection:
+        """Tells a tap, as one contact, whatever the budget of a frame."""
+        every = self.selection
+        beside = every.errors, every.wide_fitter
+        return Selection(every.fitter, every.nodes, every.penalty, 1, *beside)
 
     def _make_parts(self) -> EstimationParts:
         common: dict[str, Any] = {

@@ -173,10 +173,8 @@ def simulate_log(
     given = by_taxel(scene.electrodes, continuous_inputs(scene), "gain", 1.0)
     gain = np.asarray(given).reshape(-1)
     # What a unit's channels have beside the model, where a calibration found it.
-    taxels = capacitance.shape[1]
-    offsets = np.zeros(taxels)
-    if scene.calibration is not None:
-        offsets = np.nan_to_num(scene.calibration.offsets_of(taxels))
+    record = scene.calibration
+    offsets = 0.0 if record is None else np.nan_to_num(record.offsets_of(len(capacitance.T)))
     sample = converter.sample(capacitance * gain + offsets * converter.lsb, time, random)
     found = list(readings(scene, time, sample, faults or LogFaults(), random))
     origin = f"seed {seed}, {rate:g} Hz, {converter}"

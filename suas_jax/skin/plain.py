@@ -149,9 +149,10 @@ class _Table(Keyed):
 def shape_key(spec: GeometrySpec) -> tuple[Any, ...]:
     """What decides the program that makes a section.
 
-    Its numbers are part of it: they tell whether the section is its own mirror image.
+    Its numbers are part of it, but for a circle's: they tell whether the section is its own
+    mirror image.
     """
-    return structure(spec), tuple(continuous_inputs(spec).items())
+    return structure(spec), () if spec.is_circle else tuple(continuous_inputs(spec).items())
 
 
 @eqx.filter_jit

@@ -33,10 +33,9 @@ class ContactPlaces:
             rows = _told(geometry, jnp.asarray(angle)[:, None])
             self._rows = angle, np.concatenate([np.asarray(x) for x in rows], 1)
             self._table = CubicSpline(*self._rows)
-        # the estimated coordinate of the right clamped edge
-        self._shift = 0.0
-        self.edge = float(self.estimated(np.asarray(geometry.half_angle)[0]))
         self._shift = shift
+        # the estimated coordinate of the right clamped edge, which no press tells
+        self.edge = float(self.estimated(np.asarray(geometry.half_angle)[0] + shift))
 
     def angle(self, angle: Floats) -> Floats:
         """The angle that a scene calls so; of a path or spline that of the normal [rad]."""

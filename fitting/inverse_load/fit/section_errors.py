@@ -215,8 +215,8 @@ def _tangents(
     skin: Skin,
     paths: tuple[str, ...],
     numbers: dict[str, Floats],  # of the file, by path
-    at: Float[Array, " path"],
-    columns: Float[Array, "direction path"],
+    at: Floats,  # [path]
+    columns: Floats,  # [direction, path]
 ) -> Skin:
     def changed(values: Float[Array, " path"]) -> Skin:
         return changed_skin(file.spec, skin, numbers | dict(zip(paths, values, strict=True)))
@@ -238,7 +238,7 @@ def skin_tangents(spec: SkinSpec, skin: Skin, paths: tuple[str, ...], columns: F
     """
     numbers = {path: np.asarray(x, float) for path, x in continuous_inputs(spec).items()}
     at = np.array([value_of(spec, path) for path in paths])
-    given = SkinStructure(spec), skin, paths, numbers, at, np.asarray(columns)
+    given = SkinStructure(spec), skin, paths, numbers, at, columns
     found: Skin = COMPILED.run(_tangents, *given, once=True)
     return found
 

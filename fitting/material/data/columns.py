@@ -178,9 +178,9 @@ def _with_unit(
             return None
         bracket = re.search(r"[\[({<]([^\])}>]*)[\])}>]\s*$", name)
         own = name[: bracket.start()].strip() if bracket else name
-        no_unit = f"states no unit ({bracket[1]} is not one of {allowed})" if bracket else ""
+        unknown = f" ({bracket[1]} is not one of {allowed})" if bracket else ""
         raise ValueError(
-            f'{where}: column "{name}" {no_unit or "states no unit"}; add it, for example '
+            f'{where}: column "{name}" states no unit{unknown}; add it, for example '
             f'"{own}_{example}", or say which one by --columns "{kind}={name} {example}"'
         )
     if known is None:

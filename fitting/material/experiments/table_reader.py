@@ -158,8 +158,8 @@ class Reader(NamedColumns):
         if any(map(_RING.search, said)) or (flat and self._is_pulled):
             raise DataError(
                 f"{self.table.file}: sizes of a ring, whose two legs carry the force: give the "
-                f'cross-section of both, --specimen "area=32 mm2" for legs of 4 mm by 4 mm '
-                f"(of another specimen its own)"
+                f'cross-section of both, such as --specimen "area=32 mm2" for two legs of 4 mm '
+                f"by 4 mm"
             )
         if width is not None and thickness is not None:
             return width * thickness

@@ -13,8 +13,8 @@ from collections.abc import Callable, Mapping, Sequence
 import jax.numpy as jnp
 import numpy as np
 
+from fitting.sensor.fit.assumptions import exact_membrane_warning
 from fitting.sensor.fit.checks import check_agreement, drift_warning
-from fitting.sensor.fit.doubts import exact_membrane_warning
 from fitting.sensor.fit.lacking import with_discrepancy
 from fitting.sensor.fit.priors import (
     as_built_priors,

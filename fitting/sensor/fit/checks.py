@@ -1,5 +1,7 @@
 """Doubts about a calibration: logs of another skin, drift, taxels that disagree."""
 
+import itertools
+
 import numpy as np
 
 from fitting.sensor.fit.priors import is_static
@@ -17,6 +19,7 @@ _PLAUSIBLE = (0.9, 200.0)
 _FACTORS = {PERMITTIVITY: 4.0, "gap": 3.0}
 _DOUBTFUL = 2.0
 _DRIFTING = 5.0
+_FOLLOWS = 3.0  # standard deviations of the noise that a taxel's readings are off
 _DRIFT_FRAMES, _POWERS = 20, 7
 # Share of the time's course that must differ from the load's.
 _TIME_APART = 0.2
@@ -181,6 +184,31 @@ def disagreement_warning(problem: SensorProblem, constants: np.ndarray) -> str:
         f"{worst:.3g} counts in the mean): gaps or electrodes that differ, a load at rest, or "
         "offsets; --gap taxel finds a gap for each, --baseline or --offsets takes out what is "
         "constant"
+    )
+
+
+def exchanged_warning(problem: SensorProblem, constants: np.ndarray, data: SensorData) -> str:
+    """A warning where taxels that were left out read as each other should, or nothing."""
+    here, so = problem.readings, problem.predicted(constants)
+    modules, numbers = taxel_names(data.spec.electrodes)  # type: ignore[arg-type]
+    out = np.flatnonzero(here.present.any(1) & ~here.used.any(1))
+
+    def follows(i: int, k: int) -> bool:
+        """Whether taxel i reads what taxel k should."""
+        off = ((here.so[i] - so[k]) / here.sigma[i])[here.present[i]]
+        off = off - off.mean() * here.offsets
+        return bool(np.sqrt(np.mean(off**2)) < _FOLLOWS)
+
+    pairs = [
+        f"{modules[i]}.{numbers[i]} and {modules[k]}.{numbers[k]}"
+        for i, k in itertools.combinations(out.tolist(), 2)
+        if follows(i, k) and follows(k, i)
+    ]
+    if not pairs:
+        return ""
+    return (
+        f"taxels {', '.join(pairs)} read as each other should: their wires, or their places "
+        "in [electrodes], are exchanged; exchange them there"
     )
 
 

@@ -10,8 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from fitting.sensor.fit.checks import disagreement_warning, masked_taxels, noise_warning
-from fitting.sensor.fit.doubts import exchanged_warning, pulled_warning
+from fitting.sensor.fit.assumptions import pulled_warning
+from fitting.sensor.fit.checks import (
+    disagreement_warning,
+    exchanged_warning,
+    masked_taxels,
+    noise_warning,
+)
 from fitting.sensor.fit.priors import findings, log_contributions
 from fitting.sensor.fit.residuals import Prior, SensorProblem, SensorResiduals, bounds_of
 from fitting.sensor.fit.search import Found

@@ -1,6 +1,4 @@
-"""Doubts about a calibration that followed its logs: what it took as given may be otherwise."""
-
-import itertools
+"""Doubts about what a calibration took as given: inputs that it holds, and priors."""
 
 import numpy as np
 
@@ -16,11 +14,9 @@ from fitting.sensor.model.constants import (
 )
 from suas_jax.config.input_errors import input_errors, stresses_of
 from suas_jax.config.inputs import given_inputs
-from suas_jax.sensing.taxels import taxel_names
 
 _EXACT = 1e-3  # share of the membrane's stiffness that nobody has to be told of
 _PULLED = 4.0  # standard deviations of a prior
-_FOLLOWS = 3.0  # standard deviations of the noise that a taxel's readings are off
 
 
 def exact_membrane_warning(family: SensorFamily, data: SensorData) -> str:
@@ -73,29 +69,4 @@ def pulled_warning(problem: SensorProblem, constants: np.ndarray) -> str:
         f"{worst} is {off[worst]:.2g} standard deviations from its prior{more}: priors "
         "pull what was found, and intervals don't allow for it; state in the skin file what "
         'this unit may have, such as relative_permittivity = "2.6 +- 10 %"'
-    )
-
-
-def exchanged_warning(problem: SensorProblem, constants: np.ndarray, data: SensorData) -> str:
-    """A warning where taxels that were left out read as each other should, or nothing."""
-    here, so = problem.readings, problem.predicted(constants)
-    modules, numbers = taxel_names(data.spec.electrodes)  # type: ignore[arg-type]
-    out = np.flatnonzero(here.present.any(1) & ~here.used.any(1))
-
-    def follows(i: int, k: int) -> bool:
-        """Whether taxel i reads what taxel k should."""
-        off = ((here.so[i] - so[k]) / here.sigma[i])[here.present[i]]
-        off = off - off.mean() * here.offsets
-        return bool(np.sqrt(np.mean(off**2)) < _FOLLOWS)
-
-    pairs = [
-        f"{modules[i]}.{numbers[i]} and {modules[k]}.{numbers[k]}"
-        for i, k in itertools.combinations(out.tolist(), 2)
-        if follows(i, k) and follows(k, i)
-    ]
-    if not pairs:
-        return ""
-    return (
-        f"taxels {', '.join(pairs)} read as each other should: their wires, or their places "
-        "in [electrodes], are exchanged; exchange them there"
     )
