@@ -128,9 +128,11 @@ class _OneContact:
     """Least squares for one contact on the made-up skin, in place of `Selection`."""
 
     nodes: "_OneContact"
+    of_one: "_OneContact"
 
     def __init__(self) -> None:
-        self.nodes = self
+        self.nodes = self.of_one = self
+        self.fitter = SimpleNamespace(per_contact=2)
 
     def nearest(self, y: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return np.abs(y).argmax(1), np.zeros(len(y), int)
@@ -156,10 +158,11 @@ class _OneContact:
         )
         information = (jacobian * weight[:, None]) @ np.swapaxes(jacobian, 1, 2)
         contacts = np.ones(len(y), int)
-        contacts[-1] = 2  # whatever it is, two contacts explain it better
+        contacts[-1] = 2  # whatever it is, one contact does not explain it
+        p_value = np.where(contacts == 1, 0.5, 0.0)
         best = SimpleNamespace(
             parameters=parameters, jacobian=jacobian, information=information,
-            contacts=contacts, weight=weight,
+            contacts=contacts, weight=weight, p_value=lambda per_contact: p_value,
         )  # fmt: skip
         return best, [None] * len(y)
 

@@ -30,7 +30,7 @@ from fitting.inverse_load.fit.doubts import (
     _least_trimmed,
 )
 from fitting.inverse_load.fit.explanation import widened
-from fitting.inverse_load.fit.loads_and_errors import LoadsAndErrors
+from fitting.inverse_load.fit.loads_and_errors import LoadsAndErrors, _best
 from fitting.inverse_load.fit.section_errors import (
     SectionErrors,
     _filled,
@@ -228,6 +228,16 @@ def test_frames_of_equal_weights_are_tested_as_each_alone() -> None:
     # What is beyond doubt is told as something above its rate, far below any that is asked for.
     assert together.statistic[-1] > 10
     assert together.p_value[-1] < 1e-18
+
+
+def test_errors_are_fitted_beside_the_two_best_fits_of_a_frame() -> None:
+    chi2 = np.array([9.0, 5.0, 1.0, 3.0, 2.0, 8.0, 4.0, 7.0])
+    frame = np.array([0, 0, 1, 0, 1, 2, 0, 1])
+    found, every = SimpleNamespace(chi2=chi2), np.arange(8)
+    np.testing.assert_array_equal(_best(every, found, frame), [2, 3, 4, 5, 6])  # type: ignore[arg-type]
+    np.testing.assert_array_equal(_best(every[:3], found, frame), [0, 1, 2])  # type: ignore[arg-type]
+    assert _best(every[:0], found, frame).size == 0  # type: ignore[arg-type]
+    np.testing.assert_array_equal(_best(every, found, None), every)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("pad", [False, True])

@@ -222,3 +222,22 @@ def test_small_motions_of_a_pad_are_those_of_the_closed_form() -> None:
     # Shear beneath the patch, which the shell leaves out, is added as in statics.
     np.testing.assert_allclose(moved, wanted, rtol=0, atol=1.5e-2 * max(np.abs(wanted)))
     assert all(abs(p["volume_residual"]) < 1e-10 for p in points)
+
+
+@pytest.mark.long  # a program of a quarter of a pad and a body that a force presses
+def test_a_ball_that_a_force_presses_on_a_pad_ends_in_equilibrium() -> None:
+    data = tomllib.loads(TAP.read_text(encoding="utf-8"))
+    data["geometry"] = {"ends": "clamped"}
+    ball = {"kind": "body", "shape": "sphere", "radius": "10 mm", "angle": "0 deg"}
+    data["load"] = [{**ball, "force": "3 N"}]
+    scene = with_solve(scene_from_dict(data, base=SCENES), model="shell", elements=(8, 8))
+    force = [0.0, 1.5, 3.0, 3.0]
+    points = history_sweep(scene, history_of([0.0, 5e-3, 0.01, 2e3], force_N=force)).points
+    assert all(p["status"] == "converged" for p in points)
+    assert all(abs(p["volume_residual"]) < 1e-10 for p in points)
+    np.testing.assert_allclose([p["loads"][0]["force_N"] for p in points], force, atol=1e-7)
+    held, still = points[-1], solve(scene).report
+    assert held["oil_pressure_Pa"] == pytest.approx(still["oil_pressure_Pa"], rel=1e-8)
+    depth = [p["loads"][0]["depth_m"] for p in (*points, still)]
+    assert depth[-2] == pytest.approx(depth[-1], rel=1e-8)
+    assert depth[2] < 0.9 * depth[-1]  # the film is slower than the force

@@ -11,6 +11,7 @@ import numpy as np
 from fitting.arrays import Floats
 from fitting.inverse_load.fit.covariance import inverse
 from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.fit.loads_and_errors import SUSPECT
 from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.search.table import LoadTable
 from fitting.statistics.discrepancy import Discrepancy, Numbers, Presses
@@ -94,12 +95,12 @@ class ReadingDiscrepancy:
         """Readings without it, inverse variances, and the covariance of what is left.
 
         Readings and weights are [frame, taxel], the covariance [frame, taxel, taxel]. Frames
-        that are then explained by several contacts stay as they are.
+        that one contact does not explain stay as they are.
         """
         nodes = selection.nodes
         near = nodes.near(y, weight, nodes.nearest(y, weight)[0])
-        best, _ = selection.explain(*self._without(y, weight, near)[:2])
-        one = best.contacts == 1
+        best, _ = selection.of_one.explain(*self._without(y, weight, near)[:2])
+        one = best.p_value(selection.fitter.per_contact) >= SUSPECT
         own, weights, left = self._without(
             y, weight, np.where(one[:, None], best.parameters[:, :2], near)
         )

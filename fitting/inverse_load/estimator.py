@@ -211,13 +211,6 @@ class LoadEstimator:
         taps = TapFinder(MotionWatch(fading), self.skin.electrodes, *own)
         return FilmFollower(FilmMotion(fading, reading), taps, self._weights)
 
-    @cached_property
-    def _of_one(self) -> Selection:
-        """Tells a tap, as one contact, whatever the budget of a frame."""
-        every = self.selection
-        beside = every.errors, every.wide_fitter
-        return Selection(every.fitter, every.nodes, every.penalty, 1, *beside)
-
     def _make_parts(self) -> EstimationParts:
         common: dict[str, Any] = {
             "direction": self.direction,
@@ -413,9 +406,10 @@ class LoadEstimator:
         test = self._parts.detector.test(y - self._parts.nodes.rest, weight, errors)
         if test.p_value[0] >= self.false_alarm:
             return LoadEstimate(False), np.zeros(0)
-        self._of_one.forget()
+        of_one = self.selection.of_one
+        of_one.forget()
         frame = y, weight, np.zeros((1, self.taxels), bool), None
-        best, told = self._explained(self._of_one, self._systematic, *frame, False)
+        best, told = self._explained(of_one, self._systematic, *frame, False)
         return told[0], best.parameters[0]
 
     def forget(self) -> None:

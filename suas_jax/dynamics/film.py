@@ -11,7 +11,6 @@ from suas_jax.dynamics.driven import FACTOR
 from suas_jax.dynamics.inertia import densities_of
 from suas_jax.dynamics.modes import STATIC_ERROR, modes
 from suas_jax.mechanics.model import AbstractPlan
-from suas_jax.scene.travel import driven_by_force
 
 # Error by the film's lag that a history without it may have, over the wanted relative error.
 _SHARE = 0.1
@@ -72,8 +71,6 @@ def _not_covered(scene: SceneSpec, plan: AbstractPlan) -> str | None:
         return "vented oil flows through an outlet that no file describes"
     if plan.model != "shell":
         return 'they are modelled for shells only: use solve.model = "shell"'
-    if plan.dimension == 3 and driven_by_force(scene):
-        return "under a force a body on a pad is taken to be in equilibrium; give it a depth"
     return None
 
 

@@ -87,10 +87,16 @@ class SkinAtMoment:
     pressed: tuple[int, ...]  # which of the bodies forces press
 
     @property
+    def parts(self) -> int:
+        """Parts like the one that moves, of a symmetric pad."""
+        membrane = self.problem.mechanics
+        return membrane.parts if isinstance(membrane, Pad) else 1
+
+    @property
     def scale(self) -> Array:
         """Forces of the whole skin over those of the membrane."""
         membrane = self.problem.mechanics
-        return self.geometry.width[0] if membrane.per_width else jnp.ones(())
+        return self.geometry.width[0] if membrane.per_width else jnp.asarray(1.0 * self.parts)
 
     def near(self, q: StationVector) -> MovingSection | MovingPad:
         """What moves, close to a state."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.arrays import Floats
+from fitting.arrays import Floats, Rows
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.steps import Steps
@@ -19,6 +19,7 @@ SUSPECT = 2e-3
 _ERROR_FITS = 4  # of errors and loads in turn
 _WORTH = 0.5  # share of chi2 that errors must explain, or nearly all, to be fitted
 _ENDED = 0.1  # decrease of chi2 below which errors and loads have settled
+_WITH_ERRORS = 2  # fits of a frame by several contacts that errors are fitted beside
 
 
 @dataclass(frozen=True)
@@ -39,11 +40,12 @@ class LoadsAndErrors:
         *,
         pull: bool = False,
         fitter: AbstractLoadFitter | None = None,
+        frame: Rows | None = None,  # that a row is of, where a frame has several
     ) -> Steps[Explanations]:
         """Fit loads, and errors of the inputs where loads alone leave more than noise."""
         fitter = fitter or self.fitter
         found = yield from fitter.steps(y, weight, start, state, count, pull=pull)
-        return (yield from self.or_errors(y, weight, found, fitter, pull=pull))
+        return (yield from self.or_errors(y, weight, found, fitter, pull=pull, frame=frame))
 
     def or_errors(
         self,
@@ -53,13 +55,14 @@ class LoadsAndErrors:
         fitter: AbstractLoadFitter,  # that found them
         *,
         pull: bool = False,
+        frame: Rows | None = None,  # that a row is of, where a frame has several
     ) -> Steps[Explanations]:
         """Errors of the inputs beside loads, where these leave more than noise."""
         if self.errors is None or not self.errors.names:
             return found
         per_contact = self.fitter.per_contact
         poor = np.isfinite(found.chi2) & (found.p_value(per_contact) < SUSPECT)
-        rows = np.flatnonzero(poor)
+        rows = _best(np.flatnonzero(poor), found, frame)
         if not rows.size:
             return found
         own = found.rows(rows)
@@ -85,11 +88,12 @@ class LoadsAndErrors:
         state: State,
         count: int,
         shift: Floats,  # of the readings by errors that are about right [frame, taxel]
+        frame: Rows | None = None,  # that a row is of, where a frame has several
     ) -> Steps[Explanations]:
         """Fit loads and errors of the inputs, whatever loads alone would leave."""
         begin = yield from self.fitter.steps(y - shift, weight, start, state, count)
         found = replace(begin, score=np.full(len(y), np.inf), chi2=np.full(len(y), np.inf))
-        rows = np.flatnonzero(np.isfinite(begin.chi2))
+        rows = _best(np.flatnonzero(np.isfinite(begin.chi2)), begin, frame)
         if self.errors is None or not self.errors.names or not rows.size:
             return found
         own, y, weight = found.rows(rows), y[rows], weight[rows]
@@ -139,3 +143,13 @@ class LoadsAndErrors:
             step = told.spread @ (told.pull - known)[..., None]
             errors = known + step.reshape(-1, size)
         return best
+
+
+def _best(rows: Rows, found: Explanations, frame: Rows | None) -> Rows:
+    """The rows of lowest chi2 of every frame: beside errors, a fit takes many rounds."""
+    if frame is None:
+        return rows
+    order = rows[np.lexsort((found.chi2[rows], frame[rows]))]
+    _, first = np.unique(frame[order], return_index=True)
+    rank = np.arange(len(order)) - np.repeat(first, np.diff(np.append(first, len(order))))
+    return np.sort(order[rank < _WITH_ERRORS])

@@ -10,6 +10,7 @@ What errors of the skin's inputs explain is no further contact, and no faulty ta
 
 import time
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import jax
@@ -77,6 +78,14 @@ class Selection:
         """Live: let nothing of the frames so far count for the next."""
         self.last = None
         self._doubts.forget()
+        if self.most_contacts > 1:
+            self.of_one.forget()
+
+    @cached_property
+    def of_one(self) -> "Selection":
+        """The same for one contact, with errors of the inputs, a width and faulty taxels."""
+        beside = self.errors, self.wide_fitter
+        return Selection(self.fitter, self.nodes, self.penalty, 1, *beside)
 
     def untouched(self) -> None:
         """Live: take a frame that nothing touches."""
@@ -315,7 +324,7 @@ class Selection:
             at, parameters = at[kept], parameters[kept]
             state = jax.tree.map(lambda x, rows=kept: x[..., rows], state)
             begin = parameters, state, count, best.shift[at]
-            found = yield from self._fit_several(y[at], weight[at], *begin)
+            found = yield from self._fit_several(y[at], weight[at], *begin, frame=at)
             best, improved = best.cheapest(at, found)
             best = yield from self._without_weakest(y, weight, at, found, best)
             frames = improved[self._p_value(best)[improved] < PLAUSIBLE]
@@ -329,21 +338,24 @@ class Selection:
         state: State,
         count: int,
         shift: Floats | None = None,
+        frame: Rows | None = None,
     ) -> Steps[Explanations]:
         """Fits by some contacts, each beyond the first with its penalty, all of them told.
 
         A contact whose force readings do not determine, all others free, fits what a wrong
         model leaves, whatever that is. Where errors of the inputs move the readings, by a shift
-        [frame, taxel], they are fitted, too, unless loads alone do.
+        [frame, taxel], they are fitted, too, unless loads alone do. `frame` says which frame a
+        row is of, where a frame has several.
         """
-        found = yield from self._loads.fit(y, weight, start, state, count)
+        found = yield from self._loads.fit(y, weight, start, state, count, frame=frame)
         if shift is not None:
             unsure = ~self._told(found) | (self._p_value(found) < PLAUSIBLE)
             rows = np.flatnonzero(shift.any(1) & unsure)
             if rows.size:
                 near = jax.tree.map(lambda x: x[..., rows], state)
                 given = y[rows], weight[rows], start[rows], near, count, shift[rows]
-                other = yield from self._loads.beside_errors(*given)
+                own = None if frame is None else frame[rows]
+                other = yield from self._loads.beside_errors(*given, own)
                 found, _ = found.cheapest(rows, other)
         cost = (count - 1) * self.penalty
         return found.penalised(np.where(self._told(found), cost, np.inf))
