@@ -451,6 +451,8 @@ MODE = Alternative(15.0, np.array([-0.3, 4.0]), np.diag([1e4, 100.0]), 1)
         ("model_mismatch", [0.2, 5.0], {"chi2": 99.1}),
         ("poor_fit", [0.2, 5.0], {"chi2": 98.9}),
         ("wall_contact", [0.2, 5.0], {"chi2": 99.1, "full_scale": True}),
+        ("wall_contact", [0.0, 19.61], {"chi2": 99.1}),
+        ("model_mismatch", [0.0, 5.0], {"chi2": 705.0, "deviation": 1.0}),  # at least 0 N
         ("wall_contact", [0.2, 5.0], {"full_scale": True}),
         ("wall_contact", [0.2, 5.0], {"min_gap": np.zeros(1)}),
         ("wall_contact", [0.0, 19.61], {}),  # within 2 deviations and 1 % of 20 N

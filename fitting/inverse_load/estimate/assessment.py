@@ -116,6 +116,7 @@ class LoadAssessment:
             (distance(blind, place) < self._nodes.separate).any() for place in places
         )
         if poor and ratio > _BEYOND_MODEL:
+            wall = wall and bound > 0  # else the misfit alone reaches the wall
             unknown = True if wall else None
             status = "wall_contact" if wall else "model_mismatch"
             return LoadEstimate(
