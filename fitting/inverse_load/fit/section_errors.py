@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import Explanations
-from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
+from fitting.inverse_load.fit.other_stiffness import less_told, variance_of_places
+from fitting.inverse_load.fit.systematic import AbstractSystematicErrors, ErrorsOfFrames
 from fitting.inverse_load.model.evaluation import at_rest, loads_from
 from fitting.inverse_load.search.table import LANES, LoadTable, table_key
 from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
@@ -70,6 +71,15 @@ class SectionErrors(AbstractSystematicErrors):
         there = best.state
         exact = self._computed(best.parameters[:, :width], there, contacts, self._lanes)
         return exact - self._at_zero + self.rest
+
+    def covariance(self, best: Explanations, y: Floats, per_contact: int) -> Floats:
+        """See the base class; with what errors of this size do to places beyond first order."""
+        shared = super().covariance(best, y, per_contact)
+        return shared + variance_of_places(shared, best, per_contact)
+
+    def moment(self, found: ErrorsOfFrames, best: Explanations) -> Floats:
+        """See the base class; frames tell less of what makes a skin stiffer."""
+        return super().moment(less_told(found, best), best)
 
     def under_one(self, angle: Floats, force: Floats, jacobian: Floats) -> Floats:
         """Change of readings under one radial contact [frame, error, taxel].
