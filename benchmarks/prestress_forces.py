@@ -168,7 +168,7 @@ def study(frames: int, seed: int) -> None:
     )
     errors = input_errors(as_assembled(file))
     rest = np.asarray(
-        skin_of(file).electrodes.read_even_film(np.array([plain.geometry.mean_gap]))
+        skin_of(file).electrodes.read_even_film(jnp.array([plain.geometry.mean_gap]))
     )
     estimators = {
         label: LoadEstimator(spec, rest=rest[:, 0], rest_variance=NOISE**2 / 100)

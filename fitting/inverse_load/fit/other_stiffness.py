@@ -2,12 +2,14 @@
 
 The same readings are the same shape. What it takes to keep a shape changes linearly with the
 stress at rest: the force F, and F (a - a0), which is what the force at a place a does in excess
-of itself at a0. Forces are linear in the errors up to shares of one; two other things are not.
+of itself at a0. Forces are so nearly linear in the errors, and hardly anything else is.
 
-- **Places** are linear in the errors over the force. With rho = sigma_F / F, r = C_aF / C_FF
-  and a force of k F, k = 1 - rho t at t deviations, the true place lies off the line of the
-  ellipse by d = r F (1 - k)^2 / k. Its variance grows until ellipses of 99.9 % hold the points
-  `_FAR` deviations away, or half the stiffness.
+- **Errors of stiffness and of stress multiply.** A force off by a share rho at one deviation is
+  off by rho t (1 + rho t / 2) at t of them, nearly. Deviations of forces grow by 1 + rho / 2.
+- **Places** are linear in the errors over the force. With r = C_aF / C_FF and a force of k F,
+  k = 1 - rho t, the true place lies off the line of the ellipse by d = r F (1 - k)^2 / k. Its
+  variance grows until ellipses of 99.9 % hold the points `_FAR` deviations away, or half the
+  stiffness.
 - **Residuals** that an error leaves are those of a stiffer skin: an error that changes the
   force by a share s shows in them as 1 / (1 + s t) of what it does to first order, so that
   frames tell less of it.
@@ -23,6 +25,7 @@ _FAR = 3.0  # standard deviations of the force
 _SOFTEST = 0.5  # share of the stiffness; skins that lose more buckle before they are touched
 _REGION = 13.8  # chi2 of 99.9 % in place and force
 _TOLD = 2.0  # standard deviations at which an error's residuals are taken
+_PRODUCT = 0.5  # second order of errors that multiply
 _NONE = 1e-12  # stands for no force, and no deviation of it
 
 
@@ -40,25 +43,34 @@ def less_told(found: ErrorsOfFrames, best: Explanations) -> ErrorsOfFrames:
     return found._replace(spread=spread, likely=likely)
 
 
-def variance_of_places(shared: Floats, best: Explanations, per_contact: int) -> Floats:
-    """What errors add to variances of places beyond first order, as covariances.
+def beyond_first_order(shared: Floats, best: Explanations, per_contact: int) -> Floats:
+    """Covariances of the parameters by errors of the inputs, where these may be large.
 
-    `shared` are covariances of the parameters by errors of the inputs, padded [frame,
-    parameter, parameter]. Free directions of contacts behave as places do.
+    `shared` are those to first order, padded [frame, parameter, parameter]. Free directions of
+    contacts behave as places do.
     """
-    total = 0.0 * shared
+    total = shared.copy()
     for count in np.unique(best.contacts):
         frames = np.flatnonzero(best.contacts == count)
         for k in range(count):
             row = count + k  # of the force, after the places
-            force, variance = best.parameters[frames, row], shared[frames, row, row]
-            rho = np.sqrt(np.maximum(variance, 0.0)) / np.maximum(np.abs(force), _NONE)
+            force = best.parameters[frames, row]
+            wider = 1 + _PRODUCT * _relative(total[frames, row, row], force)
+            total[frames, row] *= wider[:, None]
+            total[frames, :, row] *= wider[:, None]
+            variance = total[frames, row, row]
+            rho = _relative(variance, force)
             softer = np.minimum(_FAR, (1 - _SOFTEST) / np.maximum(rho, _NONE))
             needed = np.zeros(len(frames))
             for far in (softer, -_FAR):
                 left = 1 - rho * far
                 needed = np.maximum(needed, ((1 - left) ** 2 / left) ** 2 / (_REGION - far**2))
             for other in {*range(k, per_contact * int(count), int(count))} - {row}:
-                slope = shared[frames, other, row] / np.maximum(variance, _NONE**2)
+                slope = total[frames, other, row] / np.maximum(variance, _NONE**2)
                 total[frames, other, other] += (slope * force) ** 2 * needed
     return total
+
+
+def _relative(variance: Floats, force: Floats) -> Floats:
+    """Relative deviations of forces."""
+    return np.asarray(np.sqrt(np.maximum(variance, 0)) / np.maximum(np.abs(force), _NONE))

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import Explanations
-from fitting.inverse_load.fit.other_stiffness import less_told, variance_of_places
+from fitting.inverse_load.fit.other_stiffness import beyond_first_order, less_told
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors, ErrorsOfFrames
 from fitting.inverse_load.model.evaluation import at_rest, loads_from
 from fitting.inverse_load.search.table import LANES, LoadTable, table_key
@@ -75,7 +75,7 @@ class SectionErrors(AbstractSystematicErrors):
     def covariance(self, best: Explanations, y: Floats, per_contact: int) -> Floats:
         """See the base class; with what errors of this size do to places beyond first order."""
         shared = super().covariance(best, y, per_contact)
-        return shared + variance_of_places(shared, best, per_contact)
+        return beyond_first_order(shared, best, per_contact)
 
     def moment(self, found: ErrorsOfFrames, best: Explanations) -> Floats:
         """See the base class; frames tell less of what makes a skin stiffer."""
