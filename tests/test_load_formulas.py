@@ -1197,7 +1197,7 @@ def test_regions_hold_the_loads_that_keep_a_shape(
     by[list(rows)] = gain
     shared[0] = np.outer(by, by)
     best = explanations(parameters, contacts=contacts)
-    found = beyond_first_order(shared, best, per_contact)[0]
+    found = beyond_first_order(shared, best)[0]
     own, noise = np.ix_(rows, rows), np.diag([1e-3, 1e-6])
     plain, region = shared[0][own] + noise, found[own] + noise
     assert region[0, 0] - noise[0, 0] == pytest.approx((1.2 * gain[0]) ** 2)
@@ -1214,12 +1214,12 @@ def test_regions_hold_the_loads_that_keep_a_shape(
 
 def test_places_that_errors_do_not_move_stay_as_sure() -> None:
     best = explanations([[0.1, 5.0]])
-    (found,) = beyond_first_order(np.diag([1e-4, 4.0])[None], best, 2)
+    (found,) = beyond_first_order(np.diag([1e-4, 4.0])[None], best)
     np.testing.assert_allclose(found, np.diag([1e-4, (1.2 * 2.0) ** 2]), rtol=1e-12)
     small = np.array([[[1e-6, 1e-4], [1e-4, 1e-2]]])  # a fiftieth of the force
-    np.testing.assert_allclose(beyond_first_order(small, best, 2), small, rtol=0.03)
+    np.testing.assert_allclose(beyond_first_order(small, best), small, rtol=0.03)
     none = explanations([[0.1, 0.0]])
-    assert not beyond_first_order(np.zeros((1, 2, 2)), none, 2).any()
+    assert not beyond_first_order(np.zeros((1, 2, 2)), none).any()
 
 
 def test_frames_tell_less_of_what_makes_a_skin_stiffer() -> None:
@@ -1230,13 +1230,15 @@ def test_frames_tell_less_of_what_makes_a_skin_stiffer() -> None:
     likely = (spread @ pull[..., None])[..., 0]
     none = np.zeros(0)
     told = ErrorsOfFrames(none, gain, left, pull, spread, likely, none)
-    found = less_told(told, explanations([[0.1, 8.0]]))
+    best, both = explanations([[0.1, 8.0]]), np.array([True, True])
+    found = less_told(told, best, both)
     shown = np.diag([1 / 1.5, 1.0])
     expected = np.linalg.inv(np.eye(2) + shown @ left[0] @ shown)
     np.testing.assert_allclose(found.spread[0], expected, rtol=1e-12)
     np.testing.assert_allclose(found.likely[0], expected @ shown @ pull[0], rtol=1e-12)
-    same = less_told(told._replace(gain=0 * gain), explanations([[0.1, 8.0]]))
-    np.testing.assert_allclose(same.spread, spread, rtol=1e-12)
+    for same in (told._replace(gain=0 * gain), told):
+        own = less_told(same, best, both & (same is not told))
+        np.testing.assert_allclose(own.spread, spread, rtol=1e-12)
 
 
 def test_tangents_of_a_skin_are_those_of_differences() -> None:

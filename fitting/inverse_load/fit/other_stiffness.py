@@ -17,9 +17,9 @@ of itself at a0. Forces are so nearly linear in the errors, and hardly anything 
 
 import numpy as np
 
-from fitting.arrays import Floats
+from fitting.arrays import Flags, Floats
 from fitting.inverse_load.fit.explanation import Explanations
-from fitting.inverse_load.fit.systematic import ErrorsOfFrames
+from fitting.inverse_load.fit.systematic import AbstractSystematicErrors, ErrorsOfFrames
 
 _FAR = 3.0  # standard deviations of the force
 _SOFTEST = 0.5  # share of the stiffness; skins that lose more buckle before they are touched
@@ -29,12 +29,30 @@ _PRODUCT = 0.5  # second order of errors that multiply
 _NONE = 1e-12  # stands for no force, and no deviation of it
 
 
-def less_told(found: ErrorsOfFrames, best: Explanations) -> ErrorsOfFrames:
-    """What frames say about the errors, where residuals are those of stiffer skins."""
+class AbstractSectionErrors(AbstractSystematicErrors):
+    """Errors that all frames share, on a skin in plane strain.
+
+    Attributes:
+        of_membrane: which of them change what the membrane answers, and no reading else.
+    """
+
+    of_membrane: Flags
+
+    def of_loads(self, found: ErrorsOfFrames, best: Explanations, per_contact: int) -> Floats:
+        """See the base class; as if the errors of the membrane were large."""
+        found = less_told(found, best, self.of_membrane)
+        whole = super().of_loads(found, best, per_contact)
+        alone = found._replace(gain=found.gain * self.of_membrane)
+        part = super().of_loads(alone, best, per_contact)
+        return whole + beyond_first_order(part, best) - part
+
+
+def less_told(found: ErrorsOfFrames, best: Explanations, errors: Flags) -> ErrorsOfFrames:
+    """What frames say about some errors, where residuals are those of stiffer skins."""
     count = int(best.contacts[0])
     forces = slice(count, 2 * count)
     total = np.abs(best.parameters[:, forces]).sum(1)[:, None]
-    share = np.abs(found.gain[:, forces].sum(1)) / np.maximum(total, _NONE)
+    share = errors * np.abs(found.gain[:, forces].sum(1)) / np.maximum(total, _NONE)
     shown = 1 / (1 + _TOLD * share)
     left = shown[:, :, None] * found.left * shown[:, None]
     pull = shown * found.pull
@@ -43,31 +61,29 @@ def less_told(found: ErrorsOfFrames, best: Explanations) -> ErrorsOfFrames:
     return found._replace(spread=spread, likely=likely)
 
 
-def beyond_first_order(shared: Floats, best: Explanations, per_contact: int) -> Floats:
-    """Covariances of the parameters by errors of the inputs, where these may be large.
+def beyond_first_order(shared: Floats, best: Explanations) -> Floats:
+    """Covariances of the parameters by errors of the membrane, where these may be large.
 
-    `shared` are those to first order, padded [frame, parameter, parameter]. Free directions of
-    contacts behave as places do.
+    `shared` are those to first order [frame, parameter, parameter], of frames of one number of
+    contacts. Free directions of contacts behave as places do.
     """
-    total = shared.copy()
-    for count in np.unique(best.contacts):
-        frames = np.flatnonzero(best.contacts == count)
-        for k in range(count):
-            row = count + k  # of the force, after the places
-            force = best.parameters[frames, row]
-            wider = 1 + _PRODUCT * _relative(total[frames, row, row], force)
-            total[frames, row] *= wider[:, None]
-            total[frames, :, row] *= wider[:, None]
-            variance = total[frames, row, row]
-            rho = _relative(variance, force)
-            softer = np.minimum(_FAR, (1 - _SOFTEST) / np.maximum(rho, _NONE))
-            needed = np.zeros(len(frames))
-            for far in (softer, -_FAR):
-                left = 1 - rho * far
-                needed = np.maximum(needed, ((1 - left) ** 2 / left) ** 2 / (_REGION - far**2))
-            for other in {*range(k, per_contact * int(count), int(count))} - {row}:
-                slope = total[frames, other, row] / np.maximum(variance, _NONE**2)
-                total[frames, other, other] += (slope * force) ** 2 * needed
+    total, count = shared.copy(), int(best.contacts[0])
+    for k in range(count):
+        row = count + k  # of the force, after the places
+        force = best.parameters[:, row]
+        wider = 1 + _PRODUCT * _relative(total[:, row, row], force)
+        total[:, row] *= wider[:, None]
+        total[:, :, row] *= wider[:, None]
+        variance = total[:, row, row]
+        rho = _relative(variance, force)
+        softer = np.minimum(_FAR, (1 - _SOFTEST) / np.maximum(rho, _NONE))
+        needed = np.zeros(len(force))
+        for far in (softer, -_FAR):
+            left = 1 - rho * far
+            needed = np.maximum(needed, ((1 - left) ** 2 / left) ** 2 / (_REGION - far**2))
+        for other in {*range(k, shared.shape[1], count)} - {row}:
+            slope = total[:, other, row] / np.maximum(variance, _NONE**2)
+            total[:, other, other] += (slope * force) ** 2 * needed
     return total
 
 

@@ -22,12 +22,11 @@ from numpy.typing import NDArray
 
 from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import Explanations
-from fitting.inverse_load.fit.other_stiffness import beyond_first_order, less_told
-from fitting.inverse_load.fit.systematic import AbstractSystematicErrors, ErrorsOfFrames
+from fitting.inverse_load.fit.other_stiffness import AbstractSectionErrors
 from fitting.inverse_load.model.evaluation import at_rest, loads_from
 from fitting.inverse_load.search.table import LANES, LoadTable, table_key
 from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
-from suas_jax.config.input_errors import value_of
+from suas_jax.config.input_errors import ELECTRICAL, value_of
 from suas_jax.equilibrium.equilibrium import State, differentiable
 from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.runtime.compiled import COMPILED
@@ -40,7 +39,7 @@ _TOGETHER = 8  # directions of one program, whatever the number of errors
 _RIDGE = 1e-12  # of squared cosines: where angle and force do the same
 
 
-class SectionErrors(AbstractSystematicErrors):
+class SectionErrors(AbstractSectionErrors):
     """Errors of the inputs of one skin."""
 
     def __init__(
@@ -53,6 +52,8 @@ class SectionErrors(AbstractSystematicErrors):
         live: bool,
     ) -> None:
         self.names = errors.names
+        read = [path.startswith(ELECTRICAL) for path in errors.paths]
+        self.of_membrane = ~(errors.directions[:, read] != 0).any(1)
         # Made anew, as the errors' file may name what the skin's leaves out.
         self._skin, self._table = changed_skin(errors.spec, skin, {}), table
         self._lanes = 1 if live else LANES // 4
@@ -71,15 +72,6 @@ class SectionErrors(AbstractSystematicErrors):
         there = best.state
         exact = self._computed(best.parameters[:, :width], there, contacts, self._lanes)
         return exact - self._at_zero + self.rest
-
-    def covariance(self, best: Explanations, y: Floats, per_contact: int) -> Floats:
-        """See the base class; with what errors of this size do to places beyond first order."""
-        shared = super().covariance(best, y, per_contact)
-        return beyond_first_order(shared, best, per_contact)
-
-    def moment(self, found: ErrorsOfFrames, best: Explanations) -> Floats:
-        """See the base class; frames tell less of what makes a skin stiffer."""
-        return super().moment(less_told(found, best), best)
 
     def under_one(self, angle: Floats, force: Floats, jacobian: Floats) -> Floats:
         """Change of readings under one radial contact [frame, error, taxel].

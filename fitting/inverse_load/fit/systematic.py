@@ -98,16 +98,18 @@ class AbstractSystematicErrors(abc.ABC):
         likely = (spread @ pull[..., None])[..., 0]
         return ErrorsOfFrames(slopes, gain, left, pull, spread, likely, (pull * likely).sum(1))
 
-    def moment(self, found: ErrorsOfFrames, best: Explanations) -> Floats:
-        """Second moments of the errors that loads were fitted without [frame, error, error].
+    def of_loads(self, found: ErrorsOfFrames, best: Explanations, per_contact: int) -> Floats:
+        """Covariances of the parameters of frames of one number of contacts.
 
         Args:
-            found: what the frames say.
+            found: what the frames say about the errors.
             best: their explanations.
+            per_contact: parameters of a contact.
         """
         # Where errors were fitted with the loads, none is left to shift them.
         shift = np.where(best.absorbed[:, None], 0.0, found.likely)
-        return np.asarray(found.spread + shift[:, :, None] * shift[:, None])
+        second = found.spread + shift[:, :, None] * shift[:, None]
+        return np.asarray(found.gain @ second @ np.swapaxes(found.gain, 1, 2))
 
     def covariance(self, best: Explanations, y: Floats, per_contact: int) -> Floats:
         """Covariances of the parameters by the errors, padded as the information is.
@@ -122,8 +124,7 @@ class AbstractSystematicErrors(abc.ABC):
             width = per_contact * int(best.contacts[frames[0]])
             own = best.rows(frames)
             found = self.of(own, y[frames] - own.so, per_contact)
-            part = found.gain @ self.moment(found, own) @ np.swapaxes(found.gain, 1, 2)
-            total[frames, :width, :width] = part
+            total[frames, :width, :width] = self.of_loads(found, own, per_contact)
         own_error = self.unexplained(best, per_contact)
         return total if own_error is None else total + own_error
 
