@@ -194,7 +194,7 @@ def study(frames: int, seed: int) -> None:
             distances[label] = np.append(distances[label], found)
     print(f"{frames} skins, {left_out} of which buckle at rest or find no equilibrium")
     for label, distance in distances.items():
-        # How much wider regions of 95 and 99 % would have to be to hold as many.
+        # Of regions that hold as many as they should, in those that are told.
         wider = [
             np.sqrt(np.quantile(distance, share) / stats.chi2.ppf(share, 2))
             for share in (0.68, 0.95, 0.99)
@@ -202,7 +202,7 @@ def study(frames: int, seed: int) -> None:
         wrong = int((distance > stats.chi2.ppf(0.999, 2)).sum())
         print(
             f"{label}: {wrong} wrong of {len(distance)} ok; regions that hold 68, 95, 99 % "
-            f"are {', '.join(f'{x:.2f}' for x in wider)} times as wide",
+            f"would be {', '.join(f'{x:.2f}' for x in wider)} times as wide",
             flush=True,
         )
 
