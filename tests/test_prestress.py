@@ -130,7 +130,7 @@ def test_water_on_a_pad_is_the_same_by_its_depth_and_by_its_pressure() -> None:
             "oil": {"model": "compressible", "bulk_modulus": "1 GPa"},
             "environment": {"depth": f"{depth!r} m"},
             "load": [patch, {"kind": "pressure", "pressure": f"{pressure!r} Pa"}],
-            "solve": {"mesh": [12, 10]},
+            "solve": {"model": "shell", "elements": [16, 12]},
         }
         return solve(scene_from_dict(table)).report
 
