@@ -31,6 +31,7 @@ from fitting.inverse_load.fit.doubts import (
 )
 from fitting.inverse_load.fit.explanation import widened
 from fitting.inverse_load.fit.loads_and_errors import LoadsAndErrors, _best
+from fitting.inverse_load.fit.other_stiffness import beyond_first_order, less_told
 from fitting.inverse_load.fit.section_errors import (
     SectionErrors,
     _filled,
@@ -40,7 +41,11 @@ from fitting.inverse_load.fit.section_errors import (
 )
 from fitting.inverse_load.fit.section_least_squares import Fit, Target, _last_step, _step
 from fitting.inverse_load.fit.selection import Selection
-from fitting.inverse_load.fit.systematic import AbstractSystematicErrors, of_shared_place
+from fitting.inverse_load.fit.systematic import (
+    AbstractSystematicErrors,
+    ErrorsOfFrames,
+    of_shared_place,
+)
 from fitting.inverse_load.model.evaluation import Evaluation
 from fitting.inverse_load.search import table as load_table
 from fitting.inverse_load.search.base import _scaled
@@ -1184,6 +1189,66 @@ def test_errors_under_one_contact_are_interpolated_in_angle_and_log_force() -> N
     far = errors.under_one(np.array([9.0]), np.array([1e9]), 0 * jacobian)
     expected = 1e9 * left[-1, -1] * np.array([1.0, 2.0]) + errors.rest[0]
     np.testing.assert_allclose(far[0, 0], expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("per_contact", [2, 3])
+@pytest.mark.parametrize("contacts", [1, 2])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_regions_hold_the_loads_that_keep_a_shape(
+    contacts: int, per_contact: int, sign: float
+) -> None:
+    """F and F (a - a0) are linear in an error, from half the stiffness to three deviations."""
+    width = per_contact * contacts
+    force = 8.0 * sign
+    rows, gain = (contacts, 0), np.array([0.4 * force, 0.04])  # of its force and place
+    parameters = np.full((1, width), force)
+    shared = np.zeros((1, width, width))
+    by = np.zeros(width)
+    by[list(rows)] = gain
+    shared[0] = np.outer(by, by)
+    best = explanations(parameters, contacts=contacts)
+    found = beyond_first_order(shared, best)[0]
+    own, noise = np.ix_(rows, rows), np.diag([1e-3, 1e-6])
+    plain, region = shared[0][own] + noise, found[own] + noise
+    assert region[0, 0] - noise[0, 0] == pytest.approx((1.2 * gain[0]) ** 2)
+    outside = []
+    for left in (0.5, 0.8, 1.4, 2.2):
+        error = (1 - left) * force / gain[0]
+        off = gain * error / np.array([1.0, left])
+        assert off @ np.linalg.solve(region, off) < 13.9
+        outside.append(off @ np.linalg.solve(plain, off) > 13.9)
+    assert any(outside)
+    found[own] = 0.0
+    assert not found.any()  # nothing else moves with this force
+
+
+def test_places_that_errors_do_not_move_stay_as_sure() -> None:
+    best = explanations([[0.1, 5.0]])
+    (found,) = beyond_first_order(np.diag([1e-4, 4.0])[None], best)
+    np.testing.assert_allclose(found, np.diag([1e-4, (1.2 * 2.0) ** 2]), rtol=1e-12)
+    small = np.array([[[1e-6, 1e-4], [1e-4, 1e-2]]])  # a fiftieth of the force
+    np.testing.assert_allclose(beyond_first_order(small, best), small, rtol=0.03)
+    none = explanations([[0.1, 0.0]])
+    assert not beyond_first_order(np.zeros((1, 2, 2)), none).any()
+
+
+def test_frames_tell_less_of_what_makes_a_skin_stiffer() -> None:
+    """An error of a quarter of the force shows as two thirds at two deviations."""
+    gain = np.array([[[0.0, 0.0], [2.0, 0.0]]])  # of angle and force by two errors
+    left, pull = np.array([[[3.0, 1.0], [1.0, 2.0]]]), np.array([[4.0, -1.0]])
+    spread = np.linalg.inv(np.eye(2) + left)
+    likely = (spread @ pull[..., None])[..., 0]
+    none = np.zeros(0)
+    told = ErrorsOfFrames(none, gain, left, pull, spread, likely, none)
+    best, both = explanations([[0.1, 8.0]]), np.array([True, True])
+    found = less_told(told, best, both)
+    shown = np.diag([1 / 1.5, 1.0])
+    expected = np.linalg.inv(np.eye(2) + shown @ left[0] @ shown)
+    np.testing.assert_allclose(found.spread[0], expected, rtol=1e-12)
+    np.testing.assert_allclose(found.likely[0], expected @ shown @ pull[0], rtol=1e-12)
+    for same in (told._replace(gain=0 * gain), told):
+        own = less_told(same, best, both & (same is not told))
+        np.testing.assert_allclose(own.spread, spread, rtol=1e-12)
 
 
 def test_tangents_of_a_skin_are_those_of_differences() -> None:

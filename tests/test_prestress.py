@@ -117,6 +117,32 @@ def test_water_that_buckles_a_skin_at_rest_is_the_same_where_loads_hold_it(
         assert deep[key] == pytest.approx(pressed[key], rel=1e-8)
 
 
+@pytest.mark.long  # the program of a pad; the section's in the tests above
+def test_water_on_a_pad_is_the_same_by_its_depth_and_by_its_pressure() -> None:
+    water = 10.051e3 * 300
+    patch = {"kind": "patch", "size": ["6 mm", "6 mm"], "force": "6 N", "angle": "0 deg"}
+
+    def pad(depth: float, pressure: float) -> dict[str, Any]:
+        table = {
+            "geometry": {**GEOMETRY, "ends": "clamped"},
+            "material": EPDM | {"bulk_modulus": "1e9 GPa"},
+            "wall": {"bulk_modulus": "1e9 GPa"},
+            "oil": {"model": "compressible", "bulk_modulus": "1 GPa"},
+            "environment": {"depth": f"{depth!r} m"},
+            "load": [patch, {"kind": "pressure", "pressure": f"{pressure!r} Pa"}],
+            "solve": {"model": "shell", "elements": [16, 12]},
+        }
+        return solve(scene_from_dict(table)).report
+
+    deep, pressed, dry = pad(300.0, 0.0), pad(0.0, water), pad(0.0, 0.0)
+    assert deep["max_displacement_m"] > 1.02 * dry["max_displacement_m"]
+    assert deep["oil_pressure_Pa"] + water == pytest.approx(
+        pressed["oil_pressure_Pa"], rel=1e-8
+    )
+    for key in ("strain_energy_J", "max_displacement_m", "min_gap_m"):
+        assert deep[key] == pytest.approx(pressed[key], rel=1e-6)
+
+
 def test_less_oil_softens_and_more_stiffens() -> None:
     """Three thousandths of the film: 11 % of the displacement, by an independent solve."""
     moved = [report(fill=x)["loads"][0]["displacement_m"] for x in (0.997, 1.0, 1.003)]

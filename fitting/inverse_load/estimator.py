@@ -51,6 +51,7 @@ from fitting.inverse_load.film_motion import (
 from fitting.inverse_load.fit.bounded_selection import BoundedSelection
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
+from fitting.inverse_load.fit.other_stiffness import AbstractSectionErrors
 from fitting.inverse_load.fit.selection import Alternative, Selection
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors, of_shared_place
 from fitting.inverse_load.memory.follower import MemoryFollower
@@ -185,6 +186,9 @@ class LoadEstimator:
         memory = None if pad else LoadMemory.of(self.spec)
         self._memory: MemoryFollower | None = None
         if memory is not None:
+            assert self._systematic is None or isinstance(
+                self._systematic, AbstractSectionErrors
+            )
             self._memory = MemoryFollower(
                 memory,
                 self.skin,

@@ -52,7 +52,8 @@ _CALIBRATED = {
     "thickness": "geometry.thickness",
 }
 """TOML paths of the constants of `suas fit sensor`. Others are sums over several keys."""
-_ELECTRICAL = ("geometry.oil_gap", "oil.relative_permittivity", "electrodes.")
+ELECTRICAL = ("geometry.oil_gap", "oil.relative_permittivity", "electrodes.")
+"""Beginnings of paths of what readings depend on beside the membrane's shape."""
 _MECHANICAL = ("material.", "geometry.thickness", "geometry.mounting", "oil.fill")
 _LEAST_VARIANCE = 1e-9  # of a direction that is kept, relative to its constants' own
 
@@ -141,7 +142,7 @@ def input_errors(spec: SkinSpec) -> InputErrors:
         for name, column in _defaults(spec)
         if not told & column.keys()
         and not pressed
-        and not (calibrated and all(path.startswith(_ELECTRICAL) for path in column))
+        and not (calibrated and all(path.startswith(ELECTRICAL) for path in column))
     ]
     return _joined(spec, [*columns, *defaults], tuple(name for name, _ in defaults))
 

@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 
 from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import Explanations
-from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
+from fitting.inverse_load.fit.other_stiffness import AbstractSectionErrors
 from fitting.inverse_load.model.evaluation import at_rest, loads_from
 from fitting.inverse_load.search.table import LANES, LoadTable, table_key
 from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
-from suas_jax.config.input_errors import value_of
+from suas_jax.config.input_errors import ELECTRICAL, value_of
 from suas_jax.equilibrium.equilibrium import State, differentiable
 from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.runtime.compiled import COMPILED
@@ -39,7 +39,7 @@ _TOGETHER = 8  # directions of one program, whatever the number of errors
 _RIDGE = 1e-12  # of squared cosines: where angle and force do the same
 
 
-class SectionErrors(AbstractSystematicErrors):
+class SectionErrors(AbstractSectionErrors):
     """Errors of the inputs of one skin."""
 
     def __init__(
@@ -52,6 +52,8 @@ class SectionErrors(AbstractSystematicErrors):
         live: bool,
     ) -> None:
         self.names = errors.names
+        read = [path.startswith(ELECTRICAL) for path in errors.paths]
+        self.of_membrane = ~(errors.directions[:, read] != 0).any(1)
         # Made anew, as the errors' file may name what the skin's leaves out.
         self._skin, self._table = changed_skin(errors.spec, skin, {}), table
         self._lanes = 1 if live else LANES // 4

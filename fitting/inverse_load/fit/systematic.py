@@ -98,6 +98,19 @@ class AbstractSystematicErrors(abc.ABC):
         likely = (spread @ pull[..., None])[..., 0]
         return ErrorsOfFrames(slopes, gain, left, pull, spread, likely, (pull * likely).sum(1))
 
+    def of_loads(self, found: ErrorsOfFrames, best: Explanations, per_contact: int) -> Floats:
+        """Covariances of the parameters of frames of one number of contacts.
+
+        Args:
+            found: what the frames say about the errors.
+            best: their explanations.
+            per_contact: parameters of a contact.
+        """
+        # Where errors were fitted with the loads, none is left to shift them.
+        shift = np.where(best.absorbed[:, None], 0.0, found.likely)
+        second = found.spread + shift[:, :, None] * shift[:, None]
+        return np.asarray(found.gain @ second @ np.swapaxes(found.gain, 1, 2))
+
     def covariance(self, best: Explanations, y: Floats, per_contact: int) -> Floats:
         """Covariances of the parameters by the errors, padded as the information is.
 
@@ -111,11 +124,7 @@ class AbstractSystematicErrors(abc.ABC):
             width = per_contact * int(best.contacts[frames[0]])
             own = best.rows(frames)
             found = self.of(own, y[frames] - own.so, per_contact)
-            # Where errors were fitted with the loads, none is left to shift them.
-            shift = np.where(own.absorbed[:, None], 0.0, found.likely)
-            second = found.spread + shift[:, :, None] * shift[:, None]
-            part = found.gain @ second @ np.swapaxes(found.gain, 1, 2)
-            total[frames, :width, :width] = part
+            total[frames, :width, :width] = self.of_loads(found, own, per_contact)
         own_error = self.unexplained(best, per_contact)
         return total if own_error is None else total + own_error
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from fitting.arrays import Floats, Rows
 from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.fit.other_stiffness import AbstractSectionErrors
 from fitting.inverse_load.fit.section_fitter import SectionFitter
 from fitting.inverse_load.fit.selection import Selection
-from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.fit.wide_contact import WideContactFitter
 from fitting.inverse_load.memory.remembering import (
     AT_FIRST,
@@ -53,18 +53,20 @@ class RememberingNodes(NodeSearch):
         return State(state.q + self.left, state.pressure, ones)  # type: ignore[arg-type]
 
 
-class RememberedErrors(AbstractSystematicErrors):
+class RememberedErrors(AbstractSectionErrors):
     """Errors of the inputs, and of the shares of the stress that relax.
 
     `base` are the errors of the inputs, None for none; `memory` is the membrane's.
     """
 
     def __init__(
-        self, base: AbstractSystematicErrors | None, memory: LoadMemory, taxels: int
+        self, base: AbstractSectionErrors | None, memory: LoadMemory, taxels: int
     ) -> None:
         self._base = base
         own = tuple(f"relaxation {k}" for k in range(len(memory.errors)))
         self.names = (() if base is None else base.names) + own
+        known = np.zeros(0, bool) if base is None else base.of_membrane
+        self.of_membrane = np.append(known, np.ones(len(own), bool))
         self._rest = np.zeros((0, taxels)) if base is None else base.rest
         self.skin: RememberingSkin | None = None
         self._now: Expected | None = None
@@ -102,7 +104,7 @@ class MemoryFollower:
         memory: LoadMemory,  # of the membrane
         skin: Skin,  # with the long-term constants
         table: LoadTable,  # of its solved states
-        errors: AbstractSystematicErrors | None,  # of its inputs; None for none
+        errors: AbstractSectionErrors | None,  # of its inputs; None for none
         *,
         direction: bool,  # whether directions of contacts are free
         most_contacts: int,
