@@ -84,6 +84,14 @@ CASES = {
         "--zero force",
         fitting={"zero": ("force",)},
     ),
+    "preload": Case(
+        "tared preload",
+        MACHINE,
+        1e3 * (TRAVEL - TRAVEL[8])[8:],
+        (FORCE - FORCE[8])[8:],
+        "--zero slack --zero force",
+        fitting={"zero": ("slack", "force"), "residual": "estimated"},
+    ),
     "break": Case(
         "break",
         MACHINE,

@@ -207,7 +207,15 @@ def test_a_count_more_than_what_is_tolerated_is_the_most(tolerance, share):
 def test_a_pattern_up_to_a_factor(rest):
     baseline = take_baseline(log_of(rest))
     pattern = 0.8 * baseline.so
-    refuse_loaded(baseline, pattern, tolerance=1e-3, source="model", common_factor=True)
+    how = {"tolerance": 1e-3, "source": "model", "common_factor": True}
+    assert refuse_loaded(baseline, pattern, **how) == ""
+    for factor in (2.0, 0.5):
+        assert f"read {factor:.3g} times" in refuse_loaded(
+            baseline, baseline.so / factor, **how
+        )
+    for factor in (5.0, 0.2):
+        with pytest.raises(ValueError, match=r"times .*--skin .* from 0\.25 to 4 are allowed"):
+            refuse_loaded(baseline, baseline.so / factor, **how)
     pattern[2, 2] *= 1.1
     with pytest.raises(NotAtRestError, match=r"module 2, so_3 reads -9\.1 %"):
         refuse_loaded(baseline, pattern, tolerance=0.05, source="model", common_factor=True)

@@ -23,6 +23,7 @@ from suas_jax.dynamics.course import Course
 from suas_jax.dynamics.driven import answering
 from suas_jax.dynamics.film import Film
 from suas_jax.dynamics.history import history_sweep
+from suas_jax.dynamics.history_gradient import point_asked, require_derivatives
 from suas_jax.dynamics.history_table import history_of, read_history
 from suas_jax.scene.build import build_problem, plan_for
 from suas_jax.scene.sweep import SweepError
@@ -367,8 +368,7 @@ def test_derivatives_of_a_history_are_those_of_differences(warm: bool) -> None:
     assert {p["status"] for p in points} == {"converged"}
     known = continuous_inputs(own.course.scene)
     for path in ("oil_pressure_Pa", "loads.0.displacement_m"):
-        row, asked = own.asked(f"points.11.{path}")
-        slopes = own.gradient(row, asked, points)
+        slopes = own.gradient(11, path, points)
         assert slopes is not None
         assert slopes.keys() == known.keys()
         for name in names:
@@ -388,23 +388,32 @@ def test_derivatives_of_a_history_are_those_of_differences(warm: bool) -> None:
             assert slopes[name] == pytest.approx(difference, rel=1e-5, abs=floor), name
 
 
-def test_a_history_says_why_it_has_no_derivatives() -> None:
-    course = Course.of(load_scene(HOLD), history_of([0.0, 1.0], factor=[0.0, 1.0]))
-    plans = {name: plan_for(course.scene, *how) for name, how in MESHES.items()}
-    moving = history._Follower(course, history._Errors(plans["shell"], 0, 0), Film(True, ""))
-    solid = history._Follower(course, history._Errors(plans["solid"], 0, 0), STILL)
-    for follower, message in ((moving, "film moves"), (solid, "sections as shells")):
-        with pytest.raises(SweepError, match=message):
-            follower.asked("oil_pressure_Pa")
-    shell = history._Follower(course, history._Errors(plans["shell"], 0, 0), STILL)
-    assert shell.asked("min_gap_m") == (1, "min_gap_m")
-    assert shell.asked("points.0.loads.0.force_N") == (0, "loads.0.force_N")
-    for wrong in ("points.2.min_gap_m", "points.x.min_gap_m", "points.1"):
-        with pytest.raises(SweepError, match=r"points\.0 to points\.1 are there"):
-            shell.asked(wrong)
+def test_a_history_says_why_it_has_no_derivatives(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the scene and the table say is told before anything is solved."""
 
+    def solve(*_: Any, **__: Any) -> Any:
+        raise AssertionError("solved")
 
-MESHES = {"shell": ("shell", (4,)), "solid": ("solid", (4, 1))}
+    monkeypatch.setattr(history, "solve", solve)
+    given = history_of([0.0, 1.0], factor=[0.0, 1.0])
+    scene, pressed = load_scene(HOLD), under_a_cylinder(force="2 N")
+    solid, meshed = with_solve(scene, model="solid"), with_solve(scene, mesh=(4, 1))
+    refused = (
+        (solid, "oil_pressure_Pa", "sections as shells"),
+        (meshed, "oil_pressure_Pa", "sections as shells"),
+        (pressed, "oil_pressure_Pa", "pressed by a force"),
+        (scene, "points.1.oil_presure_Pa", '"oil_pressure_Pa"'),
+        (scene, "points.2.min_gap_m", r"points\.0 to points\.1 are there"),
+        (scene, "points.x.min_gap_m", r"points\.0 to points\.1 are there"),
+        (scene, "points.1", r"points\.0 to points\.1 are there"),
+    )
+    for wrong, asked, message in refused:
+        with pytest.raises(ValueError, match=message):
+            history_sweep(wrong, given, asked)
+    with pytest.raises(SweepError, match="film moves"):
+        require_derivatives(scene, "shell", moves=True)
+    assert point_asked("min_gap_m", 2, 1) == (1, "min_gap_m")
+    assert point_asked("points.0.loads.0.force_N", 2, 1) == (0, "loads.0.force_N")
 
 
 def under_a_cylinder(**how: Any) -> SceneSpec:

@@ -11,7 +11,7 @@ import pytest
 from fitting.sensor.fit import assumptions, checks, priors
 from fitting.sensor.fit.residuals import Prior, SensorProblem, bounds_of
 from fitting.sensor.fit.result import _ratio, _taken_out
-from fitting.sensor.fit.search import _kept, _spread
+from fitting.sensor.fit.search import _kept, _no_counts, _spread
 from fitting.sensor.logs.data import NoCalibration, _forget_idle_places, load_sensor_data
 from fitting.sensor.logs.known_inputs import check_known, fluid_name, permittivities
 from fitting.sensor.logs.readings import ROUNDING, LoggedCounts, _first_noise, measured_noise
@@ -649,3 +649,20 @@ def test_forces_tell_a_gap_no_better_than_the_membrane_is_known(
     text = assumptions.exact_membrane_warning(family, data)
     assert bool(text) == bool(said)
     assert all(part in text for part in said)
+
+
+def test_why_no_constants_give_finite_counts() -> None:
+    """Exchanged columns of loads press the membrane onto the wall: frames are told."""
+    so = np.full((2, 5), 300.0)
+    so[1, 2:4] = np.nan  # short circuits, of readings that the log has
+    so[0, 0] = np.nan  # not used
+    used = np.ones((2, 5), bool)
+    used[0, 0] = False
+    problem: Any = SimpleNamespace(
+        readings=SimpleNamespace(used=used), predicted=lambda constants: so
+    )
+    text = _no_counts(problem, np.ones(1))
+    assert "in 2 of 5 frames (the first is number 2)" in text
+    assert "no columns of loads or places are exchanged" in text
+    so[:] = 300.0
+    assert _no_counts(problem, np.ones(1)).startswith("no constants give finite counts; check")

@@ -1,6 +1,7 @@
 """A solved scene: its error estimate, its mesh, and what it does not pay for."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from suas_jax.config import SceneSpec, with_solve
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.mechanics.model import Counts
 from suas_jax.scene.gradient import UnknownQuantityError, gradient
+from suas_jax.scene.report import _on_wall
 from suas_jax.scene.report_keys import require_reported
 from suas_jax.scene.solve import solve
 from suas_jax.scene.sweep import sweep
@@ -134,6 +136,19 @@ def test_quantities_that_no_report_has_are_refused_before_the_solve(
 def test_quantities_of_reports_are_known_before_the_solve() -> None:
     for path in ("oil_pressure_Pa", "wall.force_N", "loads.0.depth_m", "taxels.319.so"):
         require_reported(path, 1)
+
+
+@pytest.mark.parametrize(
+    ("force", "unsure", "words"),
+    [
+        (0.0, 4e-3, r"at first contact .* from nothing to 0\.004 N"),
+        (2e-3, 4e-3, r"at first contact .* from nothing to 0\.006 N"),
+        (1e-2, 4e-3, r"lies on the wall, which carries 0\.01 N to 0\.004 N\."),
+        (1e-2, None, r"lies on the wall, which carries 0\.01 N\."),
+    ],
+)
+def test_what_is_said_of_the_wall(force: float, unsure: float | None, words: str) -> None:
+    assert re.search(words, _on_wall(force, unsure))
 
 
 @pytest.mark.long  # as long to trace as to solve

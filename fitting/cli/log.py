@@ -199,13 +199,18 @@ def baseline(
         if skin is not None:
             from suas_jax.simulation.capacitances import rest_pattern
 
-            refuse_loaded(
+            doubt = refuse_loaded(
                 taken,
                 rest_pattern(skin, taken),
                 tolerance=model_tolerance,
                 source=f"the model of {skin} (--model-tolerance)",
                 common_factor=True,
             )
+            named = skin_of_log(log)
+            if named is not None and not named.samefile(skin):
+                doubt = doubt or f"the log names {named}, its counts were compared with {skin}"
+            if doubt:
+                say(f"suas: {path}: {doubt}", err=True)
         write_baseline(taken, output)
     if as_json:
         say(baseline_json(taken).rstrip(), lines=True)

@@ -29,6 +29,9 @@ _PARTS = 10
 _SIGNIFICANT = 6.0
 _FLOOR = 1.0
 _ROUNDING = 1e-9  # of a mean [counts]
+# Factors between the counts of a skin and those of its model: permittivity and gap that nobody
+# has calibrated leave the first open, nothing leaves the second.
+_DOUBTFUL, _ANOTHER = 1.5, 4.0
 
 
 class NotAtRestError(ValueError):
@@ -78,23 +81,25 @@ def refuse_loaded(
     # `rest` gives the pattern only, up to a factor (a model whose permittivity or gap is not
     # exact)
     common_factor: bool = False,
-) -> None:
+) -> str:
     """Refuse a baseline whose taxels don't read what they read at rest.
 
-    Raises NotAtRestError: the taxels deviate.
+    Returns what is doubtful about the factor, or nothing.
+    Raises NotAtRestError: the taxels deviate; ValueError: no skin of this pattern has the
+    factor, or no taxel can be compared.
     """
     known = np.isfinite(rest) & np.isfinite(baseline.so) & (rest > 0)
     if not known.any():
         raise ValueError(f"{source}: has no taxel in common with this log")
     ratio = np.full(rest.shape, np.nan)
     ratio[known] = baseline.so[known] / rest[known]
-    if common_factor:
-        ratio /= np.nanmedian(ratio)
+    factor = float(np.nanmedian(ratio)) if common_factor else 1.0
+    ratio /= factor or 1.0
     allowed = np.full(rest.shape, tolerance)
     allowed[known] += _FLOOR / rest[known]
     excess = np.nan_to_num(np.abs(ratio - 1) / allowed)
     if excess.max() <= 1.0:
-        return
+        return _doubt_of(factor, source)
     module, taxel = np.unravel_index(excess.argmax(), excess.shape)
     raise NotAtRestError(
         f"the skin was loaded: module {baseline.modules[module]}, so_{taxel + 1} reads "
@@ -102,6 +107,21 @@ def refuse_loaded(
         f"{100 * allowed[module, taxel]:.1f} % are allowed ({int((excess > 1).sum())} taxels "
         "deviate); take the load off and record again"
     )
+
+
+def _doubt_of(factor: float, source: str) -> str:
+    """What a factor on all counts lets doubt, or nothing; ValueError where it is too large."""
+    off = max(factor, 1 / factor)
+    if off <= _DOUBTFUL:
+        return ""
+    text = (
+        f"all taxels read {factor:.3g} times what they read at rest in {source}: check that "
+        "the log is of this skin (--skin names another), electrodes.lsb, the electrodes' "
+        "diameters and oil.relative_permittivity"
+    )
+    if off > _ANOTHER:
+        raise ValueError(f"{text}; factors from {1 / _ANOTHER:g} to {_ANOTHER:g} are allowed")
+    return text
 
 
 def write_baseline(baseline: Baseline, path: Path) -> None:

@@ -12,7 +12,12 @@ from suas_jax.config import SceneSpec, with_solve
 from suas_jax.dynamics.course import Course
 from suas_jax.dynamics.driven import responding
 from suas_jax.dynamics.film import LEFT_OUT, Film, film_of
-from suas_jax.dynamics.history_gradient import history_gradient, reason_against, record
+from suas_jax.dynamics.history_gradient import (
+    history_gradient,
+    point_asked,
+    record,
+    require_derivatives,
+)
 from suas_jax.dynamics.history_table import History
 from suas_jax.dynamics.pad import outside_of
 from suas_jax.dynamics.steps import Moment, at_rest, through
@@ -77,14 +82,19 @@ def history_sweep(
         raise SweepError("friction is modelled for monotone loading only: take it out")
     scene = with_solve(scene, oil_pressure=None)
     course = Course.of(scene, history)
+    asked = None
+    if gradient is not None:
+        asked = point_asked(gradient, len(history.time), len(scene.loads))
+        require_derivatives(course.scene, _first_model(scene), moves=False)
     errors = _Errors.at(course.largest)
     changes = course.time, course.values, course.rest
     moves = film_of(course.scene, errors.plan, *changes) if film else LEFT_OUT
     fewer = _fewer(course.scene, errors.plan) if moves.included else None
     if fewer is not None:
         errors = _Errors.at(course.largest, fewer)
+    if asked is not None:  # `auto` may have taken the solid, and the film may move
+        require_derivatives(course.scene, errors.plan.model, moves=moves.included)
     follower = _Follower(course, errors, moves, len(history.time) <= _FEW)
-    asked = None if gradient is None else follower.asked(gradient)
     points = follower.points()
     shown = [point.pop("shown") for point in points]
     hits = [p for p in points if p["status"] == "converged" and p["wall_contact"]]
@@ -132,11 +142,7 @@ class _Errors(NamedTuple):
         if pad:
             held = with_solve(held, model="shell", elements=pad_counts or scene.solve.elements)
         whole = bool(scene.bodies) or pad
-        found = (
-            solve(held)
-            if whole
-            else solved("solid" if given == "solid" or scene.solve.mesh else "shell")
-        )
+        found = solve(held) if whole else solved(_first_model(scene))
         unmet = found.converged and not (found.report["model_error"] or 0.0) <= rtol
         if not whole and given == "auto" and found.plan.model == "shell" and unmet:
             found = solved("solid")
@@ -146,6 +152,12 @@ class _Errors(NamedTuple):
             own = report["discretisation_error"], report["model_error"]
             return cls(found.plan, *own, size)
         return cls(found.plan, np.nan, np.nan, size)
+
+
+def _first_model(scene: SceneSpec) -> str:
+    """The model that a history begins with; `auto` goes from the shell to the solid."""
+    solid = scene.solve.model == "solid" or scene.solve.mesh is not None
+    return "solid" if solid else "shell"
 
 
 def _fewer(scene: SceneSpec, plan: AbstractPlan) -> Counts | None:
@@ -186,27 +198,6 @@ class _Follower:
             points += found
             moment = end
         return points
-
-    def asked(self, quantity: str) -> tuple[int, str]:
-        """Row and path of a quantity to differentiate.
-
-        Raises SweepError: there is no such row, or the history has no derivatives.
-        """
-        known = Structure(responding(self.course.scene, "instantaneous")), self.errors.plan
-        reason = reason_against(*known, self.film.included)
-        if reason is not None:
-            raise SweepError(f"--gradient: this history can't be differentiated: {reason}")
-        count = len(self.course.time)
-        if not quantity.startswith("points."):
-            return count - 1, quantity
-        number, _, path = quantity.removeprefix("points.").partition(".")
-        if not (number.isdecimal() and int(number) < count and path):
-            raise SweepError(
-                f'--gradient "{quantity[:80]}": points.0 to points.{count - 1} are there, each '
-                "with the quantities of `suas solve`, for example "
-                f"points.{count - 1}.oil_pressure_Pa"
-            )
-        return int(number), path
 
     def gradient(
         self, row: int, path: str, points: list[dict[str, Any]]

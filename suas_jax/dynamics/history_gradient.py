@@ -25,6 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from suas_jax.config import SceneSpec
 from suas_jax.constitutive.relaxation import Past, Response
 from suas_jax.dynamics.driven import FACTOR, DrivenSkin, Values, answering, membrane_of
 from suas_jax.dynamics.steps import Moment, Rows, at_rest, attempt, unfinished
@@ -32,7 +33,6 @@ from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import differentiable
 from suas_jax.mechanics.model import AbstractPlan
-from suas_jax.mechanics.shell.model import ShellPlan
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.gradient import (
     SingularTangentError,
@@ -41,7 +41,9 @@ from suas_jax.scene.gradient import (
     require_known,
 )
 from suas_jax.scene.observables import observe
+from suas_jax.scene.report_keys import require_reported
 from suas_jax.scene.structure import Inputs, Structure
+from suas_jax.scene.sweep import SweepError
 from suas_jax.scene.travel import driven_by_force
 
 Known = tuple[Structure, AbstractPlan, Inputs]
@@ -66,18 +68,41 @@ class Record(NamedTuple):
     peak: Values  # the largest values of the whole history
 
 
-def reason_against(scene: Structure, plan: AbstractPlan, moves: bool) -> str | None:
-    """Why a history can't be differentiated; None where it can."""
+def point_asked(quantity: str, rows: int, loads: int) -> tuple[int, str]:
+    """Row of a history, and path in its report, of a quantity to differentiate.
+
+    Raises SweepError: there is no such row; ValueError: no report has the quantity.
+    """
+    number, path = str(rows - 1), quantity
+    if quantity.startswith("points."):
+        number, _, path = quantity.removeprefix("points.").partition(".")
+    if not (number.isdecimal() and int(number) < rows and path):
+        raise SweepError(
+            f'--gradient "{quantity[:80]}": points.0 to points.{rows - 1} are there, each '
+            "with the quantities of `suas solve`, for example "
+            f"points.{rows - 1}.oil_pressure_Pa"
+        )
+    require_reported(path, loads)
+    return int(number), path
+
+
+def require_derivatives(scene: SceneSpec, model: str, *, moves: bool) -> None:
+    """Refuse to differentiate a history of a scene, solved by a model, whose film may move.
+
+    Raises SweepError: says why it can't be differentiated, and what can.
+    """
+    reason = None
     if moves:
-        return (
+        reason = (
             "the oil's film moves in it, whose steps have no derivatives: leave its viscosity "
             "out, or follow it more slowly"
         )
-    if not isinstance(plan, ShellPlan):
-        return "derivatives of a history are those of sections as shells: solve.model = shell"
-    if driven_by_force(scene.scene):
-        return "a body is pressed by a force: give its travel, depth, instead"
-    return None
+    elif model != "shell" or scene.geometry.dimension == 3:
+        reason = "derivatives of a history are those of sections as shells: solve.model = shell"
+    elif driven_by_force(scene):
+        reason = "a body is pressed by a force: give its travel, depth, instead"
+    if reason is not None:
+        raise SweepError(f"--gradient: this history can't be differentiated: {reason}")
 
 
 @eqx.filter_jit

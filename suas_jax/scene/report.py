@@ -123,9 +123,7 @@ def _remarks(scene: SceneSpec, report: dict[str, Any], error: float | None) -> l
     elif error > scene.rtol:
         remarks.append(f"Estimated error {error:.1e} exceeds rtol {scene.rtol:.1e}.")
     if report["wall"] is not None:
-        force, unsure = report["wall"]["force_N"], report["wall"]["force_error_N"]
-        carried = f"The inner face lies on the wall, which carries {force:.4g} N"
-        remarks.append(f"{carried}." if unsure is None else f"{carried} to {unsure:.2g} N.")
+        remarks.append(_on_wall(report["wall"]["force_N"], report["wall"]["force_error_N"]))
     elif report["wall_contact"]:
         remarks.append(
             "The inner face has passed the wall, which does not hold it (contact = false): "
@@ -139,6 +137,17 @@ def _remarks(scene: SceneSpec, report: dict[str, Any], error: float | None) -> l
     if not report["material_stable"]:
         remarks.append("The material leaves its stability window (see the stretches).")
     return remarks
+
+
+def _on_wall(force: float, unsure: float | None) -> str:
+    """What the wall carries [N], and how well that is known; None for not at all."""
+    if unsure is not None and force <= unsure:
+        return (
+            "The inner face is at first contact with the wall, to within the estimated error: "
+            f"the wall carries from nothing to {force + unsure:.2g} N."
+        )
+    carried = f"The inner face lies on the wall, which carries {force:.4g} N"
+    return f"{carried}." if unsure is None else f"{carried} to {unsure:.2g} N."
 
 
 def _sway(stable: bool, factor: float | None) -> list[str]:

@@ -34,8 +34,8 @@ _AT_REST, _DRIFTED = 0.01, 0.02
 class Suspect:
     """An artefact that a file seems to have."""
 
-    # "break", "preconditioning", "percent", "slack", "toe", "force offset", "slip", "drift" or
-    # "machine stiffness"
+    # "break", "preconditioning", "percent", "slack", "toe", "force offset", "slip", "drift",
+    # "machine stiffness" or "tared preload"
     kind: str
     file: str
     evidence: str  # what shows it

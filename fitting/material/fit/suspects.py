@@ -1,6 +1,7 @@
 """Artefacts that a fit shows: which one explains the pattern of the residuals.
 
-The law is fitted again with each data set's slack, force offset or machine stiffness free, and
+The law is fitted again with each data set's slack, force offset or machine stiffness free, with
+slack and force offset both, as of a preload under which force and travel were set to zero, and
 with its strains in percent; an artefact is named if what remains is noise.
 """
 
@@ -28,6 +29,8 @@ _NAMES = {
     "force": ("force offset", "the load cell is off by"),
     "machine": ("machine stiffness", "the machine gives way, with a stiffness of"),
 }
+# Of these one at least must be free; the last pair is that of a preload.
+_FREED = (*((kind,) for kind in KINDS), ("slack", "force"))
 _PERCENT_BETTER = 4.0
 _LONG = 1.5
 _FARTHEST = 200.0  # of parameters, beyond which exponentials overflow
@@ -114,21 +117,31 @@ def fit_suspects(
         free = dataclasses.replace(free, kind=problem.kind)
         _, cost, _ = _refit_with(free, constants, np.zeros(len(zeros), dtype=bool))
         size = len(constants)
-        for kind in KINDS:
-            part = np.array([zero.kind == kind for zero in zeros])
+        least = cost
+        for kinds in _FREED:
+            part = np.array([zero.kind in kinds for zero in zeros])
             point, lower, error = _refit_with(free, constants, part)
+            free_zeros, errors = point[size:][part], error[size:][part]
             count = int(free.residuals.used.sum()) - size - int(part.sum())
-            if count < 3 or not lower < cost:
+            before = least if len(kinds) > 1 else cost
+            if kinds != ("machine",):
+                least = min(least, lower)
+            if count < 3 or not lower < before:
                 continue
-            gain = (cost - lower) / part.sum() / max(lower / count, 1e-300)
-            if kind == "machine" and point[size:][part][0] <= 0.0:
+            more = part.sum() // len(kinds)  # zeros than what they are compared with
+            gain = (before - lower) / more / max(lower / count, 1e-300)
+            if kinds == ("machine",) and free_zeros[0] <= 0.0:
                 continue  # nothing is stiffer than rigid
-            if stats.f.sf(gain, part.sum(), count) >= _CHANCE:
+            if len(kinds) > 1 and not _tared(data, zeros, point[size:]):
+                continue
+            if stats.f.sf(gain, more, count) >= _CHANCE:
                 continue
             own = noise_of(free, point)
             if not judged_residuals(free, point, own, known_noise=known).significant:
-                named = _named(kind, data, point[size:][part], error[size:][part])
-                found.append((lower, named))
+                named = _named if len(kinds) == 1 else _preloaded
+                # More zeros follow the same noise more closely.
+                judged = lower * np.exp(2.0 * part.sum() / count)
+                found.append((judged, named(kinds[0], data, free_zeros, errors)))
     return [suspect for _, suspect in sorted(found, key=lambda pair: pair[0])]
 
 
@@ -189,6 +202,30 @@ def _named(kind: str, data: StressTest, values: np.ndarray, errors: np.ndarray) 
     if unit == "N/mm":
         option = f'--machine-stiffness "{amount:.3g} N/mm" (measure it) or --zero machine'
     return Suspect(name, data.file, text, option, amount, unit)
+
+
+def _tared(data: StressTest, zeros: Sequence[Zero], values: np.ndarray) -> bool:
+    """Whether every specimen was stretched where its travel and its force are zero."""
+    side = 1.0 if np.sum(np.log(data.stretch_1)) >= 0.0 else -1.0
+    pairs = zip(zeros, values, strict=True)
+    return all(side * value < 0.0 for zero, value in pairs if zero.kind != "machine")
+
+
+def _preloaded(_: str, data: StressTest, values: np.ndarray, errors: np.ndarray) -> Suspect:
+    """That of a preload: slacks of all specimens, then forces that were off."""
+    half = len(values) // 2
+    worst = half + int(np.argmax(np.abs(values[half:])))
+    shown = [
+        zero_in_units(kind, abs(float(values[k])), float(errors[k]), data)
+        for kind, k in (("slack", worst - half), ("force", worst))
+    ]
+    (travel, travel_error, length), (load, load_error, unit) = shown
+    text = (
+        "the pattern of the residuals vanishes if force and travel were set to zero under a "
+        f"preload of {load:.3g} +- {load_error:.2g} {unit}, which deformed the specimen by "
+        f"{travel:.3g} +- {travel_error:.2g} {length}"
+    )
+    return Suspect("tared preload", data.file, text, "--zero slack --zero force", load, unit)
 
 
 def zero_in_units(

@@ -58,10 +58,7 @@ def search(
         else:
             minima = minimise_one_by_one(residuals, centre + spread)
         if not np.isfinite(minima.cost[0]):
-            raise NoCalibration(
-                "no constants give finite counts: check the skin file, the units of the known "
-                "inputs, and that the log belongs to this skin"
-            )
+            raise NoCalibration(_no_counts(problem, start))
         found = minima.theta[0].copy()
         moving = list(problem.model.moving)
         here = np.asarray(family.unconstrained(problem.model.at))[moving]
@@ -75,6 +72,23 @@ def search(
         held = (*held, lowest)
         start = np.maximum(start, family.floors)
         start[lowest] = family.floors[lowest]
+
+
+def _no_counts(problem: SensorProblem, start: np.ndarray) -> str:
+    """Why no constants near a start give finite counts, and what to look at."""
+    here = problem.readings
+    on_wall = np.any(here.used & ~np.isfinite(problem.predicted(start)), 0)
+    cause = ""
+    if on_wall.any():
+        cause = (
+            f" in {int(on_wall.sum())} of {len(on_wall)} frames (the first is number "
+            f"{int(on_wall.argmax())}): the known loads would press the membrane onto the wall"
+        )
+    return (
+        f"no constants give finite counts{cause}; check that no columns of loads or places are "
+        "exchanged, the units of the known inputs, oil gap, thickness and material in the skin "
+        "file, and that the log belongs to this skin"
+    )
 
 
 def robust(problem: SensorProblem, start: np.ndarray) -> tuple[SensorProblem, Found]:
