@@ -3,7 +3,6 @@
 from typing import Any
 
 import jax.numpy as jnp
-import numpy as np
 import pytest
 from skins import reference_rows, shaped
 
@@ -14,13 +13,9 @@ from suas_jax.config import (
     with_inputs,
     with_solve,
 )
-from suas_jax.dynamics.motion import Sampling
 from suas_jax.equilibrium.balance import Problem, State
-from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.mesh.section import measures
-from suas_jax.scene.build import build_problem, plan_for
 from suas_jax.scene.gradient import gradient
-from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import inputs_of
 from suas_jax.scene.solve import solve
 from suas_jax.scene.sway import shifted
@@ -142,44 +137,6 @@ def test_derivatives_by_the_shape_are_those_of_differences(name: str) -> None:
             assert slopes[paths[0]] == pytest.approx(slopes[paths[1]], rel=1e-6)
         want = differences(spec, "displacement_m", paths)
         assert sum(slopes[path] for path in paths) == pytest.approx(want, rel=1e-5), keys
-
-
-def test_a_mirrored_section_is_the_mirror_image() -> None:
-    """To rounding, whatever it does: neither side of a joint of two elements counts more."""
-    problems, samples = [], []
-    uneven = ["1.2 mm", "1 mm", "1.5 mm"]
-    for side, middle, values in ((1, 0.35, uneven), (-1, 0.65, uneven[::-1])):
-        thickness = {"arc": [0, middle, 1], "value": values}
-        scene = shaped(ELLIPSE | {"thickness": thickness}, at_arc(side * 0.012, 2.0))
-        plan = plan_for(scene, "shell", (12,))
-        problem = build_problem(scene, plan, continuous_inputs(scene))
-        assert isinstance(problem.mechanics, Shell)
-        problems.append(problem.mechanics)
-        parts = scene_parts(scene, inputs_of(scene))
-        samples.append(Sampling.of(problem.mechanics, parts.skin.geometry))
-    one, _ = problems
-    rest = np.asarray(one.rest())
-    moved = 1e-4 * np.random.default_rng(0).standard_normal(rest.shape)
-    moved[:, [0, -1]] = 0.0
-    # x and the slope of y change sign.
-    turned = np.array([-1.0, 1.0, 1.0, -1.0])[:, None, None] * moved[:, ::-1]
-    load, both = jnp.ones(1), (jnp.asarray(moved), jnp.asarray(turned))
-    pairs = [
-        [shell.omitted_energy(q, load) for shell, q in zip(problems, both, strict=True)],
-        [shell.strain_energy(q) for shell, q in zip(problems, both, strict=True)],
-    ]
-    places = one.angles[4], -one.angles[4]
-    faces = [
-        shell.at_angle(q, place).inner_displacement.ravel()
-        for shell, q, place in zip(problems, both, places, strict=True)
-    ]
-    pairs += [[faces[0][0], -faces[1][0]], [faces[0][1], faces[1][1]]]
-    # The faces that move film and water: their distances from the mid-line.
-    films = [sample.near(q).at for sample, q in zip(samples, both, strict=True)]
-    pairs.append([films[0].lengths, films[1].lengths[:, ::-1]])
-    pairs.append([films[0].gap, films[1].gap[::-1]])
-    for left, right in pairs:
-        np.testing.assert_allclose(left, right, rtol=1e-7)
 
 
 TALL = ELLIPSE | {"inner_semi_axes": ["57.5 mm", "70 mm"]}

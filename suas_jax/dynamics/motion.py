@@ -94,11 +94,7 @@ class Sampling(NamedTuple):
             moved = jnp.stack(
                 [shape.inner_displacement, shape.mid_displacement, shape.outer_displacement]
             )
-            # Curvatures, and with them the faces, jump between elements: neither side counts
-            # more.
-            joints = (moved[..., 0, 1:, :] + moved[..., -1, :-1, :]) / 2
-            samples = moved[..., :-1, :, :].at[..., 0, 1:, :].set(joints)
-            return self.rest + _along(samples, moved[..., -1:, -1, :])
+            return self.rest + _along(moved[..., :-1, :, :], moved[..., -1:, -1, :])
 
         section = self.geometry.section
         at, push = jax.linearize(faces, q)

@@ -36,7 +36,6 @@ from jaxtyping import Array, Float
 from suas_jax.mechanics.contact.state import Strip
 from suas_jax.mechanics.shell.contact import ContactFace
 from suas_jax.mechanics.shell.points import Moments, Points, mix
-from suas_jax.mechanics.shell.shape import JOINT
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.skin.body import PlacedBody
 from suas_jax.skin.loads import LoadPoints
@@ -107,16 +106,9 @@ class LinesOverElements(NamedTuple):
         return self.mean + self.rise * (xi[:, None, None] - 0.5)
 
     def at_points(self, points: LoadPoints) -> Float[Array, "point lane"]:
-        """Values under load points; between two elements the mean of both."""
-        first, last = self.mean - self.rise / 2, self.mean + self.rise / 2
-        before = jnp.concatenate([first[:1], last[:-1]])
-        after = jnp.concatenate([first[1:], last[-1:]])
-        first, last, before, after = (
-            jnp.sum(points.select * x[:, None], 0) for x in (first, last, before, after)
-        )
-        own = first + (last - first) * points.xi
-        beside = jnp.where(points.xi > 1 - JOINT, after, own)
-        return (own + jnp.where(points.xi < JOINT, before, beside)) / 2
+        """Values under load points."""
+        mean, rise = (jnp.sum(points.select * x[:, None], 0) for x in self)
+        return mean + rise * (points.xi - 0.5)
 
 
 def relaxed_energy(

@@ -16,8 +16,6 @@ from suas_jax.skin.section import AbstractSection, Frame
 
 # Stretch given to a fibre of no length left, on the inner side of a fold.
 CRUSHED = 1e-6
-JOINT = 1e-9
-"""Share of an element within which a point lies on its end."""
 
 
 class MidLine(NamedTuple):
@@ -56,30 +54,19 @@ def at(
 ) -> MidLine:
     """The mid-line at one reference angle per lane; leading axes of length one.
 
-    Curvatures jump between elements: there they are the mean of both sides.
-
     `angles`: of the stations [rad].
     """
     start, end = angles[:-1], angles[1:]
     count = start.shape[0]
     inside = jnp.clip(jnp.sum(start <= angle, 0) - 1, 0, count - 1)
-
-    def of(element: Array) -> tuple[Array, list[Array]]:
-        """Local coordinate in an element, and displacement with its derivatives there."""
-        pick = (jnp.arange(count)[:, None] == element).astype(start.dtype)
-        first, last = jnp.sum(pick * start, 0), jnp.sum(pick * end, 0)
-        xi = ((angle - first) / (last - first))[None, None]
-        here = jnp.sum(qe * pick, 2)[:, :, None, None]
-        length = section.size * (last - first)
-        rows = [jnp.stack(hermite(xi, k))[:, None] for k in range(3)]
-        return xi[0, 0], [jnp.sum(r * here, 0) / length**k for k, r in enumerate(rows)]
-
-    xi, own = of(inside)
-    side = (xi > 1 - JOINT).astype(int) - (xi < JOINT).astype(int)
-    _, beside = of(jnp.clip(inside + side, 0, count - 1))
-    derivatives = [
-        ((a[0] + b[0]) / 2, (a[1] + b[1]) / 2) for a, b in zip(own, beside, strict=True)
-    ]
+    pick = (jnp.arange(count)[:, None] == inside).astype(start.dtype)
+    first, last = jnp.sum(pick * start, 0), jnp.sum(pick * end, 0)
+    xi = ((angle - first) / (last - first))[None, None]
+    here = jnp.sum(qe * pick, 2)[:, :, None, None]
+    length, derivatives = section.size * (last - first), []
+    for order in range(3):
+        value = jnp.sum(jnp.stack(hermite(xi, order))[:, None] * here, 0) / length**order
+        derivatives.append((value[0], value[1]))
     return MidLine(section.frame(angle[None, None]), *derivatives)
 
 
