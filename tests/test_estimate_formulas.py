@@ -116,7 +116,8 @@ def test_verdict_names_the_best_input_and_those_that_explain_as_much() -> None:
         (
             ModelVerdict(1.0, False, STIFFNESS, 0.123, 0.00045),
             "the measured forces or pressures ask for the stiffness changed by "
-            "+12.30 +- 0.04 %; the readings alone can't show it",
+            "+12.30 +- 0.04 %; the readings alone can't show it, and this log can't tell "
+            "whether material, thickness, filling, mounting or temperature is behind it",
         ),
         (
             ModelVerdict(1.19, False, "geometry.oil_gap", -0.02, 0.003, 1.01),

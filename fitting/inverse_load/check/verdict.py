@@ -33,6 +33,10 @@ USABLE = (
 )
 """Statuses of frames that say something about the skin file."""
 WIDTH = "width of the contacts"
+_BEHIND = (
+    ", and this log can't tell whether material, thickness, filling, mounting or temperature "
+    "is behind it"
+)
 _COMMANDS = {
     "geometry.oil_gap": "suas fit sensor {skin} {log} --fit gap",
     "oil.relative_permittivity": "suas fit sensor {skin} {log} --fit permittivity",
@@ -78,7 +82,7 @@ class ModelVerdict:
         if np.isnan(self.explained):
             return (
                 f"the measured forces or pressures ask for the {change}; the "
-                "readings alone can't show it"
+                f"readings alone can't show it{_BEHIND if self.name == STIFFNESS else ''}"
             )
         others = " or the ".join(_changed(x.name, x.change, x.error) for x in self.others)
         listed = f"; as well with the {others}" if others else ""
