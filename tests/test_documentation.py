@@ -338,10 +338,17 @@ def test_every_notebook_of_the_gallery_has_a_thumbnail() -> None:
         assert next(gallery_page.pictures(notebook)).startswith(b"\x89PNG")
 
 
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
+
+
 @pytest.mark.parametrize("name", drawings.DRAWINGS)
 def test_drawings_are_those_of_the_code(name: str) -> None:
     drawn = drawings.DRAWINGS[name]().text()
-    assert drawn == (drawings.FOLDER / f"{name}.svg").read_text(encoding="utf-8")
+    kept = (drawings.FOLDER / f"{name}.svg").read_text(encoding="utf-8")
+    assert NUMBER.sub("#", drawn) == NUMBER.sub("#", kept)
+    # A tenth of a pixel, which is the last digit, goes either way where the rounding ties.
+    own, other = (np.array(NUMBER.findall(text), float) for text in (drawn, kept))
+    np.testing.assert_allclose(own, other, rtol=0, atol=0.11)
 
 
 def test_keys_of_a_frame_are_described_and_occur() -> None:
