@@ -110,7 +110,10 @@ def refuse_loaded(
 
 
 def _doubt_of(factor: float, source: str) -> str:
-    """What a factor on all counts lets doubt, or nothing; ValueError where it is too large."""
+    """A doubt about a factor on all counts, or nothing.
+
+    Raises ValueError: no skin of this pattern has the factor.
+    """
     off = max(factor, 1 / factor)
     if off <= _DOUBTFUL:
         return ""

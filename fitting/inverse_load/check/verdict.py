@@ -33,10 +33,6 @@ USABLE = (
 )
 """Statuses of frames that say something about the skin file."""
 WIDTH = "width of the contacts"
-_BEHIND = (
-    ", and this log can't tell whether material, thickness, filling, mounting or temperature "
-    "is behind it"
-)
 _COMMANDS = {
     "geometry.oil_gap": "suas fit sensor {skin} {log} --fit gap",
     "oil.relative_permittivity": "suas fit sensor {skin} {log} --fit permittivity",
@@ -56,7 +52,7 @@ class ModelVerdict:
     # of that input, relative; of WIDTH, the arc that they press [m]
     change: float = float("nan")
     error: float = float("nan")  # standard deviation of the change
-    # chi2 per degree of freedom with that change; NaN where the residuals don't show it
+    # chi2 per degree of freedom with that change; NaN of a stiffness, which none show
     explained: float = float("nan")
     shift: int = 0  # columns by which the taxels' readings are displaced; 0 where they are not
     others: "tuple[Gain, ...]" = ()  # inputs whose change explains the log as well
@@ -81,8 +77,9 @@ class ModelVerdict:
         change = _changed(self.name, self.change, self.error)
         if np.isnan(self.explained):
             return (
-                f"the measured forces or pressures ask for the {change}; the "
-                f"readings alone can't show it{_BEHIND if self.name == STIFFNESS else ''}"
+                f"the measured forces or pressures ask for the {change}; the readings alone "
+                "can't show it, and this log can't tell whether material, thickness, filling, "
+                "mounting or temperature is behind it"
             )
         others = " or the ".join(_changed(x.name, x.change, x.error) for x in self.others)
         listed = f"; as well with the {others}" if others else ""

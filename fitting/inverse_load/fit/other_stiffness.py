@@ -1,8 +1,8 @@
 """What is beyond first order where a skin is much softer or stiffer than its file says.
 
-The same readings are the same shape. What it takes to keep a shape changes linearly with the
-stress at rest: the force F, and F (a - a0), which is what the force at a place a does in excess
-of itself at a0. Forces are so nearly linear in the errors, and hardly anything else is.
+Equal readings mean an equal shape. The force F at a place a that keeps a shape is linear in the
+stress at rest, and so is F (a - a0), with a0 the place without that stress. Forces are
+therefore nearly linear in the errors; places and residuals are not.
 
 - **Errors of stiffness and of stress multiply.** A force off by a share rho at one deviation is
   off by rho t (1 + rho t / 2) at t of them, nearly. Deviations of forces grow by 1 + rho / 2.

@@ -128,7 +128,7 @@ def fit_suspects(
                 least = min(least, lower)
             if count < 3 or not lower < before:
                 continue
-            more = part.sum() // len(kinds)  # zeros than what they are compared with
+            more = part.sum() // len(kinds)  # zeros beyond those of the fit before
             gain = (before - lower) / more / max(lower / count, 1e-300)
             if kinds == ("machine",) and free_zeros[0] <= 0.0:
                 continue  # nothing is stiffer than rigid
@@ -138,10 +138,12 @@ def fit_suspects(
                 continue
             own = noise_of(free, point)
             if not judged_residuals(free, point, own, known_noise=known).significant:
-                named = _named if len(kinds) == 1 else _preloaded
                 # More zeros follow the same noise more closely.
                 judged = lower * np.exp(2.0 * part.sum() / count)
-                found.append((judged, named(kinds[0], data, free_zeros, errors)))
+                if len(kinds) > 1:
+                    found.append((judged, _preloaded(data, free_zeros, errors)))
+                else:
+                    found.append((judged, _named(kinds[0], data, free_zeros, errors)))
     return [suspect for _, suspect in sorted(found, key=lambda pair: pair[0])]
 
 
@@ -211,8 +213,8 @@ def _tared(data: StressTest, zeros: Sequence[Zero], values: np.ndarray) -> bool:
     return all(side * value < 0.0 for zero, value in pairs if zero.kind != "machine")
 
 
-def _preloaded(_: str, data: StressTest, values: np.ndarray, errors: np.ndarray) -> Suspect:
-    """That of a preload: slacks of all specimens, then forces that were off."""
+def _preloaded(data: StressTest, values: np.ndarray, errors: np.ndarray) -> Suspect:
+    """The suspect of a preload; values are the specimens' slacks, then their force offsets."""
     half = len(values) // 2
     worst = half + int(np.argmax(np.abs(values[half:])))
     shown = [
