@@ -48,7 +48,7 @@ from suas_jax.mechanics.registry import MODELS
 from suas_jax.mesh.section import measures
 from suas_jax.numerics.lanes import number
 from suas_jax.scene import build
-from suas_jax.scene.assessment import error_by_squeezing
+from suas_jax.scene.assessment import error_by_squeezing, touched_by_bodies
 from suas_jax.scene.build import plan_for
 from suas_jax.scene.contact_zone import body_observables
 from suas_jax.scene.indentation import IndentationCurve, Point
@@ -203,7 +203,7 @@ def test_a_shell_between_two_rigid_surfaces_has_no_answer() -> None:
 
     @quick
     def error(problem: Problem, state: State) -> Array:
-        return error_by_squeezing(problem, state)
+        return error_by_squeezing(problem, state, touched_by_bodies(problem, state))
 
     def squeezed(**layer: Any) -> float:
         spec = scene(body(0, 5.1))

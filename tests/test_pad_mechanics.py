@@ -266,6 +266,43 @@ def test_contact_with_a_body_comes_from_its_energy(friction: float | None) -> No
     assert float(jnp.sum(along[2])) > 0
 
 
+@pytest.mark.parametrize(
+    ("shape", "depth"),
+    [
+        ({"shape": "sphere", "radius": 3e-4}, 2e-3),  # between the points that bound the others
+        ({"shape": "sphere", "radius": 0.01}, -8e-3),  # nowhere near
+        ({"shape": "cylinder", "radius": 5e-3, "length": 0.04}, 2e-3),
+        ({"shape": "box", "size": (0.3, 0.3), "edge": 1e-3}, 0.04),  # over most of the pad
+    ],
+)
+def test_points_far_from_a_body_are_left_out_without_loss(
+    shape: dict[str, Any], depth: float
+) -> None:
+    pad = small_pad(*CASES["sliding ends, half, kinked"])
+    q, _, _ = state_of(pad, 1e-3)
+    spec = BodyLoadSpec(**shape, angle=-0.4, depth=depth)
+    given: dict[str, Any] = {"turn": 0.3, "depth": depth} | shape
+    given |= {f"size.{i}": x for i, x in enumerate(shape.get("size", ()))}
+    places = (-0.43 * ONE, -0.021 * ONE)
+    law = RigidLimit(1e9 * ONE, 1e-4 * ONE)
+    body = Body.of(spec, THICK.section, places, lambda key: given[key] * ONE, law)
+    placed = body.placed(ONE)
+
+    @quick
+    def at_all(pad: Pad, q: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+        every = pad.one_lane().face_against(placed, q[..., 0]).points()
+        found = every.touched()
+        return every.energy(), jnp.min(found.gap), jnp.sum(found.force, (1, 2))
+
+    energy, lowest, force = at_all(pad, q)
+    touched = quick(lambda pad, q: pad.touched(q, placed))(pad, q)
+    np.testing.assert_allclose(touched.gap.min(), lowest, rtol=1e-12)
+    np.testing.assert_allclose(np.sum(touched.force, (1, 2))[:, 0], force, rtol=1e-12)
+    got = quick(lambda pad, q: pad.contact_energy(q))(pad.with_bodies([body]), q)
+    np.testing.assert_allclose(got[0], energy, rtol=1e-12)
+    assert (lowest > 0) == (float(energy) == 0)
+
+
 @pytest.mark.long  # second derivatives of another net; those with the wall above
 def test_the_tangent_is_the_hessian_to_the_last_digits() -> None:
     pad = small_pad(*CASES["whole"])

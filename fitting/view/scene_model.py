@@ -29,7 +29,7 @@ from suas_jax.mechanics.registry import MODELS
 from suas_jax.mechanics.section import section_of
 from suas_jax.numerics.lanes import number
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.assessment import under_bodies
+from suas_jax.scene.assessment import touched_by_bodies, under_bodies
 from suas_jax.scene.build import decay_angle, problem_of
 from suas_jax.scene.observables import load_observables
 from suas_jax.scene.parts import scene_parts
@@ -91,7 +91,8 @@ def _solve(
             ((body.origin + body.way)[..., 0], body.frame[..., 0]) for body in parts.bodies
         ],
     }
-    result = under_bodies(problem, found.state, found.result)
+    touched = touched_by_bodies(problem, found.state)
+    result = under_bodies(problem, found.state, found.result, touched)
     return report, found.state, shown, found.state, {"result": result}
 
 

@@ -38,7 +38,7 @@ from suas_jax.equilibrium.equilibrium import Equilibrium
 from suas_jax.equilibrium.load_path import follow, settled
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.model import AbstractPlan
-from suas_jax.scene.assessment import under_bodies
+from suas_jax.scene.assessment import touched_by_bodies, under_bodies
 from suas_jax.scene.observables import observe
 from suas_jax.scene.structure import Inputs, Structure
 
@@ -213,8 +213,9 @@ def observed_at(skin: DrivenSkin, now: Any) -> tuple[dict[str, Any], dict[str, A
     )
     del report["in_domain"]
     unknowns = settled.mechanics.unknowns() + int(settled.oil.trapped)
+    touched = touched_by_bodies(settled, now.state)
     outcome = {
-        "result": under_bodies(settled, now.state, now.result),
+        "result": under_bodies(settled, now.state, now.result, touched),
         "level": now.state.factor,
         "iterations": now.iterations,
         "time_error": now.error[None],

@@ -12,6 +12,7 @@ from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import smallest_gap
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.equilibrium.validity import force_balance, validity
+from suas_jax.mechanics.contact.state import BodyContact
 from suas_jax.mechanics.model import Meshes
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.scene.build import problem_of
@@ -124,12 +125,13 @@ def assess(
     report["stable"] = stable if check is None else check.stable
     report["discretisation_error"] = error
     floor = jnp.zeros_like(error)
+    touched = touched_by_bodies(problem, state)
     if change is not None:
-        floor += error_beyond_first_order(parts, problem, state, report)
+        floor += error_beyond_first_order(parts, problem, state, report, touched)
     report["model_error"] = relative_error(by_model, scales) + floor
     errors = {"values": scales, "errors": [*by_mesh, by_model], "by_mesh": parts_of_error}
     report["key_quantities"] = errors | {"floor": floor}
-    report["validity"] = _verdict(problem, state, forces, report, wall=wall)
+    report["validity"] = _verdict(problem, state, forces, report, touched, wall=wall)
     return report, state, shown
 
 
@@ -138,13 +140,14 @@ def _verdict(
     state: State,
     forces: tuple[Lanes, Lanes],
     report: dict[str, Any],
+    touched: list[BodyContact],
     *,
     wall: bool,
 ) -> Int[Array, " lane"]:
     """Whether a state is an answer, and why it is none."""
     stretch, energy = report["stretch_min"], report["strain_energy_J"]
     verdict = validity(problem, state, forces, stretch, energy, report.pop("in_domain"))
-    verdict = under_bodies(problem, state, verdict)
+    verdict = under_bodies(problem, state, verdict, touched)
     if wall and problem.oil_pressure is not None:
         # Loads that grow against the wall hardly raise the pressure. To reach more of it the
         # solver finds states of a membrane crushed on the wall, which no growing load leads to.
@@ -171,22 +174,34 @@ def _stability(
     return check, None, force_balance(*part)
 
 
+def touched_by_bodies(problem: Problem, state: State) -> list[BodyContact]:
+    """Contact with each body."""
+    mechanics = problem.mechanics
+    return [mechanics.touched(state.q, b.placed(state.factor)) for b in mechanics.bodies]
+
+
 def under_bodies(
-    problem: Problem, state: State, verdict: Int[Array, " lane"]
+    problem: Problem,
+    state: State,
+    verdict: Int[Array, " lane"],
+    touched: list[BodyContact],  # see `touched_by_bodies`
 ) -> Int[Array, " lane"]:
     """The verdict on a state, unless a body meets what does not give way."""
     mechanics = problem.mechanics
-    for body in mechanics.bodies:
-        clamped = mechanics.touched(state.q, body.placed(state.factor)).on_clamp
-        verdict = jnp.where(clamped, index_of("body_on_clamp"), verdict)
-    if mechanics.bodies and mechanics.corrected:
-        squeezed = error_by_squeezing(problem, state) > _MEANINGLESS
+    for at in touched:
+        verdict = jnp.where(at.on_clamp, index_of("body_on_clamp"), verdict)
+    if touched and mechanics.corrected:
+        squeezed = error_by_squeezing(problem, state, touched) > _MEANINGLESS
         verdict = jnp.where(squeezed, index_of("squeezed"), verdict)
     return verdict
 
 
 def error_beyond_first_order(
-    parts: SceneParts, problem: Problem, state: State, report: dict[str, Any]
+    parts: SceneParts,
+    problem: Problem,
+    state: State,
+    report: dict[str, Any],
+    touched: list[BodyContact],  # see `touched_by_bodies`
 ) -> Lanes:
     """Relative error that the size of the first-order effect doesn't tell."""
     mechanics = problem.mechanics
@@ -197,13 +212,13 @@ def error_beyond_first_order(
         loads = state.factor * sum(jnp.abs(load.force) for load in parts.forces)
         carried = report["wall"]["force_N"] / jnp.where(loads > 0, loads, 1.0)
         floor += mechanics.omitted_at_wall * jnp.minimum(carried, 1.0)
-    if mechanics.bodies:
-        floor += mechanics.omitted_margin * body_change(parts, problem, state, report)
-        floor += error_by_squeezing(problem, state)
+    if touched:
+        floor += mechanics.omitted_margin * body_change(parts, problem, touched, report)
+        floor += error_by_squeezing(problem, state, touched)
     return floor
 
 
-def error_by_squeezing(problem: Problem, state: State) -> Lanes:
+def error_by_squeezing(problem: Problem, state: State, touched: list[BodyContact]) -> Lanes:
     """Largest relative error of a body's force by what no shell knows: how thin it is squeezed.
 
     Between a body and the wall beneath it the membrane is thinner by f / (2 pi G), with the
@@ -217,8 +232,7 @@ def error_by_squeezing(problem: Problem, state: State) -> Lanes:
     push, depth = held.area * held.pressure, jnp.max(-held.gap, (0, 1))
     thickness = mechanics.section.mean_thickness
     margin = thickness / mechanics.section.size
-    for body in mechanics.bodies:
-        at = mechanics.touched(state.q, body.placed(state.factor))
+    for at in touched:
         near = _between(held.angle, at.angle, at.gap, margin)
         length = jnp.ones_like(thickness)
         if at.axial is not None and held.axial is not None:
@@ -241,14 +255,13 @@ def _between(place: Array, of: Array, gap: Array, margin: Lanes) -> Bool[Array, 
 
 
 def body_change(
-    parts: SceneParts, problem: Problem, state: State, report: dict[str, Any]
+    parts: SceneParts, problem: Problem, touched: list[BodyContact], report: dict[str, Any]
 ) -> Lanes:
     """Largest relative change of a body's force by what is left out, as a report has it."""
-    mechanics, largest = problem.mechanics, jnp.zeros_like(state.pressure)
+    mechanics, largest = problem.mechanics, jnp.zeros_like(report["oil_pressure_Pa"])
     shown = [load["force_N"] for load in report["loads"] if "depth_m" in load]
     width = parts.skin.geometry.width if mechanics.per_width else 1.0
-    for body, force in zip(mechanics.bodies, shown, strict=True):
-        at = mechanics.touched(state.q, body.placed(state.factor))
+    for body, at, force in zip(mechanics.bodies, touched, shown, strict=True):
         own = width * jnp.einsum("c...l,cl->l", at.force, body.frame[-1])
         apart = jnp.where(force == 0, 0.0, own / jnp.where(force == 0, 1.0, force) - 1)
         largest = jnp.maximum(largest, jnp.abs(apart))

@@ -126,7 +126,11 @@ class Pad(AbstractMechanics):
     def touched(
         self, q: StationVector, body: PlacedBody, shift: Array | float = 0.0
     ) -> BodyContact:
-        """The outer face against a body [arc, axial, lane]; see the base class."""
+        """The outer face against a body [arc, axial, lane]; see the base class.
+
+        Of elements that no contact is near the gap is a bound from below, which is not the
+        smallest; the position is zero.
+        """
         del shift  # there is none
         return self._at_face(q, body, ContactFace.touched)
 
