@@ -584,6 +584,16 @@ def crown(force: float) -> tuple[Pad, jax.Array, jax.Array]:
 at_places = quick(lambda pad, q, angle, axial: pad.faces(q, angle, axial))
 
 
+@pytest.mark.parametrize("name", CASES)
+def test_a_grid_of_samples_is_what_its_places_are(name: str) -> None:
+    pad = small_pad(*CASES[name])
+    q, _, _ = state_of(pad, 1e-3)
+    grid = quick(lambda pad, q: pad.sampled(q, 3))(pad, q)
+    at_each = at_places(pad, q, *(x.reshape(-1, 1) for x in (grid.angle, grid.axial)))
+    for got, wanted in zip(grid, at_each, strict=True):
+        np.testing.assert_allclose(got.reshape(wanted.shape), wanted, rtol=1e-9, atol=1e-14)
+
+
 @pytest.mark.long  # a fine net is solved; splines in test_bspline
 def test_a_finer_mesh_holds_the_same_deformation() -> None:
     pad, q, _ = crown(6.0)

@@ -2,7 +2,7 @@
 
 A face has hundreds of points in every element (see `contact_points`), and few elements touch.
 A few points of each bound how near it comes; the others are made for elements that may touch,
-a chunk at a time, nearest first.
+a chunk at a time.
 """
 
 import dataclasses
@@ -36,7 +36,7 @@ from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Obstacle, Wall
 
 _CHUNK = 4  # elements whose terms are made together
-_MORE = 8  # elements of which other things are asked together
+_MORE = 8  # neighbours of which other things are asked together
 _FEW = Rule.of(4)  # points from which the others of an element are bounded
 _BENT = 1.25  # a face between those points over a flat one: the largest distance
 
@@ -120,45 +120,41 @@ class ContactFace:
         return bound, counted if held is None else counted | held
 
     def _asked(
-        self, one: Callable[[ContactPoints], Any], near: tuple[Array, Array]
-    ) -> tuple[Any, Int[Array, " element"]]:
-        """What is asked of chunks of elements, leading, and their order: nearest first.
+        self, one: Callable[[ContactPoints], Any], counted: Bool[Array, " element"]
+    ) -> Any:
+        """What is asked of chunks of elements, leading; zeros where none of a chunk counts.
 
-        Zeros where no element of a chunk counts. `near`: see `_nearest`.
+        `counted`: see `_nearest`.
         """
-        bound, counted = near
-        count = len(bound)
-        order = jnp.argsort(jnp.where(counted, bound - jnp.max(bound) - 1.0, bound))
+        count = len(counted)
 
         @jax.checkpoint
         def of(index: Int[Array, " chunk"]) -> Any:
             share = jnp.where(index < count, 1.0, 0.0)
-            return one(self.points(order[jnp.minimum(index, count - 1)], share))
+            return one(self.points(jnp.minimum(index, count - 1), share))
 
         def step(_: None, index: Array) -> tuple[None, Any]:
             nothing = jax.tree.map(jnp.zeros_like, jax.eval_shape(of, index))
-            some = counted[order[jnp.minimum(index[0], count - 1)]]
+            some = jnp.any(counted[jnp.minimum(index, count - 1)])
             return None, jax.lax.cond(some, of, lambda _: nothing, index)
 
         chunks = jnp.arange(-(-count // _MORE) * _MORE).reshape(-1, _MORE)
-        return jax.lax.scan(step, None, chunks)[1], order
+        return jax.lax.scan(step, None, chunks)[1]
 
     def _by_element(
-        self, one: Callable[[ContactPoints], Any], near: tuple[Array, Array]
+        self, one: Callable[[ContactPoints], Any], counted: Bool[Array, " element"]
     ) -> Any:
-        """What is asked of points [.., point, element], of all elements in their own order."""
-        found, order = self._asked(one, near)
-        back = jnp.argsort(order)
+        """What is asked of points, of all elements [.., point, element]."""
 
-        def sorted_back(x: Array) -> Array:
+        def joined(x: Array) -> Array:
             x = jnp.moveaxis(x, 0, -2)
-            return x.reshape(*x.shape[:-2], -1)[..., back]
+            return x.reshape(*x.shape[:-2], -1)[..., : len(counted)]
 
-        return jax.tree.map(sorted_back, found)
+        return jax.tree.map(joined, self._asked(one, counted))
 
     def energy(self) -> Lanes:
         """Energy of contact, and work against friction at its bound."""
-        return jnp.sum(self._asked(ContactPoints.energy, self._nearest())[0])
+        return jnp.sum(self._asked(ContactPoints.energy, self._nearest()[1]))
 
     def grip(self) -> Grip | None:
         """How friction holds the points [point, element]; None without friction."""
@@ -166,7 +162,7 @@ class ContactFace:
         if not isinstance(obstacle, PlacedBody) or obstacle.body.friction is None:
             return None
         known = obstacle.body.grip
-        return self._by_element(ContactPoints.grip, self._nearest()) if known is None else known
+        return known or self._by_element(ContactPoints.grip, self._nearest()[1])
 
     def element_terms(self, body: Body | None = None) -> tuple[Array, Upper]:
         """First derivatives of the energy by the element unknowns, second ones as bands.
@@ -182,7 +178,7 @@ class ContactFace:
                 lowest = jnp.where(jnp.any(grip.bound > 0, 0), -jnp.inf, lowest)
             return lowest
 
-        lowest = self._by_element(lowest_of, self._nearest())[0]
+        lowest = self._by_element(lowest_of, self._nearest()[1])[0]
         nearest = jnp.argsort(lowest)
         count = len(nearest)
 
@@ -224,13 +220,13 @@ class ContactFace:
         Of elements that no contact is near, the gap is a bound from below that is not the
         smallest, the position is zero.
         """
-        bound, counted = near = self._nearest()
+        bound, counted = self._nearest()
 
         def of(at: ContactPoints) -> tuple[Array, ...]:
             found = at.touched()
             return found.position, found.gap, found.pressure, found.force
 
-        position, gap, pressure, force = self._by_element(of, near)
+        position, gap, pressure, force = self._by_element(of, counted)
         gap, every = jnp.where(counted, gap, bound), self.points()
         found = BodyContact(
             every.angle, position, gap, pressure, force, every.area, every.axial

@@ -91,9 +91,9 @@ class PadLane(AbstractLane):
         found = pad_loads.spots(self.net, self.section, at)
         return found._replace(above=found.above + self.beyond_mean(*at))
 
-    def faces(self, q: Array, angle: Array, axial: Array) -> Faces:
-        """See `Pad.faces`."""
-        s = self._at(self.net.gather(q), angle, axial)
+    def _faces(self, moved: Array, angle: Array, axial: Array) -> Faces:
+        """See the base class."""
+        s = surface(list(moved), self._rest(angle, axial))
         place = jnp.broadcast_arrays(angle, axial)
         return faces(self.law, s, (place[0], place[1]), self._layers(s.rest))
 

@@ -77,6 +77,29 @@ def interpolated(spots: Spots, qe: ElementVector) -> Float[Array, "kind 3 point"
     return jnp.sum(spots.shapes[:, None] * here, 2)
 
 
+def on_grid(
+    net: Net,
+    section: AbstractSection,  # the undeformed membrane across the axis
+    at: tuple[Float[Array, " arc"], Float[Array, " axial"]],  # lines of the grid [rad], [m]
+    qe: ElementVector,
+    kinds: tuple[tuple[int, int], ...],
+) -> Float[Array, "kind 3 arc*axial"]:
+    """What `interpolated` gives at all crossings of lines, by sums along one and the other."""
+    i, xi, span = locate(net.angles, at[0])
+    k, eta, length = locate(net.axial, at[1])
+    along = [jnp.stack(bernstein(xi, n)) / (section.size * span) ** n for n in range(3)]
+    axially = [jnp.stack(bernstein(eta, n)) / length**n for n in range(3)]
+    order = net.topology.ordered
+    (long, first), (across, second) = order((i, along), (k, axially))
+    here = qe[:, :, :, long]  # [component, 4, 4, place along, element across]
+    rows = [jnp.sum(shape[:, None, :, None] * here, 1)[..., across] for shape in first]
+    values = []
+    for n, m in (order(*kind) for kind in kinds):
+        value = jnp.sum(second[m][:, None] * rows[n], 1)
+        values.append(value if net.topology.along_arc else jnp.swapaxes(value, -1, -2))
+    return jnp.stack(values).reshape(len(kinds), len(qe), -1)
+
+
 def _arm(r: Float[Array, "2 3 *point"]) -> Vector:
     """Outward unit normal from r,s and r,z."""
     rs, rz = r

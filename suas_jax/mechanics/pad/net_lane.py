@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.mechanics.pad import loads as pad_loads
 from suas_jax.mechanics.pad.contact import ContactFace
 from suas_jax.mechanics.pad.faces import Faces
 from suas_jax.mechanics.pad.mid_surface import Vector
@@ -201,9 +202,24 @@ class AbstractLane(abc.ABC):
         room = self._room(index)
         return jnp.pad(bands, [(0, 0), (0, 0), (0, 0), room, room, (0, 0)])
 
-    @abc.abstractmethod
     def faces(self, q: Array, angle: Array, axial: Array) -> Faces:
         """See `Pad.faces`."""
+        kinds = self.kinds_of_derivative
+        spots = pad_loads.spots(self.net, self.section, (angle, axial), kinds)
+        return self._faces(pad_loads.interpolated(spots, self.net.gather(q)), angle, axial)
+
+    def sampled(self, q: Array, angle: Array, axial: Array) -> Faces:
+        """The same at the crossings of lines of angles and lines of axial positions."""
+        kinds, qe = self.kinds_of_derivative, self.net.gather(q)
+        moved = pad_loads.on_grid(self.net, self.section, (angle, axial), qe, kinds)
+        grid = jnp.broadcast_arrays(angle[:, None], axial)
+        return self._faces(moved, *(x.reshape(-1) for x in grid))
+
+    @abc.abstractmethod
+    def _faces(
+        self, moved: Float[Array, "kind width point"], angle: Array, axial: Array
+    ) -> Faces:
+        """The faces at places, from the unknowns' fields and their derivatives there."""
 
     @abc.abstractmethod
     def inner_displacement(self, qe: ElementVector, angle: Array, axial: Array) -> Vector:

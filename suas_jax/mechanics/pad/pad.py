@@ -304,10 +304,7 @@ class Pad(AbstractMechanics):
         """
         angle, axial = (_divided(x, samples) for x in (self.net.angles, self.net.axial))
         shape = (angle.shape[0], axial.shape[0])
-        lanes = max(angle.shape[-1], axial.shape[-1])
-        grid = jnp.broadcast_to(angle[:, None], (*shape, lanes)).reshape(-1, lanes)
-        along = jnp.broadcast_to(axial[None], (*shape, lanes)).reshape(-1, lanes)
-        found = self.faces(q, grid, along)
+        found = self._by_lane(lambda lane, *given: lane.sampled(*given), q, angle, axial)
 
         def gridded(x: Array) -> Array:
             return x.reshape(*x.shape[:-2], *shape, x.shape[-1])

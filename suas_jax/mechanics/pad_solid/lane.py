@@ -190,28 +190,21 @@ class SolidLane(AbstractLane):
             blocks.append(jnp.concatenate([top, bottom]))
         return jnp.stack(blocks)
 
-    def _at(self, qe: ElementVector, angle: Array, axial: Array) -> Array:
-        """Displacement of the levels and its derivatives at places [kind, level, 3, place]."""
-        spots = pad_loads.spots(self.net, self.section, (angle, axial), KINDS)
-        count = self.degree + 1
-        moved = pad_loads.interpolated(spots, qe[: 3 * count])
-        return moved.reshape(3, count, 3, -1)
-
     def inner_displacement(self, qe: ElementVector, angle: Array, axial: Array) -> Vector:
         """See the base class."""
         spots = pad_loads.spots(self.net, self.section, (angle, axial), KINDS[:1])
         return components(pad_loads.interpolated(spots, self._level(qe, 0))[0])
 
-    def faces(self, q: Array, angle: Array, axial: Array) -> Faces:
-        """See `Pad.faces`."""
-        values = self._at(self.net.gather(q), angle, axial)
+    def _faces(self, moved: Array, angle: Array, axial: Array) -> Faces:
+        """See the base class."""
+        count = self.degree + 1
+        values = moved[:, : 3 * count].reshape(len(moved), count, 3, -1)
         local = jnp.einsum("icp,kvcp->kvip", _frame(self.section, angle), values)
         inside, weights = gauss_legendre(self.layer_count, -1.0, 1.0)
         eta = np.concatenate([[-1.0, 1.0], inside])
         at = self._geometry(angle, axial, eta, np.concatenate([[0, 0], weights]))
         shapes, slopes = (shapes_at(self.degree, eta, n) for n in range(2))
-        moved = points.at_points(shapes, slopes, local)
-        L = points.displacement_gradient(moved, at.inverse)
+        L = points.displacement_gradient(points.at_points(shapes, slopes, local), at.inverse)
         entries = points.green(L)
         seen = points.elastic(entries, self.growth)
         in_plane = jnp.stack([seen[0], seen[2], seen[4]])
