@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
+from fitting.json_text import json_text
 from suas_jax.scene import report_keys
 from suas_jax.scene.report_keys import REPORT_KEYS
 
@@ -73,6 +74,12 @@ def test_json_has_the_contract_s_keys(case_b: dict[str, Any]) -> None:
     assert case_b["status"] == "converged"
     assert case_b["rtol_met"]
     assert case_b["error_estimate"] <= 1e-3
+
+
+def test_json_has_one_zero_and_no_infinity() -> None:
+    tree = {"force_N": -0.0, "points": [-0.0, math.nan, -math.inf, -1e-300], "n": 0}
+    told = '{"force_N": 0.0, "points": [0.0, null, null, -1e-300], "n": 0}'
+    assert json_text(tree) == told
 
 
 def test_case_b_is_the_paper_s(case_b: dict[str, Any]) -> None:
