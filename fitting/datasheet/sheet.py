@@ -263,7 +263,7 @@ def _left_out(key: str, inside: Floats, measured: Measured) -> str:
     own = {name: float(v[lost[0]]) for name, v in measured.coordinates.items()}
     return (
         f"{lost.size} of {int(measured.region.sum())} places are left out, such as "
-        f"{place_text(own)}: there {WORDS[key].missing}"
+        f"{place_text(own)}: there {measured.missing.get(key, WORDS[key].missing)}"
     )
 
 
