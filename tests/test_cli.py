@@ -199,6 +199,7 @@ def test_vented_collapse_is_a_named_failure_with_a_state(tmp_path: Path) -> None
         (("sweep", CASE_A, "--force", "0:30:0"), ("0:30:0", "FROM:TO:COUNT")),
         (("sweep", CASE_A, "--force", "nan:30:3"), ("--force", "finite")),
         (("sweep", CASE_A, "--force", "-5:5:3"), ("--force", "sign")),
+        (("sweep", CASE_A, "--oil-pressure", "-5:10:4"), ("one sign", "got [-5.")),
     ],
 )
 def test_mistakes_are_answered(arguments: tuple[str, ...], words: tuple[str, ...]) -> None:
