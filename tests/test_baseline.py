@@ -9,6 +9,8 @@ import pytest
 from suas_jax.acquisition.baseline import (
     Baseline,
     NotAtRestError,
+    common_factor,
+    doubt_of_factor,
     read_baseline,
     refuse_loaded,
     rest_of,
@@ -207,18 +209,18 @@ def test_a_count_more_than_what_is_tolerated_is_the_most(tolerance, share):
 def test_a_pattern_up_to_a_factor(rest):
     baseline = take_baseline(log_of(rest))
     pattern = 0.8 * baseline.so
-    how = {"tolerance": 1e-3, "source": "model", "common_factor": True}
-    assert refuse_loaded(baseline, pattern, **how) == ""
-    for factor in (2.0, 0.5):
-        assert f"read {factor:.3g} times" in refuse_loaded(
-            baseline, baseline.so / factor, **how
-        )
-    for factor in (5.0, 0.2):
+    factor = common_factor(baseline, pattern, "model")
+    assert factor == pytest.approx(1.25, rel=1e-12)
+    refuse_loaded(baseline, pattern, tolerance=1e-3, source="model", factor=factor)
+    assert doubt_of_factor(factor, "model") == ""
+    for doubtful in (2.0, 0.5):
+        assert f"read {doubtful:.3g} times" in doubt_of_factor(doubtful, "model")
+    for another in (5.0, 0.2, 0.0):
         with pytest.raises(ValueError, match=r"times .*--skin .* from 0\.25 to 4 are allowed"):
-            refuse_loaded(baseline, baseline.so / factor, **how)
+            doubt_of_factor(another, "model")
     pattern[2, 2] *= 1.1
     with pytest.raises(NotAtRestError, match=r"module 2, so_3 reads -9\.1 %"):
-        refuse_loaded(baseline, pattern, tolerance=0.05, source="model", common_factor=True)
+        refuse_loaded(baseline, pattern, tolerance=0.05, source="model", factor=factor)
 
 
 def test_the_factor_of_a_pattern_is_that_of_the_taxels_without_load(rest):
@@ -226,8 +228,9 @@ def test_the_factor_of_a_pattern_is_that_of_the_taxels_without_load(rest):
     baseline = take_baseline(log_of(rest))
     pattern = 0.8 * baseline.so
     pattern[:2, :8] /= 3.0
+    factor = common_factor(baseline, pattern, "model")
     with pytest.raises(NotAtRestError, match=r"reads \+200\.0 % .*\(16 taxels deviate\)"):
-        refuse_loaded(baseline, pattern, tolerance=0.05, source="model", common_factor=True)
+        refuse_loaded(baseline, pattern, tolerance=0.05, source="model", factor=factor)
 
 
 @pytest.mark.parametrize(

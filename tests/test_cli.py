@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
+from fitting.json_text import json_text
 from suas_jax.scene import report_keys
 from suas_jax.scene.report_keys import REPORT_KEYS
 
@@ -73,6 +74,12 @@ def test_json_has_the_contract_s_keys(case_b: dict[str, Any]) -> None:
     assert case_b["status"] == "converged"
     assert case_b["rtol_met"]
     assert case_b["error_estimate"] <= 1e-3
+
+
+def test_json_has_one_zero_and_no_infinity() -> None:
+    tree = {"force_N": -0.0, "points": [-0.0, math.nan, -math.inf, -1e-300], "n": 0}
+    told = '{"force_N": 0.0, "points": [0.0, null, null, -1e-300], "n": 0}'
+    assert json_text(tree) == told
 
 
 def test_case_b_is_the_paper_s(case_b: dict[str, Any]) -> None:
@@ -192,6 +199,7 @@ def test_vented_collapse_is_a_named_failure_with_a_state(tmp_path: Path) -> None
         (("sweep", CASE_A, "--force", "0:30:0"), ("0:30:0", "FROM:TO:COUNT")),
         (("sweep", CASE_A, "--force", "nan:30:3"), ("--force", "finite")),
         (("sweep", CASE_A, "--force", "-5:5:3"), ("--force", "sign")),
+        (("sweep", CASE_A, "--oil-pressure", "-5:10:4"), ("one sign", "got [-5.")),
     ],
 )
 def test_mistakes_are_answered(arguments: tuple[str, ...], words: tuple[str, ...]) -> None:

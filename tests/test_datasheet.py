@@ -23,6 +23,7 @@ from fitting.datasheet.figures import (
 from fitting.datasheet.in_time import creep
 from fitting.datasheet.pad import _readings
 from fitting.datasheet.readings import Readings
+from fitting.datasheet.sheet import _worst
 from fitting.datasheet.variants import STEP, named, variants_of
 from fitting.datasheet.words import PLACED
 from suas_jax.config import continuous_inputs, load_skin
@@ -41,6 +42,36 @@ def test_resolution_is_the_bound_of_cramer_and_rao() -> None:
     for place in range(4):
         j = columns[:, :, place]
         np.testing.assert_allclose(found[:, place] ** 2, np.diag(np.linalg.inv(j @ j.T)))
+
+
+def test_sizes_of_tolerances_have_the_units_of_their_inputs() -> None:
+    variants = variants_of(load_skin(SKIN))
+    names = variants.errors.names
+    sizes = dict(zip(names, map(variants.size, range(len(names))), strict=True))
+    known = {
+        "stiffness of the material": (10.0, "%"),
+        "geometry.thickness": (3.0, "%"),
+        "geometry.mounting": (0.05, "%"),
+        "oil.fill": (0.3, "%"),
+        "electrodes.lsb": (1.0, "%"),
+    }
+    for name, (value, unit) in known.items():
+        found = sizes[name]
+        assert found is not None
+        assert found == (pytest.approx(value, rel=1e-9), unit)
+
+
+def test_a_range_says_which_places_have_none() -> None:
+    """Where a membrane loses its equilibrium before the wall, its range is not the skin's."""
+    measured: Any = SimpleNamespace(
+        region=np.array([True, True, True, False]),
+        coordinates={"angle_deg": np.array([-30.0, 0.0, 30.0, 80.0])},
+        missing={},
+    )
+    worst = _worst("range_N", np.array([2.0, np.nan, 1.5, np.nan]), measured)
+    assert (worst.value, worst.place) == (1.5, 2)
+    assert worst.reason.startswith("1 of 3 places are left out, such as 0 deg: there the memb")
+    assert not _worst("range_N", np.array([2.0, 3.0, 1.5, np.nan]), measured).reason
 
 
 def stand_in(scale: Any, closed: float = 50.0) -> Cases:

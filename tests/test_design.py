@@ -72,7 +72,8 @@ def test_search_finds_the_optimum_on_its_limit_and_its_price() -> None:
 def test_search_says_where_no_design_keeps_the_limits() -> None:
     problem = Problem()
     problem.want = dataclasses.replace(problem.want, limits=(Limit("range_N", 3.0, True),))
-    with pytest.raises(ValueError, match="no design within the bounds keeps the limits"):
+    nearest = "the range is 2 N in the design that comes nearest, at least 3 N is asked for"
+    with pytest.raises(ValueError, match=f"keeps the limits from any start: {nearest}; widen"):
         search(problem)  # type: ignore[arg-type]
 
 

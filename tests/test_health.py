@@ -16,6 +16,7 @@ from suas_jax.acquisition.device.device import Device, log_readings
 from suas_jax.acquisition.health import FAULTS, Health, log_health
 from suas_jax.acquisition.log.convert import write_csv
 from suas_jax.acquisition.log.log_file import SoLog
+from suas_jax.acquisition.taxel_faults import StuckWatch, stuck_taxels
 from suas_jax.config import ConfigError, continuous_inputs, load_skin
 from suas_jax.scene.build import plan_for
 from suas_jax.sensing.taxels import taxel_places, taxels_of
@@ -58,6 +59,22 @@ def test_healthy_taxels_have_no_fault(rest: np.ndarray, loaded: bool) -> None:
         assert min(t.follows for t in health.taxels) > 0.8
     else:
         assert all(np.isnan(t.follows) for t in health.taxels)
+
+
+def test_a_membrane_on_a_taxel_is_no_stuck_taxel() -> None:
+    """A press held on the wall keeps a count at full scale; a short never reads less."""
+    so = 5000 + np.random.default_rng(2).normal(0, NOISE, (200, 10)).round()
+    so[50:150, 1] = 65535  # the membrane lies on it
+    so[:, 2] = 65535  # short-circuited
+    so[50:150, 3] = 4990  # stuck
+    found = stuck_taxels(so, NOISE)
+    watch = StuckWatch(NOISE, 10)
+    live = np.array([watch.feed(row) for row in so])
+    for flags in (found, live):
+        assert not flags[:, :2].any()
+        assert flags[100, 2:4].all()
+    assert found[:, 2].all()
+    np.testing.assert_array_equal(found[:, 3], so[:, 3] == 4990)
 
 
 def test_every_fault_is_found_where_it_is(rest: np.ndarray) -> None:

@@ -299,7 +299,10 @@ def test_without_relaxation_a_history_is_a_curve() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("t_s,depth\n0,1\n", "columns are t_s, depth"),
+        ("t_s,depth_mm\n0,1\n", r'depth_mm: .* unit is another; did you mean "depth_m"\?'),
+        ("t_s,force_kN\n0,1\n", r'force_kN: .*did you mean "force_N"\?'),
+        ("t_ms,force_N\n0,1\n", r't_ms: .*did you mean "t_s"\?'),
+        ("t_s,force_N,force_N\n0,1,1\n", "once each"),
         ("t_s\n0\n", "one of force_N"),
         ("t_s,force_N,factor\n0,1,1\n", "one of force_N"),
         ("t_s,force_N\n", "and a row"),

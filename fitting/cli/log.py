@@ -179,6 +179,8 @@ def baseline(
     with bad_input():
         from suas_jax.acquisition.baseline import (
             baseline_json,
+            common_factor,
+            doubt_of_factor,
             read_baseline,
             refuse_loaded,
             rest_of,
@@ -199,13 +201,10 @@ def baseline(
         if skin is not None:
             from suas_jax.simulation.capacitances import rest_pattern
 
-            doubt = refuse_loaded(
-                taken,
-                rest_pattern(skin, taken),
-                tolerance=model_tolerance,
-                source=f"the model of {skin} (--model-tolerance)",
-                common_factor=True,
-            )
+            rest, source = rest_pattern(skin, taken), f"the model of {skin} (--model-tolerance)"
+            factor = common_factor(taken, rest, source)
+            refuse_loaded(taken, rest, tolerance=model_tolerance, source=source, factor=factor)
+            doubt = doubt_of_factor(factor, source)
             named = skin_of_log(log)
             if named is not None and not named.samefile(skin):
                 doubt = doubt or f"the log names {named}, its counts were compared with {skin}"

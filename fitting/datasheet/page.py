@@ -1,14 +1,13 @@
 """A data sheet as one page of HTML that needs nothing else, and for a terminal."""
 
 import math
-from collections.abc import Mapping
 from datetime import UTC, datetime
 from importlib.metadata import version
 
 from fitting.datasheet.pictures import plot_places, plot_skin, plot_tolerances
 from fitting.datasheet.sheet import DataSheet
 from fitting.datasheet.sheet import Figure as SheetFigure
-from fitting.datasheet.words import WORDS
+from fitting.datasheet.words import WORDS, place_text
 from fitting.report.description import Part, Remark, ReportTable
 from fitting.report.page import embedded, page
 
@@ -25,7 +24,7 @@ def described(sheet: DataSheet, *, meanings: bool = True) -> list[Part]:
     names = sheet.variants.changes
     tolerances = [
         (
-            names[i],
+            ", ".join((names[i], *_size(sheet.variants.size(i)))),
             "taken" if sheet.assumed(i) else "stated",
             *(_or_dash(f"{100 * sheet.effects[i, k]:+.2f} %") for k in (0, 2)),
             _or_dash(f"{1e3 * sheet.effects[i, 1]:.3f} mm"),
@@ -84,17 +83,12 @@ def _row(sheet: DataSheet, figure: SheetFigure) -> tuple[str, ...]:
     return word.title, figure_text(figure), interval, at, meaning
 
 
+def _size(size: tuple[float, str] | None) -> tuple[str, ...]:
+    return () if size is None else (f"{size[0]:.3g} {size[1]}",)
+
+
 def _or_dash(text: str) -> str:
     return "–" if "nan" in text else text
-
-
-def place_text(own: Mapping[str, float]) -> str:
-    """A place by its coordinates, see `Measured`; empty where there are none."""
-    if not own:
-        return ""
-    angle = f"{own['angle_deg']:.0f} deg"
-    along = f"{1e3 * own['arc_m']:.0f} mm" if "arc_m" in own else angle
-    return along + (f", {1e3 * own['axial_m']:.0f} mm" if "axial_m" in own else "")
 
 
 def _sentence(text: str) -> str:

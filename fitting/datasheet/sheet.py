@@ -24,7 +24,7 @@ from fitting.datasheet.in_time import buckling_mismatch, creep, motion_figures
 from fitting.datasheet.pad import measure_pad
 from fitting.datasheet.section import measure_section
 from fitting.datasheet.variants import DEEPER, WARMER, Variants, variants_of, why_constant
-from fitting.datasheet.words import PLACED, WORDS
+from fitting.datasheet.words import PLACED, WORDS, place_text
 from fitting.force_range.inputs import reading_noise
 from suas_jax.config import SkinSpec
 from suas_jax.config.inputs import given_inputs
@@ -109,6 +109,7 @@ class DataSheet:
         shown = {**measured.coordinates, "arc_outer_m": measured.arc}
         columns = {key: values for key, (values, _) in self.at.items()}
         names = self.variants.changes
+        sizes = [self.variants.size(i) for i in range(len(self.variants.errors))]
         return {
             "dimension": self.spec.geometry.dimension,
             "rated_force_N": measured.rated,
@@ -125,6 +126,7 @@ class DataSheet:
             "tolerances": [
                 {
                     "name": names[i],
+                    **dict(zip(("deviation", "unit"), sizes[i] or (None, None), strict=True)),
                     "assumed": self.assumed(i),
                     "force_relative": float(self.effects[i, 0]),
                     "place_m": float(self.effects[i, 1]),
@@ -249,7 +251,20 @@ def _worst(
         return Figure(key, math.nan, reason=measured.missing.get(key, WORDS[key].missing))
     place = int(np.nanargmin(inside) if WORDS[key].least else np.nanargmax(np.abs(inside)))
     spread = math.nan if deviation is None else float(deviation[place])
-    return Figure(key, float(inside[place]), spread, place=place)
+    reason = _left_out(key, inside, measured) if WORDS[key].least else ""
+    return Figure(key, float(inside[place]), spread, reason, place)
+
+
+def _left_out(key: str, inside: Floats, measured: Measured) -> str:
+    """Which places of the region have no value, and why; empty where all have one."""
+    lost = np.flatnonzero(measured.region & np.isnan(inside))
+    if not lost.size:
+        return ""
+    own = {name: float(v[lost[0]]) for name, v in measured.coordinates.items()}
+    return (
+        f"{lost.size} of {int(measured.region.sum())} places are left out, such as "
+        f"{place_text(own)}: there {measured.missing.get(key, WORDS[key].missing)}"
+    )
 
 
 @eqx.filter_jit

@@ -14,6 +14,16 @@ from suas_jax.skin.prestress import unloaded_depth
 WARMER, DEEPER = "environment.temperature", "environment.depth"
 STEP = 0.02
 """Of a standard deviation, a kelvin or a metre: far inside what is linear."""
+# Inputs that no one states a share of: their units in SI, and what a person calls them.
+_UNITS = {
+    "temperature": (1.0, "K"),
+    "depth": (1.0, "m"),
+    "mounting": (1e-2, "%"),
+    "mounting_axial": (1e-2, "%"),
+    "angle": (np.pi / 180, "deg"),
+    "arc": (1e-3, "mm"),
+    "axial": (1e-3, "mm"),
+}
 
 
 @dataclass(frozen=True)
@@ -29,6 +39,24 @@ class Variants:
     def changes(self) -> tuple[str, ...]:
         """What moves: the tolerances by name, then `WARMER` by 1 K and `DEEPER` by 1 m."""
         return (*self.errors.names, WARMER, DEEPER)
+
+    def size(self, change: int) -> tuple[float, str] | None:
+        """One standard deviation of a tolerance and its unit; None of a joint one of several.
+
+        A share of the number where nothing else is usual for it.
+        """
+        row = self.errors.directions[change]
+        paths = [self.errors.paths[k] for k in np.flatnonzero(row)]
+        own = np.array([value_of(self.spec, path) for path in paths])
+        size = row[row != 0]
+        if len(paths) == 1:
+            key = paths[0].rpartition(".")[2]
+            if key in _UNITS:
+                scale, unit = _UNITS[key]
+                return abs(float(size[0])) / scale, unit
+        shares = np.abs(size) / np.where(own == 0, np.nan, np.abs(own))
+        alike = bool(len(shares)) and bool(np.ptp(shares) <= 1e-9 * shares[0])
+        return (100 * float(shares[0]), "%") if alike else None
 
     @staticmethod
     def slopes(values: Floats, axis: int = 0) -> Floats:

@@ -1,5 +1,6 @@
 """The words of a data sheet: keys of its figures, with their SI units, and what they mean."""
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 
@@ -11,7 +12,7 @@ class Word(NamedTuple):
     unit: str = ""  # that a person reads it in
     field: str = ""  # of `fitting.datasheet.figures.Figures`; empty where it has no place
     least: bool = False  # whether the smallest over the region is the worst; else the largest
-    missing: str = "no state was found at any place"  # why it may have no value
+    missing: str = "no state was found"  # why it may have no value
 
     @property
     def size(self) -> float:
@@ -95,3 +96,12 @@ WORDS: dict[str, Word] = {
 }
 PLACED = {key: word for key, word in WORDS.items() if word.field}
 """Figures that differ from place to place."""
+
+
+def place_text(own: Mapping[str, float]) -> str:
+    """A place by the coordinates of a data sheet; empty where there are none."""
+    if not own:
+        return ""
+    angle = f"{own['angle_deg']:.0f} deg"
+    along = f"{1e3 * own['arc_m']:.0f} mm" if "arc_m" in own else angle
+    return along + (f", {1e3 * own['axial_m']:.0f} mm" if "axial_m" in own else "")

@@ -10,10 +10,9 @@ from matplotlib.figure import Figure
 
 from fitting.datasheet.figures import Measured, weighted
 from fitting.datasheet.pad import measure_pad
-from fitting.datasheet.page import place_text
 from fitting.datasheet.section import measure_section
 from fitting.datasheet.variants import variants_of
-from fitting.datasheet.words import WORDS
+from fitting.datasheet.words import WORDS, place_text
 from fitting.design.taxels import Selection, Variances, select
 from fitting.design.want import Want
 from fitting.inverse_load.estimate.place import ContactPlaces

@@ -12,10 +12,10 @@ import tomlkit
 from matplotlib.figure import Figure
 
 from fitting.arrays import Floats
-from fitting.datasheet.page import figure_text, place_text
+from fitting.datasheet.page import figure_text
 from fitting.datasheet.pictures import plot_skin
 from fitting.datasheet.sheet import DataSheet, data_sheet
-from fitting.datasheet.words import WORDS
+from fitting.datasheet.words import WORDS, place_text
 from fitting.design.front import FrontPoint, front
 from fitting.design.problem import Problem
 from fitting.design.search import Found, Kept, Price, search

@@ -53,7 +53,7 @@ def front(
     known = [point(found.trials[0])]
     progress(1)
     starts = [found.x, *(t.start for t in found.trials)]
-    trials = keeping(best_first(problem, turned, starts, kept=kept))
+    trials = keeping(turned, best_first(problem, turned, starts, kept=kept))
     far, calls = trials[0], sum(t.calls for t in trials)
     # Of all designs as good by the second figure, the best by the goal.
     values = np.linspace(known[0].other, far.goal, points)[1:]

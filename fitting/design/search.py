@@ -19,6 +19,7 @@ import scipy.optimize
 from scipy.stats import qmc
 
 from fitting.arrays import Floats
+from fitting.datasheet.words import WORDS
 from fitting.design.problem import Outcome, Problem
 from fitting.design.want import Limit, Want
 
@@ -89,7 +90,7 @@ def search(
     want = problem.want
     sampler = qmc.LatinHypercube(len(want.variables), seed=want.seed)
     starts = [want.start, *sampler.random(want.starts - 1)]
-    trials = keeping(best_first(problem, want, starts, progress, workers, kept))
+    trials = keeping(want, best_first(problem, want, starts, progress, workers, kept))
     best = trials[0]
     agreeing = sum(abs(t.goal / best.goal - 1) < _AGREE for t in trials)
     start = next(t.first for t in trials if np.array_equal(t.start, starts[0]))
@@ -125,15 +126,35 @@ def best_first(
     return sorted(trials, key=lambda t: (np.isnan(t.goal), sign * t.goal))
 
 
-def keeping(trials: list[Trial]) -> list[Trial]:
-    """The same searches. Raises ValueError: none of them keeps the limits."""
-    if not np.isfinite(trials[0].goal):
-        raise ValueError(
-            "no design within the bounds keeps the limits from any start: "
-            + "; ".join(dict.fromkeys(t.message for t in trials))
-            + "; widen a bound, relax a limit, or try more starts"
-        )
-    return trials
+def keeping(want: Want, trials: list[Trial]) -> list[Trial]:
+    """The same searches. Raises ValueError: none of them keeps the limits; says how near."""
+    if np.isfinite(trials[0].goal):
+        return trials
+    ended = [t.last for t in trials if t.last.found]
+    nearest = [max(_missed(want, outcome)) for outcome in ended if _missed(want, outcome)]
+    why = min(nearest)[1] if nearest else "; ".join(dict.fromkeys(t.message for t in trials))
+    raise ValueError(
+        f"no design within the bounds keeps the limits from any start: {why}; "
+        "widen a bound, relax a limit, or try more starts"
+    )
+
+
+def _missed(want: Want, outcome: Outcome) -> list[tuple[float, str]]:
+    """Limits that a design does not keep: by what share, and in words."""
+    found = []
+    for limit in want.limits:
+        share, word = _row(limit, outcome)[0], WORDS[limit.key]
+        if not share.min() > -_KEPT:
+            value = float(outcome.values[limit.key][share.argmin()])
+            side = "at least" if limit.least else "at most"
+            text = (
+                f"the {word.title.lower()} is {value / word.size:.4g} {word.unit}".rstrip()
+                + f" in the design that comes nearest, {side} {limit.value / word.size:.4g} "
+                f"{word.unit}".rstrip()
+                + " is asked for"
+            )
+            found.append((-float(share.min()), text))
+    return found
 
 
 def _tried(problem: Problem, want: Want, start: Floats) -> Trial:

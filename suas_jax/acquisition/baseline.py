@@ -78,28 +78,20 @@ def refuse_loaded(
     *,
     tolerance: float,  # allowed deviation, relative to `rest`; a count is always allowed
     source: str,  # where `rest` is from, for the message
-    # `rest` gives the pattern only, up to a factor (a model whose permittivity or gap is not
-    # exact)
-    common_factor: bool = False,
-) -> str:
+    # of all taxels over `rest`, see `common_factor`; where `rest` gives the pattern only
+    factor: float = 1.0,
+) -> None:
     """Refuse a baseline whose taxels don't read what they read at rest.
 
-    Returns what is doubtful about the factor, or nothing.
-    Raises NotAtRestError: the taxels deviate; ValueError: no skin of this pattern has the
-    factor, or no taxel can be compared.
+    Raises NotAtRestError: the taxels deviate; ValueError: no taxel can be compared.
     """
-    known = np.isfinite(rest) & np.isfinite(baseline.so) & (rest > 0)
-    if not known.any():
-        raise ValueError(f"{source}: has no taxel in common with this log")
-    ratio = np.full(rest.shape, np.nan)
-    ratio[known] = baseline.so[known] / rest[known]
-    factor = float(np.nanmedian(ratio)) if common_factor else 1.0
-    ratio /= factor or 1.0
+    ratio = _ratio(baseline, rest, source) / (factor or 1.0)
+    known = np.isfinite(ratio)
     allowed = np.full(rest.shape, tolerance)
     allowed[known] += _FLOOR / rest[known]
     excess = np.nan_to_num(np.abs(ratio - 1) / allowed)
     if excess.max() <= 1.0:
-        return _doubt_of(factor, source)
+        return
     module, taxel = np.unravel_index(excess.argmax(), excess.shape)
     raise NotAtRestError(
         f"the skin was loaded: module {baseline.modules[module]}, so_{taxel + 1} reads "
@@ -109,12 +101,21 @@ def refuse_loaded(
     )
 
 
-def _doubt_of(factor: float, source: str) -> str:
+def common_factor(baseline: Baseline, rest: NDArray[np.float64], source: str) -> float:
+    """By which most taxels of a baseline read more than at rest [module, taxel].
+
+    A model whose permittivity or gap nobody has calibrated gives the pattern up to a factor.
+    Raises ValueError: no taxel can be compared.
+    """
+    return float(np.nanmedian(_ratio(baseline, rest, source)))
+
+
+def doubt_of_factor(factor: float, source: str) -> str:
     """A doubt about a factor on all counts, or nothing.
 
     Raises ValueError: no skin of this pattern has the factor.
     """
-    off = max(factor, 1 / factor)
+    off = max(factor, 1 / factor) if factor > 0 else math.inf
     if off <= _DOUBTFUL:
         return ""
     text = (
@@ -125,6 +126,16 @@ def _doubt_of(factor: float, source: str) -> str:
     if off > _ANOTHER:
         raise ValueError(f"{text}; factors from {1 / _ANOTHER:g} to {_ANOTHER:g} are allowed")
     return text
+
+
+def _ratio(baseline: Baseline, rest: NDArray[np.float64], source: str) -> NDArray[np.float64]:
+    """Counts over those at rest [module, taxel], NaN where either is unknown."""
+    known = np.isfinite(rest) & np.isfinite(baseline.so) & (rest > 0)
+    if not known.any():
+        raise ValueError(f"{source}: has no taxel in common with this log")
+    ratio = np.full(rest.shape, np.nan)
+    ratio[known] = baseline.so[known] / rest[known]
+    return ratio
 
 
 def write_baseline(baseline: Baseline, path: Path) -> None:

@@ -1,7 +1,8 @@
 """Taxels that say nothing about the gap: stuck at a count, or saturated (zero or full scale).
 
 One is stuck while it keeps its count in more frames than chance explains, in which most of the
-others changed; where noise is too small to tell, in STUCK_AFTER frames.
+others changed; where noise is too small to tell, in STUCK_AFTER frames. A taxel at full scale
+that has read less before or after is no fault: the membrane lies on it.
 """
 
 import math
@@ -87,7 +88,7 @@ def stuck_taxels(so: NDArray[np.float64], noise: float) -> NDArray[np.bool_]:
         for begin, end in _equal_runs(so[:, k]):
             if fresh[begin : end - 1].sum() >= needed:
                 stuck[begin:end, k] = True
-    return stuck
+    return stuck & ~((so >= MAX_COUNT) & (so < MAX_COUNT).any(0))
 
 
 def _equal_runs(values: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -104,6 +105,7 @@ class StuckWatch:
         self._needed = repeats_needed(noise, taxels)
         self._last = np.full(taxels, np.nan)
         self._run = np.zeros(taxels, np.int64)
+        self._sound = np.zeros(taxels, bool)  # read less than full scale
 
     def feed(self, so: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Take a frame; return which taxels are stuck by now."""
@@ -113,4 +115,5 @@ class StuckWatch:
             self._run[same] += 1
         self._run[~same] = 0
         self._last = so.copy()
-        return self._run >= self._needed
+        self._sound |= so < MAX_COUNT
+        return (self._run >= self._needed) & ~((so >= MAX_COUNT) & self._sound)

@@ -23,6 +23,7 @@ import numpy as np
 from jaxtyping import Float
 
 from suas_jax.config.csv_table import number_in, read_csv_table
+from suas_jax.config.errors import show_key, unknown
 
 MOST_ROWS = 100_000
 TEMPERATURE = "temperature_degC"
@@ -44,11 +45,16 @@ def read_history(file: Path) -> History:
     OSError: the file can't be read.
     """
     table = read_csv_table(file)
+    for name in table.names:
+        if name not in ("t_s", *_COLUMNS):
+            reason = unknown(name, ("t_s", *_COLUMNS), "column, or its unit is another")
+            raise ValueError(f"{file}: {show_key(name)}: {reason}")
     found = [name for name in table.names if name != "t_s"]
     if "t_s" not in table.names or not _allowed(found) or not table.rows:
-        listed = ", ".join(table.names) or "none"
+        given = ", ".join(table.names) or "none"
         raise ValueError(
-            f"{file}: the columns are {listed}; t_s and {_CHOICE} are needed, and a row"
+            f"{file}: the columns are {given}; t_s and {_CHOICE} are needed, "
+            "once each, and a row"
         )
     if len(table.rows) > MOST_ROWS:
         raise ValueError(f"{file}: {len(table.rows)} rows; at most {MOST_ROWS} are followed")

@@ -150,7 +150,7 @@ def pressure_sweep(scene: SceneSpec, pressures: Sequence[float]) -> Sweep:
     """
     values = np.asarray(pressures, float)
     sign = -1.0 if (values < 0).any() else 1.0
-    values = sign * _checked(sign * values, "--oil-pressure")
+    values = _checked(values, "--oil-pressure", sign)
     largest = values[np.argmax(np.abs(values))]
     if largest == 0:
         raise SweepError("--oil-pressure: at least one pressure must differ from zero")
@@ -184,9 +184,11 @@ def depth_sweep(scene: SceneSpec, depths: Sequence[float]) -> Sweep:
     return Sweep(points, curve.first_contact(values, points), scene)
 
 
-def _checked(values: Sequence[float] | np.ndarray, option: str) -> np.ndarray:
+def _checked(
+    values: Sequence[float] | np.ndarray, option: str, sign: float = 1.0
+) -> np.ndarray:
     array = np.asarray(values, float)
-    if array.size == 0 or not np.all(np.isfinite(array)) or (array < 0).any():
+    if array.size == 0 or not np.all(np.isfinite(array)) or (sign * array < 0).any():
         raise SweepError(f"{option}: finite values of one sign are needed, got {array}")
     return array
 
