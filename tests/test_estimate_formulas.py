@@ -459,6 +459,8 @@ MODE = Alternative(15.0, np.array([-0.3, 4.0]), np.diag([1e4, 100.0]), 1)
         ("wall_contact", [0.0, 19.61], {}),  # within 2 deviations and 1 % of 20 N
         ("ok", [0.0, 19.59], {}),
         ("at_edge", [0.5, 5.0], {}),
+        ("at_edge", [0.5, 5.0], {"predicted_decrease": np.array([0.11])}),
+        ("no_convergence", [0.5, 5.0], {"predicted_decrease": np.array([0.11]), "chi2": 60.0}),
         ("pull", [0.2, -5.0], {}),
         ("ambiguous", [0.2, 5.0], {"other": MODE}),
         ("ok", [0.2, 5.0], {"other": MODE._replace(chi2=17.1)}),
