@@ -22,7 +22,6 @@ from fitting.inverse_load.search.base import AbstractNodeSearch
 from fitting.steps import Steps
 
 _ALIKE = 0.7  # cosine of two patterns of one contact
-_HINT = 0.75  # share of a further contact's penalty; to first order, it takes off chi2
 _LEAST_OWN = 0.02  # share of a pattern's square that nothing else is taken to do
 
 _OUTLIER = 4.5  # standard deviations of the residual of a taxel that is left out
@@ -64,7 +63,7 @@ class Doubts:
         s^T W s beside J. A width and a tangential force do much of what a light contact nearby
         does.
         """
-        return self.of_one_more(y, best).max(1) > _HINT * self._penalty
+        return self.of_one_more(y, best).max(1) > self._penalty
 
     def of_one_more(self, y: Any, best: Explanations) -> Floats:
         """By how much chi2 falls with one more contact, to first order [frame, place]."""
@@ -94,7 +93,7 @@ class Doubts:
         whose search on a pad takes as long as many frames; another contact stays.
         """
         gain = self.of_one_more(y, best)[0]
-        hinted = gain.max() > _HINT * self._penalty
+        hinted = gain.max() > self._penalty
         p_value = float(best.p_value(self._per_contact)[0])
         now = _Doubt(int(gain.argmax()) if hinted else None, p_value < SUSPECT)
         before, self._last = self._last, now
