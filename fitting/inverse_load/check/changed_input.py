@@ -76,7 +76,6 @@ class AbstractInputFit(abc.ABC):
         decrease = float(self._fit.chi2.sum()) - float(found.fun)
         return gained._replace(chi2=decrease, change=float(found.x))
 
-
     def _falls_on(self, gained: Gain) -> bool:
         """Whether chi2 still falls where an input is changed furthest: something else is wrong.
 
