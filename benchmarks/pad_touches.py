@@ -4,8 +4,9 @@
 
 Pokes of 3 to 30 mm, palms of 40 to 80 mm, forces inclined by 10 to 30 degrees, two fingers 15
 to 50 mm apart, strips of 15 to 45 mm along the arc, along the axis and askew, contacts near the
-clamps and pulls. Readings are solved on 36 x 30 elements, as discs (strips: five of 8 mm), with
-2 counts of noise and rounding; the table's own states have 24 x 20 elements and discs of 6 mm.
+clamps, pulls, fingers of 4 N with one of 1 N 25 mm away, and pulls of 1 N over 20 mm. Readings
+are solved on 36 x 30 elements, as discs (strips: five of 8 mm), with 2 counts of noise and
+rounding; the table's own states have 24 x 20 elements and discs of 6 mm.
 Tolerances are those that are taken where a file states none. Solving takes about a second a
 touch: --truth keeps it.
 """
@@ -29,7 +30,8 @@ from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import skin_of
 
 _SLOTS = 5  # discs of a touch: one program for all
-_KINDS = ("poke", "palm", "drag", "two", "strip", "edge", "pull")
+_KINDS = ("poke", "palm", "drag", "two", "strip", "edge", "pull", "faint", "light pull")
+_OF_TWO = ("two", "faint")
 _PLACES = np.array([0.6, 0.03])  # over the taxels [rad], [m]
 
 
@@ -72,6 +74,12 @@ def touches(random: np.random.Generator, radius: float) -> list[tuple[str, np.nd
     for total in (-1.0, -2.0, -4.0):
         for size in (6e-3, 20e-3):
             found.append(("pull", [[*place(), total, size, 0, 0]]))
+    for _ in range(20):
+        middle, way = place(), random.uniform(0, 2 * np.pi)
+        off = 12.5e-3 * np.array([np.cos(way) / radius, np.sin(way)])
+        pair = zip((-1, 1), (4.0, 1.0), strict=True)
+        found.append(("faint", [[*(middle + k * off), f, 6e-3, 0, 0] for k, f in pair]))
+    found += [("light pull", [[*place(), -1.0, 20e-3, 0, 0]]) for _ in range(20)]
     return [(kind, np.array(rows, float)) for kind, rows in found]
 
 
@@ -103,7 +111,7 @@ def held(estimate: LoadEstimate, rows: np.ndarray) -> list[bool]:
 def report(
     kind: str, rows: list[np.ndarray], found: list[LoadEstimate], seconds: list[float]
 ) -> None:
-    wanted = 2 if kind == "two" else 1
+    wanted = 2 if kind in _OF_TWO else 1
     right = [len(e.contacts) == wanted for e in found]
     ok = [e.status == "ok" for e in found]
     both = sum(a and b for a, b in zip(right, ok, strict=True))

@@ -63,6 +63,7 @@ def explanations(
         "weight": weights,
         "shift": np.zeros(readings.shape),
         "beside": np.full((frames, 3, 1, 2), np.nan),
+        "eliminated": np.zeros((frames, 1, taxels)),
     }
     return Explanations(**{**given, **fields})
 

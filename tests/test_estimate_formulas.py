@@ -143,13 +143,15 @@ class Parabola(AbstractInputFit):
     """Chi2 that is least at a given change."""
 
     def __init__(self, lowest: float) -> None:
-        fit: Any = SimpleNamespace(chi2=np.array([100.0, 60.0]))
+        self._lowest, self.tried = lowest, 0
+        fit: Any = SimpleNamespace(chi2=np.array([100.0, self.chi2("", 0.0) - 100.0]))
         none: Any = None
         super().__init__(none, none, none, fit)
-        self._lowest = lowest
+        self.tried = 0
 
     def chi2(self, path: str, change: float) -> float:
         """100 and what the change is off."""
+        self.tried += 1
         return 100.0 + 6000.0 * (change - self._lowest) ** 2
 
 
@@ -159,9 +161,14 @@ def test_best_change_of_an_input_is_where_the_contacts_leave_least() -> None:
     assert found.change == pytest.approx(0.1, abs=2e-3)
     assert found.chi2 == pytest.approx(60.0, abs=0.1)
     assert found.error == 0.01
-    # Where chi2 falls on to the end of what is tried, something else is wrong.
-    assert Parabola(0.5).best(start).chi2 == 0.0
-    assert Parabola(0.5)._lost.tolist() == [200.0, 160.0]
+    # Where chi2 falls on to the end of what is tried, something else is wrong: two tries tell.
+    wrong = Parabola(0.5)
+    assert wrong.best(start).chi2 == 0.0
+    assert wrong.tried == 2
+    # Near that end, or on the other side of what is true to first order, it is still found.
+    assert Parabola(0.28).best(start).change == pytest.approx(0.28, abs=2e-3)
+    assert Parabola(-0.1).best(start).change == pytest.approx(-0.1, abs=2e-3)
+    assert Parabola(0.1)._lost.tolist() == [200.0, 160.0]
 
 
 def test_measured_over_model_weighs_large_readings_most() -> None:
@@ -459,6 +466,8 @@ MODE = Alternative(15.0, np.array([-0.3, 4.0]), np.diag([1e4, 100.0]), 1)
         ("wall_contact", [0.0, 19.61], {}),  # within 2 deviations and 1 % of 20 N
         ("ok", [0.0, 19.59], {}),
         ("at_edge", [0.5, 5.0], {}),
+        ("at_edge", [0.5, 5.0], {"predicted_decrease": np.array([0.11])}),
+        ("no_convergence", [0.5, 5.0], {"predicted_decrease": np.array([0.11]), "chi2": 60.0}),
         ("pull", [0.2, -5.0], {}),
         ("ambiguous", [0.2, 5.0], {"other": MODE}),
         ("ok", [0.2, 5.0], {"other": MODE._replace(chi2=17.1)}),

@@ -469,14 +469,14 @@ def test_a_faulty_taxel_is_left_out_for_its_price() -> None:
     assert (found.weight[0] > 0).all()
 
 
-def test_a_hint_is_half_a_penalty_in_the_residuals() -> None:
+def test_a_hint_is_a_penalty_in_the_residuals() -> None:
     nodes = DimpleNodes()
     doubts = Doubts(DimpleFitter(), nodes, penalty=20.0, most_contacts=2)
     pattern = nodes.signatures[10]
     weight = np.full(13, 2.0)
     unit = pattern / np.sqrt(weight @ pattern**2)
     so = dimple_readings([0.0, 5.0])
-    for gain, hinted in ((9.9, False), (10.1, True)):
+    for gain, hinted in ((19.9, False), (20.1, True)):
         best = explanations([[0.0, 5.0]], so=so, weight=weight)
         y = so + np.sqrt(gain) * unit
         assert doubts.hinted(y, best).tolist() == [hinted]
@@ -488,6 +488,35 @@ def test_a_hint_is_half_a_penalty_in_the_residuals() -> None:
     assert one.hinted(so + 9 * unit, best).tolist() == [False]
 
 
+def test_what_one_more_contact_takes_off_chi2_is_that_of_a_fit_of_all_together() -> None:
+    """Of a linear model: told parameters, one that was eliminated, and the new force."""
+    nodes = DimpleNodes()
+    slopes, weight = RNG.normal(size=(3, 13)), RNG.uniform(0.5, 2.0, 13)
+    root, so = np.sqrt(weight), RNG.normal(size=13)
+    y = so + 3 * RNG.normal(size=13)
+
+    def fitted(rows: np.ndarray) -> tuple[np.ndarray, float]:
+        x, chi2 = np.linalg.lstsq((root * rows).T, root * (y - so))[:2]
+        return so + x @ rows, float(chi2[0])
+
+    there, least = fitted(slopes)
+    own = weight @ slopes[2] ** 2
+    share = (slopes[:2] * weight) @ slopes[2] / own
+    best = explanations(
+        [[0.0, 5.0]],
+        so=there,
+        weight=weight,
+        jacobian=[slopes[:2] - np.outer(share, slopes[2])],
+        eliminated=(slopes[2] / np.sqrt(own))[None, None],
+    )
+    gain = Doubts(DimpleFitter(), nodes, 20.0, 2).of_one_more(y[None], best)[0]
+    for place, pattern in enumerate(nodes.signatures):
+        residual = weight * (y - there)
+        less = least - fitted(np.vstack([slopes, pattern]))[1]
+        expected = less if pattern @ residual > 0 else 0.0
+        assert gain[place] == pytest.approx(expected, rel=1e-4, abs=1e-6)
+
+
 def test_doubts_of_a_recording_come_at_once_and_those_of_a_stream_twice() -> None:
     nodes = DimpleNodes()
     so = dimple_readings([0.0, 5.0])
@@ -495,7 +524,7 @@ def test_doubts_of_a_recording_come_at_once_and_those_of_a_stream_twice() -> Non
     def frame(chi2: float, hint: int | None = None) -> tuple[Any, Any]:
         pattern = 0 * AT_REST if hint is None else nodes.signatures[hint]
         unit = pattern / max(np.sqrt(pattern @ pattern), 1e-300)
-        return so + 4.0 * unit, explanations([[0.0, 5.0]], so=so, chi2=chi2)
+        return so + 4.5 * unit, explanations([[0.0, 5.0]], so=so, chi2=chi2)
 
     good, poor, awful = (stats.chi2.isf(p, 11) for p in (0.5, 1.5e-3, 1e-5))
     recording = Doubts(DimpleFitter(), nodes, 20.0, 2)
@@ -699,6 +728,21 @@ def test_a_pull_is_one_force_outwards_where_pushes_explain_nothing() -> None:
     best, _ = selection.explain(y, weight)
     assert best.parameters[0, 1] == pytest.approx(-6.0, rel=1e-3)
     assert best.score[0] == pytest.approx(20.0, abs=0.1)  # the price of two contacts
+
+
+def test_a_light_pull_is_tried_where_a_push_is_not_suspect() -> None:
+    """It explains what a push nearly does, and it is a second mode where it does so as well."""
+    selection, y, weight = selected([[0.1, -6.0]])
+    truth = selection.pulled(y, weight)
+    for worse, pull, other in ((24.0, True, False), (16.0, False, True), (-3.0, False, True)):
+        chi2 = np.array([truth.chi2[0] + worse])
+        push = selection.fitter.fit(y, weight, np.array([[0.1, 6.0]]), None, 1)
+        push = dataclasses.replace(push, chi2=chi2, score=chi2.copy())
+        others: list[Any] = [None]
+        best = finished(selection._or_light_pulls(y, weight, push, others))
+        assert (best.parameters[0, 1] < 0) == pull
+        assert (others[0] is not None) == other
+    assert others[0].parameters[1] == pytest.approx(-6.0, rel=1e-3)
 
 
 def test_a_faulty_taxel_is_left_out_where_nothing_else_explains_a_frame() -> None:

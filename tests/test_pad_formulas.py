@@ -715,12 +715,16 @@ def test_what_is_not_told_is_marginalised() -> None:
     root = random.normal(size=(1, 14, 20))
     information = root @ root.transpose(0, 2, 1)
     whole = np.tile([0.1, 0.02, 5.0, 7e-3, 0.1, 0.0, 0.0], (1, 1)).repeat(2, 1)
-    values, _, left = told.marginal(whole, root, information, 2)
+    values, slopes, left, others = told.marginal(whole, root, information, 2)
     rows, _ = told.columns(2)
     np.testing.assert_array_equal(rows, np.arange(8))
     np.testing.assert_array_equal(values, whole[:, :8])
     inverse = np.linalg.inv(information)[0][np.ix_(rows, rows)]
     np.testing.assert_allclose(np.linalg.inv(left[0]), inverse, rtol=1e-7)
+    # With what the others do nothing of the whole fit is lost: J^T I^-1 J is the sum of both.
+    both = slopes[0].T @ inverse @ slopes[0] + others[0].T @ others[0]
+    whole_fit = root[0].T @ np.linalg.inv(information[0]) @ root[0]
+    np.testing.assert_allclose(both, whole_fit, atol=1e-7)
 
 
 def test_extents_and_tangents_that_readings_do_not_show_are_not_told() -> None:
@@ -960,10 +964,14 @@ def test_what_a_wide_contact_leaves_may_be_its_shape_s(spec: SkinSpec) -> None:
     for off, within in ((0.9, True), (1.1, False)):
         readings = y + off * share * change
         best = explanations([[0.0, 0.0, 10.0]], so=readings, weight=1e9, beside=wide)
-        assert fitter.left_to_shape(y, best)[0] == within
+        assert fitter.left_to_shape(y, best, np.zeros(1))[0] == within
+        # What a further contact would explain is of no shape, however small beside noise.
+        more = 1e9 * (off * share) ** 2 * (change**2).sum(1)
+        hidden = explanations([[0.0, 0.0, 10.0]], so=y, weight=1e9, beside=wide)
+        assert fitter.left_to_shape(y, hidden, more)[0] == within
         none = np.full_like(wide, np.nan)
         unknown = explanations([[0.0, 0.0, 10.0]], so=readings, weight=1e9, beside=none)
-        assert not fitter.left_to_shape(y, unknown)[0]
+        assert not fitter.left_to_shape(y, unknown, np.zeros(1))[0]
 
 
 # --- solved states ------------------------------------------------------------------------

@@ -129,6 +129,7 @@ def _readings(
         weight=np.ones_like(so),
         shift=np.zeros_like(so),
         beside=np.full((count, 1, 0, 2), np.nan),
+        eliminated=np.zeros((count, 0, so.shape[1])),
     )
     moved = np.moveaxis(errors.slopes(best, 3, 1)[..., :-1], 0, -1)  # change, taxel, place
     per_metre = np.stack([rate, *np.ones((2, len(rate)))])[:, None]

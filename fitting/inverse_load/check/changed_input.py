@@ -32,6 +32,8 @@ FURTHEST = 0.3
 """Relative change of an input that is tried."""
 ELECTRICAL = ("geometry.oil_gap", "oil.relative_permittivity", "electrodes.lsb")
 """The inputs, by TOML path."""
+_NEARLY_FURTHEST = FURTHEST - 2 * _FINE
+_BEFORE = 0.9  # share of that change, at which chi2 is compared with that there
 _STEP = 0.01  # relative, for slopes
 
 
@@ -61,16 +63,29 @@ class AbstractInputFit(abc.ABC):
         Args:
             gained: what its change would do to first order, relative too.
         """
+        if self._falls_on(gained):
+            return gained._replace(chi2=0.0)
         found = minimize_scalar(
             lambda change: self.chi2(gained.name, change),
             bounds=(-FURTHEST, FURTHEST),
             method="bounded",
             options={"xatol": _FINE},
         )
-        if abs(found.x) > FURTHEST - 2 * _FINE:  # chi2 falls on: something else is wrong
+        if abs(found.x) > _NEARLY_FURTHEST:
             return gained._replace(chi2=0.0)
         decrease = float(self._fit.chi2.sum()) - float(found.fun)
         return gained._replace(chi2=decrease, change=float(found.x))
+
+    def _falls_on(self, gained: Gain) -> bool:
+        """Whether chi2 still falls where an input is changed furthest: something else is wrong.
+
+        Downhill is where the change to first order leads.
+        """
+        end = float(np.copysign(_NEARLY_FURTHEST, gained.change))
+        last = self.chi2(gained.name, end)
+        if last >= self._fit.chi2.sum():
+            return False
+        return last <= self.chi2(gained.name, _BEFORE * end)
 
 
 class SectionInputFit(AbstractInputFit):

@@ -27,8 +27,8 @@ from fitting.inverse_load.check.verdict import (
 from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.fit.explanation import Explanations
-from fitting.inverse_load.fit.section_errors import SectionErrors
-from fitting.inverse_load.fit.section_fitter import SectionFitter
+from fitting.inverse_load.fit.section_errors import InputSlopes
+from fitting.inverse_load.search.table import LANES
 from suas_jax.config.input_errors import DEFAULTS, STIFFNESS, default_errors
 
 _MOST = 64  # frames that are looked at
@@ -115,17 +115,11 @@ def _explaining(
     estimator: LoadEstimator, y: Floats, weight: Floats, fit: Explanations, *, noise: bool
 ) -> list[Gain]:
     """Inputs whose change explains much, the best first; their changes are relative."""
-    fitter = estimator.selection.fitter
-    assert isinstance(fitter, SectionFitter)
     candidates = default_errors(estimator.spec)
-    errors = SectionErrors(
-        candidates,
-        fitter.skin,
-        fitter.table,
-        from_rest=estimator.rest is not None,
-        live=False,
-    )
-    slopes = errors.under_one(fit.parameters[:, 0], fit.parameters[:, 1], fit.jacobian[:, :2])
+    model = InputSlopes(candidates, estimator.skin)
+    slopes = model.by_errors(fit.parameters[:, :2], fit.state, 1, LANES)
+    if estimator.rest is not None:
+        slopes = slopes - model.at_rest()
     residual = np.where(weight > 0, y - fit.so, 0.0)
     found, fits = [], SectionInputFit(estimator, y, weight, fit)
     for e, name in enumerate(candidates.names):

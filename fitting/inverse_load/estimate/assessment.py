@@ -148,12 +148,12 @@ class LoadAssessment:
             alternatives = self._contacts(other.parameters, other.contacts, apart, None)
         if wall:
             status = "wall_contact"
+        elif edge and not poor:
+            status = "at_edge"  # whether the fit has settled there or not
         elif best.predicted_decrease[i] > UNSETTLED:
             status = "no_convergence"
         elif poor:
             status = "poor_fit"
-        elif edge:
-            status = "at_edge"
         elif best.parameters[i, self._parameters.rows("force", count)][0] < 0:
             status = "pull"
         elif alternatives:

@@ -6,6 +6,7 @@ from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import Explanations
 
 _SINGULAR = 1e-13  # of a scaled matrix, whose diagonal is one
+_RIDGE = 1e-9  # which leaves it positive definite where a direction is not determined
 
 
 def covariance_of(best: Explanations, per_contact: int) -> Floats:
@@ -15,6 +16,18 @@ def covariance_of(best: Explanations, per_contact: int) -> Floats:
         frames, width = best.contacts == count, per_contact * int(count)
         covariance[frames, :width, :width] = inverse(best.information[frames, :width, :width])
     return covariance
+
+
+def whitened(jacobian: Floats, information: Floats) -> Floats:
+    """L^-1 J with L L^T the information [frame, p, taxel]; zero where nothing is known."""
+    scale = np.sqrt(np.diagonal(information, axis1=1, axis2=2))
+    known = np.isfinite(scale) & (scale > 0)
+    over = np.where(known, 1 / np.where(known, scale, 1.0), 0.0)
+    eye = np.eye(information.shape[-1])
+    scaled = np.nan_to_num(information * over[:, :, None] * over[:, None]) + _RIDGE * eye
+    scaled = np.where(known[:, :, None] | (eye == 0), scaled, 1.0)
+    rows = np.nan_to_num(jacobian * over[..., None])
+    return np.asarray(np.linalg.solve(np.linalg.cholesky(scaled), rows))
 
 
 def inverse(information: Floats) -> Floats:

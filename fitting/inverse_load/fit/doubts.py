@@ -15,12 +15,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fitting.arrays import Flags, Floats, Rows
+from fitting.inverse_load.fit.covariance import whitened
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT
 from fitting.inverse_load.search.base import AbstractNodeSearch
 from fitting.steps import Steps
 
 _ALIKE = 0.7  # cosine of two patterns of one contact
+_LEAST_OWN = 0.02  # share of a pattern's square that nothing else is taken to do
 
 _OUTLIER = 4.5  # standard deviations of the residual of a taxel that is left out
 _MOST_OUTLIERS = 0.2  # share of the taxels
@@ -54,17 +56,26 @@ class Doubts:
         self._last = _Doubt(None, False)
 
     def hinted(self, y: Any, best: Explanations) -> Flags:
-        """Frames whose residuals hold the pattern of one more contact (a score test)."""
-        return self._hints(y, best)[0]
+        """Frames whose residuals hold the pattern of one more contact (a score test).
 
-    def _hints(self, y: Any, best: Explanations) -> tuple[Flags, Rows]:
-        """The same, and the place of the pattern that fits best."""
+        With r the residuals of one contact, J its derivatives by all that was fitted and s the
+        pattern of a further one, chi2 falls to first order by (s^T W r)^2 over what is left of
+        s^T W s beside J. A width and a tangential force do much of what a light contact nearby
+        does.
+        """
+        return self.of_one_more(y, best).max(1) > self._penalty
+
+    def of_one_more(self, y: Any, best: Explanations) -> Floats:
+        """By how much chi2 falls with one more contact, to first order [frame, place]."""
         if self._most_contacts < 2:
-            return np.zeros(len(y), bool), np.zeros(len(y), np.intp)
+            return np.zeros((len(y), 1))
         residual = np.where(best.weight > 0, y - best.so, 0.0)
         along, size = self._nodes.score(residual, best.weight)
-        gain = np.maximum(along, 0.0) ** 2 / size
-        return np.asarray(gain.max(1) > self._penalty / 2), gain.argmax(1)
+        own = slice(0, self._per_contact)
+        fitted = whitened(best.jacobian[:, own], best.information[:, own, own])
+        fitted = np.concatenate([fitted, best.eliminated], 1)
+        taken = self._nodes.within(fitted, best.weight)
+        return np.maximum(along, 0.0) ** 2 / np.maximum(size - taken, _LEAST_OWN * size)
 
     def of(self, y: Any, best: Explanations) -> Flags:
         """Frames that one contact may not explain.
@@ -81,9 +92,10 @@ class Doubts:
         Noise gives a hint to every twentieth frame and a poor fit to every five-hundredth,
         whose search on a pad takes as long as many frames; another contact stays.
         """
-        hinted, place = self._hints(y, best)
+        gain = self.of_one_more(y, best)[0]
+        hinted = gain.max() > self._penalty
         p_value = float(best.p_value(self._per_contact)[0])
-        now = _Doubt(int(place[0]) if hinted[0] else None, p_value < SUSPECT)
+        now = _Doubt(int(gain.argmax()) if hinted else None, p_value < SUSPECT)
         before, self._last = self._last, now
         alike = False
         if before.place is not None and now.place is not None:

@@ -48,6 +48,9 @@ class Explanations:
     # values and standard deviations [frame, contact, quantity, 2]; NaN where not told. On a
     # section the length of the arc that a single contact presses [m].
     beside: Floats
+    # what it does to the readings of a single contact: with J its derivatives of them and
+    # L L^T its information, L^-1 J [frame, row, taxel]; rows of zeros where there is less of it
+    eliminated: Floats
 
     def __len__(self) -> int:
         return len(self.chi2)
@@ -212,12 +215,13 @@ class AbstractLoadFitter(abc.ABC):
             extents: what is estimated beside their parameters [contact, quantity].
         """
 
-    def left_to_shape(self, y: Floats, best: Explanations) -> Flags:
+    def left_to_shape(self, y: Floats, best: Explanations, more: Floats) -> Flags:
         """Frames of one contact that leave no more than its model of wide ones leaves out.
 
         Args:
             y: readings [frame, taxel].
             best: explanations of them.
+            more: what one more contact would take off chi2 [frame].
         """
         return np.zeros(len(best), bool)
 

@@ -39,6 +39,66 @@ _TOGETHER = 8  # directions of one program, whatever the number of errors
 _RIDGE = 1e-12  # of squared cosines: where angle and force do the same
 
 
+class InputSlopes:
+    """What errors of the inputs of one skin do to its readings, by the model itself."""
+
+    def __init__(self, errors: InputErrors, skin: Skin) -> None:
+        # Made anew, as the errors' file may name what the skin's leaves out.
+        self.skin = changed_skin(errors.spec, skin, {})
+        self._errors = errors
+        self._tangents: list[Skin] = []  # of `_TOGETHER` errors each
+
+    def at_rest(self) -> Floats:
+        """Change of the readings at rest by each error [error, taxel]."""
+        return self.by_errors(np.zeros((1, _RADIAL)), at_rest(self.skin, 1), 1, LANES)[0]
+
+    def by_contact(self, parameters: Floats, state: State) -> Floats:
+        """Derivatives of readings by angle and force of one contact [frame, 2, taxel]."""
+        arrays = eqx.filter(self.skin, eqx.is_inexact_array)
+        none = jax.tree.map(lambda x: jnp.zeros((_TOGETHER, *x.shape)), arrays)
+        units = np.eye(_TOGETHER, _RADIAL)
+        return self._along([(none, units)], parameters, state, 1, LANES)[:, :_RADIAL]
+
+    def by_errors(self, parameters: Floats, state: State, count: int, lanes: int) -> Floats:
+        """Change of readings by each error, from the model [frame, error, taxel]."""
+        errors = len(self._errors)
+        if not self._tangents:
+            columns = np.zeros((-(-errors // _TOGETHER) * _TOGETHER, len(self._errors.paths)))
+            columns[:errors] = self._errors.directions
+            self._tangents = [
+                skin_tangents(self._errors.spec, self.skin, self._errors.paths, group)
+                for group in columns.reshape(-1, _TOGETHER, columns.shape[1])
+            ]
+        none = np.zeros((_TOGETHER, parameters.shape[1]))
+        along = [(tangents, none) for tangents in self._tangents]
+        return self._along(along, parameters, state, count, lanes)[:, :errors]
+
+    def _along(
+        self,
+        directions: Sequence[tuple[Skin, Floats]],
+        parameters: Floats,
+        state: State,
+        count: int,
+        lanes: int,
+    ) -> Floats:
+        """Derivatives of readings as skin and contacts change [frame, direction, taxel].
+
+        Directions come `_TOGETHER` at a time.
+        """
+        parts = []
+        for begin in range(0, len(parameters), lanes):
+            pick = np.minimum(np.arange(begin, begin + lanes), len(parameters) - 1)
+            there = jax.tree.map(lambda x, i=pick: np.asarray(x)[..., i], state)
+            found = [
+                COMPILED.run(
+                    SLOPE_PROGRAMS[count], self.skin, *along, parameters[pick].T, there
+                )
+                for along in directions
+            ]
+            parts.append(np.moveaxis(np.concatenate(found), -1, 0))
+        return np.concatenate(parts)[: len(parameters)]
+
+
 class SectionErrors(AbstractSectionErrors):
     """Errors of the inputs of one skin."""
 
@@ -54,11 +114,9 @@ class SectionErrors(AbstractSectionErrors):
         self.names = errors.names
         read = [path.startswith(ELECTRICAL) for path in errors.paths]
         self.of_membrane = ~(errors.directions[:, read] != 0).any(1)
-        # Made anew, as the errors' file may name what the skin's leaves out.
-        self._skin, self._table = changed_skin(errors.spec, skin, {}), table
+        self._model, self._table = InputSlopes(errors, skin), table
         self._lanes = 1 if live else LANES // 4
-        self._spec, self._errors = errors.spec, errors
-        self._tangents: list[Skin] = []  # of `_TOGETHER` errors each
+        self._errors = errors
         self._per_newton, self._alike, at_zero = self._tabulated()
         self._at_zero = at_zero
         self.rest = np.zeros_like(at_zero) if from_rest else at_zero
@@ -70,7 +128,7 @@ class SectionErrors(AbstractSectionErrors):
             return self.under_one(best.parameters[:, 0], best.parameters[:, 1], jacobian)
         width = per_contact * contacts
         there = best.state
-        exact = self._computed(best.parameters[:, :width], there, contacts, self._lanes)
+        exact = self._model.by_errors(best.parameters[:, :width], there, contacts, self._lanes)
         return exact - self._at_zero + self.rest
 
     def under_one(self, angle: Floats, force: Floats, jacobian: Floats) -> Floats:
@@ -107,7 +165,7 @@ class SectionErrors(AbstractSectionErrors):
         """
         name = content_key(
             {
-                "table": table_key(self._spec, self._skin),
+                "table": table_key(self._errors.spec, self._model.skin),
                 "paths": self._errors.paths,
                 "directions": self._errors.directions,
             }
@@ -120,9 +178,9 @@ class SectionErrors(AbstractSectionErrors):
         angle = np.repeat(table.angles, table.forces.shape[1])
         parameters = np.stack([angle, table.forces.reshape(-1)], 1)
         states = table.start(np.arange(len(parameters)))
-        rest = self._computed(np.zeros((1, 2)), at_rest(self._skin, 1), 1, LANES)[0]
-        moved = self._computed(parameters, states, 1, LANES) - rest
-        jacobian = self._by_contact(parameters, states)
+        rest = self._model.at_rest()
+        moved = self._model.by_errors(parameters, states, 1, LANES) - rest
+        jacobian = self._model.by_contact(parameters, states)
         alike = _most_alike(jacobian, moved)
         left = (moved - alike @ jacobian) / parameters[:, 1, None, None]
         alike[:, :, 1] /= parameters[:, 1, None]
@@ -131,52 +189,6 @@ class SectionErrors(AbstractSectionErrors):
             _filled(x.reshape(*shape, *x.shape[1:])).astype(np.float32) for x in (left, alike)
         ]
         return {"left": found[0], "alike": found[1], "rest": rest}
-
-    def _by_contact(self, parameters: Floats, state: State) -> Floats:
-        """Derivatives of readings by angle and force of one contact [frame, 2, taxel]."""
-        arrays = eqx.filter(self._skin, eqx.is_inexact_array)
-        none = jax.tree.map(lambda x: jnp.zeros((_TOGETHER, *x.shape)), arrays)
-        units = np.eye(_TOGETHER, _RADIAL)
-        return self._along([(none, units)], parameters, state, 1, LANES)[:, :_RADIAL]
-
-    def _computed(self, parameters: Floats, state: State, count: int, lanes: int) -> Floats:
-        """Change of readings by each error, from the model [frame, error, taxel]."""
-        errors = len(self._errors)
-        if not self._tangents:
-            columns = np.zeros((-(-errors // _TOGETHER) * _TOGETHER, len(self._errors.paths)))
-            columns[:errors] = self._errors.directions
-            self._tangents = [
-                skin_tangents(self._spec, self._skin, self._errors.paths, group)
-                for group in columns.reshape(-1, _TOGETHER, columns.shape[1])
-            ]
-        none = np.zeros((_TOGETHER, parameters.shape[1]))
-        along = [(tangents, none) for tangents in self._tangents]
-        return self._along(along, parameters, state, count, lanes)[:, :errors]
-
-    def _along(
-        self,
-        directions: Sequence[tuple[Skin, Floats]],
-        parameters: Floats,
-        state: State,
-        count: int,
-        lanes: int,
-    ) -> Floats:
-        """Derivatives of readings as skin and contacts change [frame, direction, taxel].
-
-        Directions come `_TOGETHER` at a time.
-        """
-        parts = []
-        for begin in range(0, len(parameters), lanes):
-            pick = np.minimum(np.arange(begin, begin + lanes), len(parameters) - 1)
-            there = jax.tree.map(lambda x, i=pick: np.asarray(x)[..., i], state)
-            found = [
-                COMPILED.run(
-                    SLOPE_PROGRAMS[count], self._skin, *along, parameters[pick].T, there
-                )
-                for along in directions
-            ]
-            parts.append(np.moveaxis(np.concatenate(found), -1, 0))
-        return np.concatenate(parts)[: len(parameters)]
 
 
 def _most_alike(jacobian: Floats, moved: Floats) -> Floats:

@@ -120,6 +120,7 @@ class Selection:
         first, second = self.nodes.nearest(y, weight)
         best = yield from self._single(y, weight, first)
         best, others = yield from self._second_modes(y, weight, second, best)
+        best = yield from self._or_light_pulls(y, weight, best, others)
         doubtful = self._doubts.of(y, best)
         self.known = best
         best = yield from self._errors_first(y, weight, doubtful, best)
@@ -181,9 +182,6 @@ class Selection:
         pulled &= (best.contacts == 1) & (self._p_value(best) >= PLAUSIBLE)
         best = yield from self._more_contacts(
             y, weight, narrow[(doubtful & ~pulled)[narrow]], best
-        )
-        best = yield from self._or_pulled(
-            y, weight, frames[~suspect & (best.contacts > 1)], best
         )
         bad = frames[self._p_value(best) < SUSPECT / 10]
         if bad.size:
@@ -291,7 +289,9 @@ class Selection:
         explained[wide] = self._p_value(best)[wide] >= PLAUSIBLE
         explained[wide] &= best.beside[wide, 0, 0, 0] < UNUSUAL
         explained &= ~self._doubts.hinted(y, best)
-        explained[frames] |= self.fitter.left_to_shape(y[frames], best.rows(frames))
+        more = self._doubts.of_one_more(y, best).max(1)
+        own = best.rows(frames)
+        explained[frames] |= self.fitter.left_to_shape(y[frames], own, more[frames])
         return best, frames[~explained[frames]]
 
     # --- more contacts ----------------------------------------------------------------
@@ -461,6 +461,31 @@ class Selection:
         start = np.concatenate([self.nodes.places[place], force[:, None]], 1)
         rest = self.nodes.rest_states(len(y))
         return (yield from self._loads.fit(y, weight, start, rest, 1, pull=True))
+
+    def _or_light_pulls(
+        self, y: Any, weight: Any, best: Explanations, others: list[Alternative | None]
+    ) -> Steps[Explanations]:
+        """A pull in the place of a push, whatever that leaves; or a frame's second mode.
+
+        A light one reads much as a push does whose bulge lies where it pulls. To first order it
+        must leave no more than the push does, but for the penalty.
+        """
+        change = np.where(weight > 0, y - self.nodes.rest, 0.0)
+        along, size = self.nodes.score(-change, weight)
+        left = (weight * change**2).sum(1) - (np.maximum(along, 0.0) ** 2 / size).max(1)
+        frames = np.flatnonzero(left < best.chi2 + self.penalty)
+        if not frames.size:
+            return best
+        found = yield from self._pull(y[frames], weight[frames])
+        cost = np.where(self._p_value(found) >= SUSPECT, self.penalty, np.inf)
+        best, pulled = best.cheapest(frames, found.penalised(cost))
+        for k, i in enumerate(frames.tolist()):
+            other = others[i]
+            if i in pulled:
+                others[i] = None
+            elif other is None or found.chi2[k] < other.chi2:
+                others[i] = _mode(found, k)
+        return best
 
     def _or_pulled(
         self, y: Any, weight: Any, frames: Any, best: Explanations

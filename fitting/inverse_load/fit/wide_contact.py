@@ -71,6 +71,7 @@ class WideContactFitter(SectionFitter):
             information=information[:2, :2] - share[:, None] * information[2, :2],
         )
         found = super()._gathered(reduced, weight, contacts)
+        found.eliminated[:, 0] = np.asarray(jacobian[2] / np.sqrt(own)).T
         length = np.sqrt(np.asarray(fit.parameters[2]))
         variance = 1 / np.maximum(own - (share * information[2, :2]).sum(0), 1e-300)
         found.beside[:, 0, 0] = np.stack([length, np.sqrt(variance) / (2 * length)], 1)

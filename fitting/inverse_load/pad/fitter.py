@@ -256,7 +256,7 @@ class PadFitter(AbstractLoadFitter):
         relief, _ = self.interpolant.relief((known**2 - self.table.diameter**2) / 16)
         return self.table.first_contact_at(*places.T) * relief
 
-    def left_to_shape(self, y: Floats, best: Explanations) -> Flags:
+    def left_to_shape(self, y: Floats, best: Explanations, more: Floats) -> Flags:
         """See the base class: noise is taken off the residuals' squares."""
         extents = best.beside[:, 0, :2, 0]
         known = np.isfinite(extents).all(1) & (best.contacts == 1)
@@ -265,8 +265,10 @@ class PadFitter(AbstractLoadFitter):
         used = best.weight > 0
         residual = np.where(used, y - best.so, 0.0)[:, :-1]
         change = np.where(used, y - self.interpolant.rest, 0.0)[:, :-1]
-        noise = used[:, :-1].sum(1) / np.maximum(best.weight[:, :-1].max(1), 1e-300)
-        left = np.maximum((residual**2).sum(1) - noise, 0.0) / (change**2).sum(1)
+        variance = 1 / np.maximum(best.weight[:, :-1].max(1), 1e-300)
+        noise = used[:, :-1].sum(1) * variance
+        left = np.maximum((residual**2).sum(1) - noise, more * variance)
+        left = left / (change**2).sum(1)
         return np.asarray(known & (np.sqrt(left) < _SHAPE * np.log(relief)))
 
     def pairs_for_wide(self, y: Floats, best: Explanations) -> tuple[Rows, Explanations]:
@@ -313,7 +315,10 @@ class PadFitter(AbstractLoadFitter):
         low = np.where(fit.parameters < low, -np.inf, low)
         _, decrease = step_of(fit, low, high, np.zeros(frames))
         own = self.told.marginal(fit.parameters, fit.jacobian, fit.information, contacts)
-        parameters, jacobian, information = own
+        parameters, jacobian, information, others = own
+        eliminated = np.zeros((frames, ASKEW - PLAIN, fit.readings.shape[1]))
+        if contacts == 1:
+            eliminated[:, : others.shape[1]] = others
         more = np.full((frames, max(self._most, contacts), len(BESIDE), 2), np.nan)
         more[:, :contacts] = beside(
             fit.parameters, fit.information, self.squares.prior, contacts
@@ -336,6 +341,7 @@ class PadFitter(AbstractLoadFitter):
             weight=weight.copy(),
             shift=np.zeros_like(fit.readings),
             beside=more,
+            eliminated=eliminated,
         )
 
 

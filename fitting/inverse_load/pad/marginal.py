@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fitting.arrays import Flags, Floats, Rows
-from fitting.inverse_load.fit.covariance import inverse
+from fitting.inverse_load.fit.covariance import inverse, whitened
 from fitting.inverse_load.model.contact_parameters import ContactParameters, pad_parameters
 from fitting.inverse_load.pad.interpolant import ASKEW, PLAIN, WHOLE, extents
 
@@ -93,20 +93,23 @@ class Told:
 
     def marginal(
         self, whole: Floats, jacobian: Floats, information: Floats, contacts: int
-    ) -> tuple[Floats, Floats, Floats]:
-        """Parameters that are told, and jacobian and information with the others eliminated."""
+    ) -> tuple[Floats, Floats, Floats, Floats]:
+        """Parameters that are told, jacobian and information with the others eliminated.
+
+        Last what those do to readings, see `Explanations.eliminated` [frame, row, channel].
+        """
         shown, slopes = self.turned(whole, contacts)
         turned = np.swapaxes(slopes, 1, 2)
         jacobian, information = turned @ jacobian, turned @ information @ slopes
         told, other = self.columns(contacts, whole.shape[1] // contacts)
         across = information[:, other[:, None], told]
-        share = np.swapaxes(
-            np.linalg.solve(information[:, other[:, None], other], across), 1, 2
-        )
+        own = information[:, other[:, None], other]
+        share = np.swapaxes(np.linalg.solve(own, across), 1, 2)
         return (
             shown[:, told],
             jacobian[:, told] - share @ jacobian[:, other],
             information[:, told[:, None], told] - share @ across,
+            whitened(jacobian[:, other], own),
         )
 
 

@@ -213,6 +213,16 @@ class AbstractNodeSearch(abc.ABC):
         size = weight.astype(np.float32) @ self._light_squares.T
         return along.astype(float), np.maximum(size.astype(float), 1e-300)
 
+    def within(self, rows: Floats, weight: Floats) -> Floats:
+        """Sum of (s^T W r)^2 over rows r, of the signatures s at all places [frame, place].
+
+        Args:
+            rows: changes of the readings [frame, row, taxel].
+            weight: inverse variances [frame, taxel].
+        """
+        weighted = (rows * weight[:, None]).astype(np.float32)
+        return np.asarray(((weighted @ self._light.T) ** 2).sum(1), float)
+
     @abc.abstractmethod
     def distance(self, a: Floats, b: Floats) -> Floats:
         """Between places [..., coordinate], in radians in plane strain, in metres on a pad.
