@@ -473,6 +473,12 @@ def test_the_range_of_forces_ends_at_the_wall() -> None:
     assert not found.wall_force[1, : len(LADDER)].any()
     wall = found.wall_force[1, -1] / (middle[-1] - found.first_contact[1])
     assert abs(wall - 1) < 0.02
+    # A file that knows how its skin was filled and mounted leaves less open.
+    known = {"geometry": {"mounting": "0 % +- 0"}, "oil": {"fill": "1 +- 0"}}
+    stated = table | {key: table[key] | own for key, own in known.items()}
+    less = force_range(SceneSpec(**stated).skin, angles=3)
+    np.testing.assert_allclose(less.first_contact, found.first_contact, rtol=1e-9)
+    assert 0.5 * found.deviation < less.deviation < 0.9 * found.deviation
 
 
 def test_the_bound_is_that_of_a_straight_line() -> None:

@@ -21,6 +21,7 @@ from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import MODEL_ERROR
 from fitting.inverse_load.fit.covariance import inverse
 from suas_jax.config import SkinSpec
+from suas_jax.config.input_errors import as_assembled
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.forward import forward, load_jacobian
 from suas_jax.scene.loads import Loads
@@ -188,8 +189,12 @@ def force_range(
 def _deviation(
     spec: SkinSpec, angle: Floats, touch: Floats, progress: Callable[[str], None]
 ) -> float:
-    """Of the force of first contact nearest to the middle, relative, by the inputs' errors."""
+    """Of the force of first contact nearest to the middle, relative, by the inputs' errors.
+
+    Those of filling, mounting and warmth count where the file names none.
+    """
     progress("what the skin file leaves open")
+    spec = as_assembled(spec)
     middle = int(np.argmin(np.where(np.isfinite(touch), np.abs(angle), np.inf)))
     place = np.full(len(angle), angle[middle])  # as many as the program is made for
 
