@@ -182,6 +182,9 @@ class SwayedCurve(Curve):
             report, states = self.follow(np.array([level]), start, wall=wall)
             self._states.append(jax.tree.map(lambda x: x[0], states))
             rows += report
+            if report[0]["status"] != "converged":  # what lies beyond is not that branch
+                left = len(levels) - len(rows)
+                return rows + [copy.deepcopy(report[0]) for _ in range(left)]
         return rows
 
     def _before(self, point: int) -> State | None:
