@@ -290,7 +290,8 @@ def test_points_far_from_a_body_are_left_out_without_loss(
 
     @quick
     def at_all(pad: Pad, q: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-        every = pad.one_lane().face_against(placed, q[..., 0]).points()
+        face = pad.one_lane().face_against(placed, q[..., 0])
+        every = face.points(face.elements)
         found = every.touched()
         return every.energy(), jnp.min(found.gap), jnp.sum(found.force, (1, 2))
 

@@ -19,6 +19,10 @@ class Word(NamedTuple):
         """Of its unit in SI."""
         return {"mm": 1e-3, "%": 1e-2}.get(self.unit.split("/")[0], 1.0)
 
+    def told(self, value: float) -> str:
+        """A value [SI] with its unit."""
+        return f"{value / self.size:.4g} {self.unit}".rstrip()
+
 
 _BY_REST = "Of an estimated force, readings counted from rest."
 _OF_MOST = "Of the taxel that drifts most."

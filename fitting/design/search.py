@@ -130,8 +130,8 @@ def keeping(want: Want, trials: list[Trial]) -> list[Trial]:
     """The same searches. Raises ValueError: none of them keeps the limits; says how near."""
     if np.isfinite(trials[0].goal):
         return trials
-    ended = [t.last for t in trials if t.last.found]
-    nearest = [max(_missed(want, outcome)) for outcome in ended if _missed(want, outcome)]
+    missed = [_missed(want, t.last) for t in trials if t.last.found]
+    nearest = [max(limits) for limits in missed if limits]
     why = min(nearest)[1] if nearest else "; ".join(dict.fromkeys(t.message for t in trials))
     raise ValueError(
         f"no design within the bounds keeps the limits from any start: {why}; "
@@ -148,10 +148,8 @@ def _missed(want: Want, outcome: Outcome) -> list[tuple[float, str]]:
             value = float(outcome.values[limit.key][share.argmin()])
             side = "at least" if limit.least else "at most"
             text = (
-                f"the {word.title.lower()} is {value / word.size:.4g} {word.unit}".rstrip()
-                + f" in the design that comes nearest, {side} {limit.value / word.size:.4g} "
-                f"{word.unit}".rstrip()
-                + " is asked for"
+                f"the {word.title.lower()} is {word.told(value)} in the design that comes "
+                f"nearest, {side} {word.told(limit.value)} is asked for"
             )
             found.append((-float(share.min()), text))
     return found

@@ -288,10 +288,10 @@ class Selection:
         explained = np.zeros(len(y), bool)
         explained[wide] = self._p_value(best)[wide] >= PLAUSIBLE
         explained[wide] &= best.beside[wide, 0, 0, 0] < UNUSUAL
-        explained &= ~self._doubts.hinted(y, best)
-        more = self._doubts.of_one_more(y, best).max(1)
         own = best.rows(frames)
-        explained[frames] |= self.fitter.left_to_shape(y[frames], own, more[frames])
+        more = self._doubts.of_one_more(y[frames], own).max(1)
+        explained[frames] &= more <= self.penalty
+        explained[frames] |= self.fitter.left_to_shape(y[frames], own, more)
         return best, frames[~explained[frames]]
 
     # --- more contacts ----------------------------------------------------------------

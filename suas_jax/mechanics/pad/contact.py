@@ -86,17 +86,20 @@ class ContactFace:
         middle = (rest.place[0] + u[0], rest.place[1] + u[1], axial + u[2])
         return jnp.stack([x - outward * n for x, n in zip(middle, m, strict=True)])
 
+    @property
+    def elements(self) -> Int[Array, " element"]:
+        """All of them."""
+        return jnp.arange(self.counts[0] * self.counts[1])
+
     def points(
         self,
-        element: Int[Array, " element"] | None = None,  # None for all
+        element: Int[Array, " element"],
         share: Float[Array, " element"] | float = 1.0,
     ) -> ContactPoints:
         """At their points, some elements with a share of their area."""
-        if element is None:
-            element = jnp.arange(self.counts[0] * self.counts[1])
         return ContactPoints(self._side, self.qe, element, RULES[self.side], share)
 
-    def _nearest(self) -> tuple[Float[Array, " element"], Bool[Array, " element"]]:
+    def _reach(self) -> tuple[Float[Array, " element"], Bool[Array, " element"]]:
         """Distances below which no point of an element is [m], and which ones may count.
 
         Those count that may touch, that friction holds, and that may hold the nearest point. A
@@ -109,8 +112,7 @@ class ContactFace:
             held = jnp.any(side.obstacle.body.grip.bound > 0, 0)
             body = side.obstacle.body.holding(None)
             side = side._replace(obstacle=dataclasses.replace(side.obstacle, body=body))
-        all_elements = jnp.arange(self.counts[0] * self.counts[1])
-        few = ContactPoints(side, self.qe, all_elements, _FEW)
+        few = ContactPoints(side, self.qe, self.elements, _FEW)
         place = jax.lax.stop_gradient(few.place())
         lowest = jnp.min(jax.lax.stop_gradient(few.obstacle.gap(place, few.angle)), 0)
         grid = place.reshape(3, len(_FEW.xi), len(_FEW.xi), -1)
@@ -124,7 +126,7 @@ class ContactFace:
     ) -> Any:
         """What is asked of chunks of elements, leading; zeros where none of a chunk counts.
 
-        `counted`: see `_nearest`.
+        `counted`: see `_reach`.
         """
         count = len(counted)
 
@@ -154,7 +156,7 @@ class ContactFace:
 
     def energy(self) -> Lanes:
         """Energy of contact, and work against friction at its bound."""
-        return jnp.sum(self._asked(ContactPoints.energy, self._nearest()[1]))
+        return jnp.sum(self._asked(ContactPoints.energy, self._reach()[1]))
 
     def grip(self) -> Grip | None:
         """How friction holds the points [point, element]; None without friction."""
@@ -162,7 +164,7 @@ class ContactFace:
         if not isinstance(obstacle, PlacedBody) or obstacle.body.friction is None:
             return None
         known = obstacle.body.grip
-        return known or self._by_element(ContactPoints.grip, self._nearest()[1])
+        return known or self._by_element(ContactPoints.grip, self._reach()[1])
 
     def element_terms(self, body: Body | None = None) -> tuple[Array, Upper]:
         """First derivatives of the energy by the element unknowns, second ones as bands.
@@ -178,7 +180,7 @@ class ContactFace:
                 lowest = jnp.where(jnp.any(grip.bound > 0, 0), -jnp.inf, lowest)
             return lowest
 
-        lowest = self._by_element(lowest_of, self._nearest()[1])[0]
+        lowest = self._by_element(lowest_of, self._reach()[1])[0]
         nearest = jnp.argsort(lowest)
         count = len(nearest)
 
@@ -209,7 +211,7 @@ class ContactFace:
 
     def state(self) -> ContactState:
         """Where the face is, and how its wall pushes it, on a grid [arc, axial]."""
-        points = self.points()
+        points = self.points(self.elements)
         place = points.place()
         found = points.state(place)._replace(axial=place[2])
         return jax.tree.map(self._gridded, found)
@@ -220,14 +222,14 @@ class ContactFace:
         Of elements that no contact is near, the gap is a bound from below that is not the
         smallest, the position is zero.
         """
-        bound, counted = self._nearest()
+        bound, counted = self._reach()
 
         def of(at: ContactPoints) -> tuple[Array, ...]:
             found = at.touched()
             return found.position, found.gap, found.pressure, found.force
 
         position, gap, pressure, force = self._by_element(of, counted)
-        gap, every = jnp.where(counted, gap, bound), self.points()
+        gap, every = jnp.where(counted, gap, bound), self.points(self.elements)
         found = BodyContact(
             every.angle, position, gap, pressure, force, every.area, every.axial
         )

@@ -48,6 +48,23 @@ def locate(
     return element, (x - start) / (end - start), end - start
 
 
+Places = tuple[Array, list[Array]]
+
+
+def _directions(
+    net: Net, section: AbstractSection, at: tuple[Array, Array]
+) -> tuple[Places, Places]:
+    """Elements of places along the arc, and along the axis, with the polynomials there.
+
+    The polynomials and their first two derivatives by length [4, point].
+    """
+    i, xi, span = locate(net.angles, at[0])
+    k, eta, length = locate(net.axial, at[1])
+    along = [jnp.stack(bernstein(xi, n)) / (section.size * span) ** n for n in range(3)]
+    axially = [jnp.stack(bernstein(eta, n)) / length**n for n in range(3)]
+    return (i, along), (k, axially)
+
+
 def spots(
     net: Net,
     section: AbstractSection,  # the undeformed membrane across the axis
@@ -58,10 +75,7 @@ def spots(
 
     `kinds`: orders of differentiation by arc length and along the axis.
     """
-    i, xi, span = locate(net.angles, at[0])
-    k, eta, length = locate(net.axial, at[1])
-    along = [jnp.stack(bernstein(xi, n)) / (section.size * span) ** n for n in range(3)]
-    axially = [jnp.stack(bernstein(eta, n)) / length**n for n in range(3)]
+    (i, along), (k, axially) = _directions(net, section, at)
     shapes = []
     for n, m in kinds:
         first, second = net.topology.ordered(along[n], axially[m])
@@ -85,12 +99,8 @@ def on_grid(
     kinds: tuple[tuple[int, int], ...],
 ) -> Float[Array, "kind 3 arc*axial"]:
     """What `interpolated` gives at all crossings of lines, by sums along one and the other."""
-    i, xi, span = locate(net.angles, at[0])
-    k, eta, length = locate(net.axial, at[1])
-    along = [jnp.stack(bernstein(xi, n)) / (section.size * span) ** n for n in range(3)]
-    axially = [jnp.stack(bernstein(eta, n)) / length**n for n in range(3)]
     order = net.topology.ordered
-    (long, first), (across, second) = order((i, along), (k, axially))
+    (long, first), (across, second) = order(*_directions(net, section, at))
     here = qe[:, :, :, long]  # [component, 4, 4, place along, element across]
     rows = [jnp.sum(shape[:, None, :, None] * here, 1)[..., across] for shape in first]
     values = []
