@@ -4,10 +4,12 @@
 
 The paper's skin, 32 elements, from rest, compiled beforehand. Rows take turns, so that a
 change in the machine's load touches all of them; times are the processor's, of all threads.
+On an accelerator (`JAX_PLATFORMS=cuda`) they are the clock's, and no page is written.
 """
 
 import resource
 import statistics
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,6 +20,7 @@ from jaxtyping import Array
 
 from benchmarks.pages import write_section
 from suas_jax import configure, jit, load_skin
+from suas_jax.numerics.lanes import on_cpu
 from suas_jax.scene.forward import SensorOutput, forward
 from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import skin_of
@@ -77,26 +80,28 @@ def busy() -> float:
 def main() -> None:
     """Print the table, and write it."""
     configure()
-    calls = rows()
+    calls, clock = rows(), busy if on_cpu() else time.perf_counter
     for _, call in calls.values():
         output = jax.block_until_ready(call())
         assert not np.any(output.result)
     times: dict[str, list[float]] = {name: [] for name in calls}
     for _ in range(ROUNDS):
         for name, (_, call) in calls.items():
-            begin = busy()
+            begin = clock()
             jax.block_until_ready(call())
-            times[name].append(busy() - begin)
+            times[name].append(clock() - begin)
     first = times[next(iter(times))]
-    lines = ["| from rest | processor time a lane | over the first row's |", "|---|---|---|"]
+    kind = "processor time" if on_cpu() else "time"
+    lines = [f"| from rest | {kind} a lane | over the first row's |", "|---|---|---|"]
     for name, (count, _) in calls.items():
         ratio = statistics.median(
             (a / count) / (b / LANES) for a, b in zip(times[name], first, strict=True)
         )
         lane = 1e6 * statistics.median(times[name]) / count
-        lines.append(f"| {name} | {lane:.0f} us | {ratio:.2f} |")
+        lines.append(f"| {name} | {lane:.3g} us | {ratio:.2f} |")
     print("\n".join(lines))
-    write_section("benchmarks.md", "lanes", lines)
+    if on_cpu():
+        write_section("benchmarks.md", "lanes", lines)
 
 
 if __name__ == "__main__":

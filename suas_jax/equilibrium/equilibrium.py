@@ -36,14 +36,15 @@ from suas_jax.numerics.bordered_solve import (
     solve_bordered,
     solve_near,
 )
-from suas_jax.numerics.lanes import for_some, in_chunks
+from suas_jax.numerics.lanes import for_some, in_chunks, on_cpu
 from suas_jax.skin.wall import Wall
 
 # Unknowns, over all lanes, that go through the loop together: few enough that the arrays
 # made of them stay in cache. Measured: with 32 elements, chunks of 64 lanes took a third of
-# the time per lane that chunks of 128 took.
-_CHUNK = 8192
-_HELD = 4  # lanes at the wall that are solved together: they differ more than free ones
+# the time per lane that chunks of 128 took. An accelerator wants all that its memory takes.
+_CHUNK, _CHUNK_ACCELERATED = 8192, 2**21
+# Lanes at the wall that are solved together: they differ more than free ones.
+_HELD, _HELD_ACCELERATED = 4, 64
 
 
 class Equilibrium(NamedTuple):
@@ -136,7 +137,7 @@ def _after(rest: Found, found: Found) -> Found:
 
 def lanes_together(unknowns: int) -> int:
     """Lanes of one call; see `_CHUNK`. `unknowns`: of one lane."""
-    return max(4, _CHUNK // unknowns)
+    return max(4, (_CHUNK if on_cpu() else _CHUNK_ACCELERATED) // unknowns)
 
 
 def smallest_gap(mechanics: AbstractMechanics, q: StationVector, wall: Wall) -> Lanes:
@@ -169,7 +170,8 @@ def _solve_on_demand(
         found = _solve_lanes(problem, start, stepping, through)
         return _with_change(problem, found, omitted=omitted)
 
-    return for_some(solve, (problem, start, through), held, root, _HELD)
+    width = _HELD if on_cpu() else _HELD_ACCELERATED
+    return for_some(solve, (problem, start, through), held, root, width)
 
 
 def _with_change(problem: Problem, found: Found, *, omitted: bool) -> _Root:

@@ -19,6 +19,11 @@ Arguments = TypeVar("Arguments")
 Result = TypeVar("Result")
 
 
+def on_cpu() -> bool:
+    """Whether programs run on the processor, whose caches limit how many lanes go together."""
+    return jax.default_backend() == "cpu"
+
+
 def number(lane: ArrayLike) -> float:
     """The value of the only lane; by NumPy, as JAX compiles programs for an index."""
     return float(np.ravel(lane)[0])

@@ -27,7 +27,7 @@ from suas_jax.equilibrium.validity import kept_in_domain
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.bordered_solve import BorderedVector
-from suas_jax.numerics.lanes import by_lane, in_chunks, in_halves, lane_count
+from suas_jax.numerics.lanes import by_lane, in_chunks, in_halves, lane_count, on_cpu
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.error_estimate import bounded
@@ -100,7 +100,8 @@ def forward(skin: Skin, loads: Loads, start: State | None = None) -> SensorOutpu
     known = not any(
         isinstance(x, jax.core.Tracer) for x in jax.tree.leaves((skin, loads, start))
     )
-    if known and not skin.is_pad and lane_count((skin, loads, start)) >= _MANY_LANES:
+    many = lane_count((skin, loads, start)) >= _MANY_LANES
+    if known and many and not skin.is_pad and on_cpu():
         return in_halves(run, skin, loads, start)
     return run(skin, loads, start)
 
