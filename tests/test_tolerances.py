@@ -258,3 +258,13 @@ def test_presets_and_skins_of_the_project_can_be_loaded_with_tolerances(tmp_path
     file.write_text(text)
     skin: SkinSpec = load_skin(file)
     assert "electrodes.taxels.0.angle" in input_errors(skin).names
+
+
+def test_two_equal_bulges_do_not_make_their_place_uncertain() -> None:
+    pressed = scene_from_dict(
+        {**SKIN, "load": [{**LOAD, "angle": "0 deg +- 1 deg"}], "solve": {"elements": 16}}
+    )
+    found = solve(pressed)
+    assert found.report["bulge_angle_deg"] < -30  # the first of two
+    # The load's error makes the one or the other bulge the larger, and moves neither far.
+    assert uncertainty(found, input_errors(pressed))["bulge_angle_deg"] < 1

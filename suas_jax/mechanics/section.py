@@ -20,6 +20,7 @@ from suas_jax.mechanics.contact.state import BodyContact
 from suas_jax.mechanics.section_face import INTERVALS, NormalFace, normal_face
 from suas_jax.mechanics.shape import AbstractShape
 from suas_jax.numerics.array_types import Lanes, StationVector
+from suas_jax.numerics.extremes import first_largest
 from suas_jax.skin.body import Grip, PlacedBody
 from suas_jax.skin.loads import LineLoad
 from suas_jax.skin.prestress import Growth
@@ -61,7 +62,7 @@ class SectionShape(AbstractShape):
         for companion in companions:
             middle, slope, bend = local(companion)
             found.append(middle + slope * x + bend * x**2 / 2)
-        best = jnp.argmax(found[0], 0)[None]
+        best = first_largest(found[0])[None]
         return tuple(jnp.take_along_axis(f, best, 0)[0] for f in found)
 
     @property

@@ -3,7 +3,9 @@
 To first order, with D the change of the inputs by independent errors, one standard deviation
 each, and J the derivatives of a report: sigma^2 = diag(J^T D^T D J). Derivatives along D are
 differences of a program that the solution had compiled, on the smallest mesh that it tried:
-central, one-sided on pads. A standard deviation is wanted to two digits.
+central, one-sided on pads. A standard deviation is wanted to two digits. The place of an
+extreme may jump to another one as large, on the mirrored side of a symmetric skin: the side
+of the difference that does is left out.
 """
 
 import math
@@ -23,6 +25,8 @@ _NO_OUTPUT = frozenset(
 _SCALE = "electrodes.lsb"
 # Inputs themselves, left out where they are exact.
 _PLACES = (".angle_deg", ".arc_m", ".axial_m")
+# Places of extremes, and how far a step moves one that has jumped [deg or m].
+_EXTREMES = {"_angle_deg": 1.0, "_axial_m": 1e-3, "_arc_m": 1e-3}
 
 
 def uncertainty(solution: Solution, errors: InputErrors) -> dict[str, float]:
@@ -35,21 +39,31 @@ def uncertainty(solution: Solution, errors: InputErrors) -> dict[str, float]:
     known = continuous_inputs(solution.scene)
     own = dict(_quantities(report_with(solution, {}) or {}))
     variance = dict.fromkeys(own, 0.0)
-    one_sided = solution.scene.geometry.dimension == 3
     for direction in errors.directions:
         change = dict(zip(errors.paths, direction.tolist(), strict=True))
-        sides = (0.0, 1.0) if one_sided else (-1.0, 1.0)
-        low, high = (_moved(solution, known, change, own, side * _STEP) for side in sides)
-        for path in own:
-            slope = (high.get(path, math.nan) - low.get(path, math.nan)) / (
-                (sides[1] - sides[0]) * _STEP
-            )
+        high = _moved(solution, known, change, own, _STEP)
+        central = solution.scene.geometry.dimension == 2 or any(
+            _jumped(path, high.get(path, math.nan) - value) for path, value in own.items()
+        )
+        low = _moved(solution, known, change, own, -_STEP) if central else {}
+        for path, value in own.items():
+            step = up = high.get(path, math.nan) - value
+            if central:
+                down = value - low.get(path, math.nan)
+                jumped = _jumped(path, up) or _jumped(path, down)
+                step = min(up, down, key=abs) if jumped else (up + down) / 2
+            slope = step / _STEP
             variance[path] += slope**2 + _by_scale(solution, known, change, own, path) ** 2
     return {
         path: math.sqrt(value)
         for path, value in variance.items()
         if value or not path.endswith(_PLACES)
     }
+
+
+def _jumped(path: str, step: float) -> bool:
+    """Whether the place of an extreme is another one after a small step."""
+    return any(path.endswith(end) and abs(step) > far for end, far in _EXTREMES.items())
 
 
 def _moved(

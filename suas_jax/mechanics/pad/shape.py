@@ -15,6 +15,7 @@ from suas_jax.mechanics.pad.faces import Faces, hoop_stretch, principal_stretche
 from suas_jax.mechanics.shape import AbstractShape
 from suas_jax.mechanics.shell.shape import CRUSHED
 from suas_jax.numerics.array_types import Lanes
+from suas_jax.numerics.extremes import first_largest
 from suas_jax.skin.section import AbstractSection
 
 SAMPLES = 4
@@ -32,7 +33,7 @@ class PadShape(AbstractShape):
     def peak(values: Grid, *companions: Array) -> tuple[Lanes, ...]:
         """Neighbouring samples joined by a paraboloid; see the base class."""
         arc, axial, lanes = values.shape
-        best = jnp.argmax(values.reshape(-1, lanes), 0)
+        best = first_largest(values.reshape(-1, lanes))
         a, b = jnp.unravel_index(best, (arc, axial))
         a, b = jnp.clip(a, 1, arc - 2), jnp.clip(b, 1, axial - 2)
 
