@@ -15,6 +15,7 @@ import pytest
 from scipy import stats
 from scipy.optimize import least_squares
 
+from fitting.inverse_load.fit import section_errors
 from fitting.inverse_load.fit.bounded_selection import BoundedSelection
 from fitting.inverse_load.fit.covariance import covariance_of, inverse
 from fitting.inverse_load.fit.detection import (
@@ -1161,6 +1162,18 @@ def test_table_ends_before_the_wall_also_where_the_skin_gives_way_between_probes
     assert (found[np.abs(angles) > 0.5] > 9.0).all()
     limit = load_table.first_contacts(skin, angles, found)
     np.testing.assert_allclose(limit, closes(angles), rtol=1e-4)
+
+
+def test_fewer_contacts_are_three_of_which_some_press_with_no_force() -> None:
+    """So that one compiled program has derivatives under any number of them."""
+    one, two = (
+        section_errors._of_all(np.array([[0.1, 5.0]]), 1),
+        np.array([[0.1, 0.2, 5.0, 6.0]]),
+    )
+    assert one.tolist() == [[0.1, 0, 0, 5.0, 0, 0]]
+    assert section_errors._of_all(two, 2).tolist() == [[0.1, 0.2, 0, 5.0, 6.0, 0]]
+    turned = np.arange(1.0, 10.0)[None]
+    assert section_errors._of_all(turned, 3).tolist() == turned.tolist()
 
 
 # --- least squares ------------------------------------------------------------------------
