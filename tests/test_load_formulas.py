@@ -15,6 +15,7 @@ import pytest
 from scipy import stats
 from scipy.optimize import least_squares
 
+from fitting.inverse_load.fit import section_errors
 from fitting.inverse_load.fit.bounded_selection import BoundedSelection
 from fitting.inverse_load.fit.covariance import covariance_of, inverse
 from fitting.inverse_load.fit.detection import (
@@ -29,7 +30,7 @@ from fitting.inverse_load.fit.doubts import (
     _inliers,
     _least_trimmed,
 )
-from fitting.inverse_load.fit.explanation import widened
+from fitting.inverse_load.fit.explanation import Explanations, widened
 from fitting.inverse_load.fit.loads_and_errors import LoadsAndErrors, _best
 from fitting.inverse_load.fit.other_stiffness import beyond_first_order, less_told
 from fitting.inverse_load.fit.section_errors import (
@@ -582,6 +583,30 @@ def test_two_contacts_are_told_apart_and_cost_the_penalty() -> None:
     assert best.score[0] - best.chi2[0] == pytest.approx(20.0)
 
 
+class FilmFitter(DimpleFitter):
+    """The same over a film of 1 mm, which a contact of 20 N closes."""
+
+    little_gap = 5e-5
+
+    def fit(self, *given: Any, **named: Any) -> Explanations:
+        """Fit frames, and tell their gaps."""
+        found = super().fit(*given, **named)
+        force = np.nanmax(found.parameters[:, given[4] : 2 * given[4]], 1)
+        return dataclasses.replace(found, min_gap=1e-3 * (1 - force / 20))
+
+
+def test_what_is_left_out_near_the_wall_may_be_the_wall_itself() -> None:
+    """A membrane that lies on the wall beside a taxel reads as that taxel alone were wrong."""
+    selection, y, weight = selected([[0.05, 19.5], [0.05, 12.0], [0.05, 19.5]])
+    selection.fitter = FilmFitter()
+    selection.__post_init__()
+    y[:2, 7] += 150.0  # that is 0.05 rad from the contacts
+    best, _ = selection.explain(y, weight)
+    assert (best.weight[:, 7] > 0).tolist() == [False, False, True]
+    np.testing.assert_allclose(best.parameters[:, 1], [19.5, 12.0, 19.5], rtol=1e-3)
+    np.testing.assert_allclose(best.min_gap, [0.0, 4e-4, 2.5e-5], rtol=1e-2)
+
+
 @pytest.mark.parametrize("alone", [True, False])
 def test_frames_in_doubt_are_fitted_alone_or_together_with_one_result(alone: bool) -> None:
     """Time beyond one contact is that of the frames that took it."""
@@ -1115,6 +1140,40 @@ def test_largest_force_of_the_table_leaves_a_fiftieth_of_the_gap(
     found = load_table._largest_forces(skin, np.array([0.0, 0.5]))
     assert (found <= 0.98 * np.array([10.0, 15.0])).all()
     assert (found > 0.92 * np.array([10.0, 15.0])).all()
+
+
+def test_table_ends_before_the_wall_also_where_the_skin_gives_way_between_probes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A dip of the force of first contact that is narrower than the probes are apart."""
+
+    def closes(angle: Any) -> np.ndarray:
+        return np.asarray(10.0 - 6.0 * np.exp(-(((np.asarray(angle) - 0.1) / 0.04) ** 2)))
+
+    def solve(skin: Any, angle: Any, force: Any, start: Any) -> Any:
+        gap = 5e-3 * (1 - np.asarray(force) / closes(angle))
+        return None, gap, None, np.zeros(len(gap), int)
+
+    monkeypatch.setattr(load_table, "_solve", solve)
+    skin: Any = SimpleNamespace(geometry=SimpleNamespace(oil_gap=[5e-3]))
+    angles = np.linspace(-1.5, 1.5, 151)
+    found = load_table._largest_along(skin, angles)
+    assert (found < closes(angles)).all()
+    assert (found[np.abs(angles) > 0.5] > 9.0).all()
+    limit = load_table.first_contacts(skin, angles, found)
+    np.testing.assert_allclose(limit, closes(angles), rtol=1e-4)
+
+
+def test_fewer_contacts_are_three_of_which_some_press_with_no_force() -> None:
+    """So that one compiled program has derivatives under any number of them."""
+    one, two = (
+        section_errors._of_all(np.array([[0.1, 5.0]]), 1),
+        np.array([[0.1, 0.2, 5.0, 6.0]]),
+    )
+    assert one.tolist() == [[0.1, 0, 0, 5.0, 0, 0]]
+    assert section_errors._of_all(two, 2).tolist() == [[0.1, 0.2, 0, 5.0, 6.0, 0]]
+    turned = np.arange(1.0, 10.0)[None]
+    assert section_errors._of_all(turned, 3).tolist() == turned.tolist()
 
 
 # --- least squares ------------------------------------------------------------------------

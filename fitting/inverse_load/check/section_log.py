@@ -28,7 +28,6 @@ from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.section_errors import InputSlopes
-from fitting.inverse_load.search.table import LANES
 from suas_jax.config.input_errors import DEFAULTS, STIFFNESS, default_errors
 
 _MOST = 64  # frames that are looked at
@@ -115,9 +114,9 @@ def _explaining(
     estimator: LoadEstimator, y: Floats, weight: Floats, fit: Explanations, *, noise: bool
 ) -> list[Gain]:
     """Inputs whose change explains much, the best first; their changes are relative."""
-    candidates = default_errors(estimator.spec)
+    candidates = default_errors(estimator.input_errors.spec)
     model = InputSlopes(candidates, estimator.skin)
-    slopes = model.by_errors(fit.parameters[:, :2], fit.state, 1, LANES)
+    slopes = model.by_errors(fit.parameters[:, :2], fit.state, 1)
     if estimator.rest is not None:
         slopes = slopes - model.at_rest()
     residual = np.where(weight > 0, y - fit.so, 0.0)

@@ -141,6 +141,7 @@ class AbstractLoadFitter(abc.ABC):
         alone: whether frames that one contact leaves in doubt are fitted one by one.
         edge: largest coordinates of a contact's place [coordinate].
         limit_error: of the force of first contact, relative.
+        little_gap: that a membrane near the wall leaves [m]; nothing is told by it where zero.
         beside: names of `Explanations.beside`.
     """
 
@@ -149,6 +150,7 @@ class AbstractLoadFitter(abc.ABC):
     alone: bool = False
     edge: Floats
     limit_error: float
+    little_gap: float = 0.0
     beside: tuple[str, ...]
 
     @property

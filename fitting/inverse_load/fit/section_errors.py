@@ -10,7 +10,7 @@ what the error does, and the little that is left; both change slowly from state 
 """
 
 from collections.abc import Mapping, Sequence
-from functools import partial
+from functools import cached_property
 from typing import Any
 
 import equinox as eqx
@@ -36,6 +36,8 @@ from suas_jax.scene.skin import Skin
 
 _RADIAL = 2  # parameters of a contact whose direction is held
 _TOGETHER = 8  # directions of one program, whatever the number of errors
+_CONTACTS = 3  # of one program, whatever their number: the others press with no force
+_LANES = LANES // 4  # of one program where many frames or states are asked for
 _RIDGE = 1e-12  # of squared cosines: where angle and force do the same
 
 
@@ -46,29 +48,34 @@ class InputSlopes:
         # Made anew, as the errors' file may name what the skin's leaves out.
         self.skin = changed_skin(errors.spec, skin, {})
         self._errors = errors
-        self._tangents: list[Skin] = []  # of `_TOGETHER` errors each
+
+    @cached_property
+    def _tangents(self) -> list[Skin]:
+        """Changes of the skin, `_TOGETHER` errors each."""
+        errors = self._errors
+        columns = np.zeros((-(-len(errors) // _TOGETHER) * _TOGETHER, len(errors.paths)))
+        columns[: len(errors)] = errors.directions
+        return [
+            skin_tangents(errors.spec, self.skin, errors.paths, group)
+            for group in columns.reshape(-1, _TOGETHER, columns.shape[1])
+        ]
 
     def at_rest(self) -> Floats:
         """Change of the readings at rest by each error [error, taxel]."""
-        return self.by_errors(np.zeros((1, _RADIAL)), at_rest(self.skin, 1), 1, LANES)[0]
+        return self.by_errors(np.zeros((1, _RADIAL)), at_rest(self.skin, 1), 1)[0]
 
     def by_contact(self, parameters: Floats, state: State) -> Floats:
         """Derivatives of readings by angle and force of one contact [frame, 2, taxel]."""
-        arrays = eqx.filter(self.skin, eqx.is_inexact_array)
-        none = jax.tree.map(lambda x: jnp.zeros((_TOGETHER, *x.shape)), arrays)
+        # Of the arrays that errors change: the program is theirs.
+        none = jax.tree.map(np.zeros_like, self._tangents[0])
         units = np.eye(_TOGETHER, _RADIAL)
-        return self._along([(none, units)], parameters, state, 1, LANES)[:, :_RADIAL]
+        return self._along([(none, units)], parameters, state, 1, _LANES)[:, :_RADIAL]
 
-    def by_errors(self, parameters: Floats, state: State, count: int, lanes: int) -> Floats:
+    def by_errors(
+        self, parameters: Floats, state: State, count: int, lanes: int = _LANES
+    ) -> Floats:
         """Change of readings by each error, from the model [frame, error, taxel]."""
         errors = len(self._errors)
-        if not self._tangents:
-            columns = np.zeros((-(-errors // _TOGETHER) * _TOGETHER, len(self._errors.paths)))
-            columns[:errors] = self._errors.directions
-            self._tangents = [
-                skin_tangents(self._errors.spec, self.skin, self._errors.paths, group)
-                for group in columns.reshape(-1, _TOGETHER, columns.shape[1])
-            ]
         none = np.zeros((_TOGETHER, parameters.shape[1]))
         along = [(tangents, none) for tangents in self._tangents]
         return self._along(along, parameters, state, count, lanes)[:, :errors]
@@ -86,13 +93,13 @@ class InputSlopes:
         Directions come `_TOGETHER` at a time.
         """
         parts = []
+        parameters = _of_all(parameters, count)
+        directions = [(tangents, _of_all(loads, count)) for tangents, loads in directions]
         for begin in range(0, len(parameters), lanes):
             pick = np.minimum(np.arange(begin, begin + lanes), len(parameters) - 1)
             there = jax.tree.map(lambda x, i=pick: np.asarray(x)[..., i], state)
             found = [
-                COMPILED.run(
-                    SLOPE_PROGRAMS[count], self.skin, *along, parameters[pick].T, there
-                )
+                COMPILED.run(_SLOPE_PROGRAM, self.skin, *along, parameters[pick].T, there)
                 for along in directions
             ]
             parts.append(np.moveaxis(np.concatenate(found), -1, 0))
@@ -115,7 +122,7 @@ class SectionErrors(AbstractSectionErrors):
         read = [path.startswith(ELECTRICAL) for path in errors.paths]
         self.of_membrane = ~(errors.directions[:, read] != 0).any(1)
         self._model, self._table = InputSlopes(errors, skin), table
-        self._lanes = 1 if live else LANES // 4
+        self._lanes = 1 if live else _LANES
         self._errors = errors
         self._per_newton, self._alike, at_zero = self._tabulated()
         self._at_zero = at_zero
@@ -179,7 +186,7 @@ class SectionErrors(AbstractSectionErrors):
         parameters = np.stack([angle, table.forces.reshape(-1)], 1)
         states = table.start(np.arange(len(parameters)))
         rest = self._model.at_rest()
-        moved = self._model.by_errors(parameters, states, 1, LANES) - rest
+        moved = self._model.by_errors(parameters, states, 1) - rest
         jacobian = self._model.by_contact(parameters, states)
         alike = _most_alike(jacobian, moved)
         left = (moved - alike @ jacobian) / parameters[:, 1, None, None]
@@ -189,6 +196,14 @@ class SectionErrors(AbstractSectionErrors):
             _filled(x.reshape(*shape, *x.shape[1:])).astype(np.float32) for x in (left, alike)
         ]
         return {"left": found[0], "alike": found[1], "rest": rest}
+
+
+def _of_all(parameters: Floats, count: int) -> Floats:
+    """Parameters of `_CONTACTS` contacts [row, parameter], of those of fewer."""
+    rows = len(parameters)
+    whole = np.zeros((rows, parameters.shape[1] // count, _CONTACTS))
+    whole[..., :count] = parameters.reshape(rows, -1, count)
+    return whole.reshape(rows, -1)
 
 
 def _most_alike(jacobian: Floats, moved: Floats) -> Floats:
@@ -263,7 +278,6 @@ def _slopes(
     along: Float[Array, "direction parameter"],
     parameters: Float[Array, "parameter lane"],
     state: State,
-    contacts: int,
 ) -> Float[Array, "direction taxel lane"]:
     """Change of readings as the skin changes along tangents, and all loads along others.
 
@@ -271,7 +285,7 @@ def _slopes(
     """
 
     def so(skin: Skin, parameters: Array) -> Array:
-        problem = skin.problem(loads_from(parameters, contacts))
+        problem = skin.problem(loads_from(parameters, _CONTACTS))
         q = differentiable(problem, state).q
         return skin.electrodes.read(problem.mechanics, q).so
 
@@ -283,5 +297,5 @@ def _slopes(
     return jax.vmap(one)(tangents, along)
 
 
-SLOPE_PROGRAMS = {k: eqx.filter_jit(partial(_slopes, contacts=k)) for k in (1, 2, 3)}
-"""Derivatives of readings as skin and contacts change together, by number of contacts."""
+_SLOPE_PROGRAM = eqx.filter_jit(_slopes)
+"""Derivatives of readings as skin and contacts change together."""

@@ -25,6 +25,7 @@ from suas_jax.scene.skin import Skin
 _LANES = 32
 # A few lanes need more steps than most: together they fill fewer batches.
 _FIRST_STEPS, _MORE_STEPS = 2, 30
+_LITTLE_GAP = 0.05  # share of the film
 _NEVER = 1e9  # stands for an infinite force of first contact [N]
 
 
@@ -47,6 +48,7 @@ class SectionFitter(AbstractLoadFitter):
         self.skin, self.table, self.live = skin, table, live
         self.parameters = SECTION_WITH_DIRECTION if direction else SECTION
         self.edge = np.asarray(skin.geometry.half_angle) - edge_margin(skin)
+        self.little_gap = _LITTLE_GAP * float(skin.geometry.oil_gap[0])
         self._width = self.per_contact * most_contacts
         cap = 3 * table.forces[:, -1].max()
         edge = float(self.edge[0])

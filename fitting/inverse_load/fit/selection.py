@@ -68,6 +68,8 @@ class Selection:
         """Live: whether the last frame's time was spent before its search ended."""
         self.searched = False
         """Whether more than one contact was tried for the frames."""
+        self._past: Flags = np.zeros(0, bool)
+        """Frames that one contact, inputs as written, explains poorly, and beyond the wall."""
         self.seconds: Floats = np.zeros(0)
         """Time spent on each frame of the last call beyond one contact [s]."""
         per_contact, most = self.fitter.per_contact, self.most_contacts
@@ -135,10 +137,24 @@ class Selection:
         # the others, and their search would take seconds a frame.
         if rest.size and (self._p_value(best)[first] >= SUSPECT).any():
             best = yield from self._each_reconsidered(y, weight, rest, doubtful, best)
+        best = self._or_at_wall(best)
         if self.fitter.live:
             self.last = best if np.isfinite(best.chi2[0]) else None
         self.searched = bool(frames.size)
         return best, (yield from self._or_pairs(y, best, others))
+
+    def _or_at_wall(self, best: Explanations) -> Explanations:
+        """The same, without the gap where more than what is told may have closed it.
+
+        A membrane that touches the wall beside the taxels reads as no load does that the model
+        knows, without a wall: one contact ends beyond it, and errors of the inputs, a further
+        contact or a taxel that is left out take up the rest. They are believed where the
+        membrane stays clear of the wall.
+        """
+        closed = self._past & (best.min_gap < self.fitter.little_gap)
+        return replace(
+            best, min_gap=np.where(closed, np.minimum(best.min_gap, 0), best.min_gap)
+        )
 
     def _each_reconsidered(
         self, y: Any, weight: Any, frames: Rows, doubtful: Flags, best: Explanations
@@ -226,6 +242,7 @@ class Selection:
     def _one(self, y: Any, weight: Any, start: Any, state: State) -> Steps[Explanations]:
         """One contact, from somewhere; the first thing that is known of a frame."""
         found = yield from self.fitter.steps(y, weight, start, state, 1)
+        self._past = (found.min_gap <= 0) & (self._p_value(found) < SUSPECT)
         self.known = self.known or found
         return (yield from self._loads.or_errors(y, weight, found, self.fitter))
 

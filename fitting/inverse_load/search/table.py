@@ -123,8 +123,7 @@ def build_table(skin: Skin) -> LoadTable:
     edge = float(skin.geometry.half_angle[0]) - edge_margin(skin)
     count = 2 * round(np.rad2deg(edge)) + 1
     angles = np.linspace(-edge, edge, max(count, 31))
-    probes = np.linspace(-edge, edge, _PROBES)
-    cap = np.exp(np.interp(angles, probes, np.log(_largest_forces(skin, probes))))
+    cap = _largest_along(skin, angles)
     ladder = np.geomspace(_LOWEST, 1.0, _FORCES)
     forces = cap[:, None] * ladder
     grid = np.repeat(angles[:, None], _FORCES, 1)
@@ -170,6 +169,18 @@ def first_contacts(skin: Skin, angles: np.ndarray, below: np.ndarray) -> np.ndar
         if (above - low < 1e-4 * above).all():
             break
     return np.where(known, above, np.inf)
+
+
+def _largest_along(skin: Skin, angles: np.ndarray) -> np.ndarray:
+    """Largest forces at angles of which many lie side by side [N]."""
+    probes = np.linspace(angles[0], angles[-1], _PROBES)
+    cap = np.exp(np.interp(angles, probes, np.log(_largest_forces(skin, probes))))
+    # Between probes a membrane may reach the wall: near the clamps, and where its curvature
+    # changes. There nothing would be known of first contact.
+    past = _solve(skin, angles, cap, None)[1] <= 0
+    if past.any():
+        cap[past] = _largest_forces(skin, angles[past])
+    return cap
 
 
 def _largest_forces(skin: Skin, angles: np.ndarray) -> np.ndarray:
