@@ -12,10 +12,11 @@ import pytest
 from fitting.datasheet.variants import STEP
 from fitting.design.design import _changed, designed_skin
 from fitting.design.front import front
-from fitting.design.problem import Outcome, bound_of_units
+from fitting.design.problem import Outcome
 from fitting.design.problem import Problem as DesignProblem
 from fitting.design.resume import KeptSearches
 from fitting.design.search import Found, search
+from fitting.design.section import bound_of_units
 from fitting.design.want import Front, Limit, Variable, Want, load_want
 from suas_jax.config import ConfigError, continuous_inputs, load_skin
 from suas_jax.config.fields import quantity_of
