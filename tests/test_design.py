@@ -33,7 +33,7 @@ class _Want(Want):
 class Problem:
     """Two variables; figures (x - 0.8)^2 + (y - 0.6)^2 + 1 + k and x + y at two places."""
 
-    angle = np.zeros(2)
+    tolerance = 1e-7
 
     def __init__(self, starts: int = 3) -> None:
         variables = tuple(Variable(name, (name,), 0.0, 1.0, False) for name in "xy")

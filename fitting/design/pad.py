@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -62,6 +62,8 @@ def _silent(text: str) -> None:
 
 class PadProblem(Problem):
     """The figures of a pad under contacts of the data sheet's diameter."""
+
+    tolerance: ClassVar[float] = 1e-5
 
     def __init__(
         self,
@@ -114,7 +116,7 @@ class PadProblem(Problem):
         self._designs += 1
         found, count = [], len(self._places)
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            for solved in pool.map(partial(self._solved, skins), range(count)):
+            for solved in pool.map(partial(self._solved, plain, skins), range(count)):
                 found.append(solved)
                 self._tell(f"design {self._designs}: {len(found)} of {count} places")
         cases = self._cases(found, plain, where)
@@ -145,11 +147,14 @@ class PadProblem(Problem):
         assert mesh is not None
         return State(jnp.zeros((*NetTopology(*mesh.axes).free.shape, 1)), zero, zero)
 
-    def _solved(self, skins: Sequence[Skin], k: int) -> _Solved:
-        """What is asked for of a place on the design and its neighbours."""
+    def _solved(self, plain: Sequence[Skin], skins: Sequence[Skin], k: int) -> _Solved:
+        """What is asked for of a place on the design and its neighbours.
+
+        `skins` are the `plain` ones with images of their taxels.
+        """
         touch = np.full(len(skins), self.rated)
         if "range_N" in self.keys:
-            touch = self._contacts(skins, k)
+            touch = self._contacts(plain, k)
         rest = half = None
         if skins[0].prestressed or set(_LIGHT) & set(self.keys):
             rest = self._readings(skins, k, 0.0)

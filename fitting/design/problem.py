@@ -5,7 +5,7 @@ Frequencies and buckling, which have no place, have central differences.
 """
 
 import abc
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -33,6 +33,7 @@ class Outcome(NamedTuple):
 class Problem(abc.ABC):
     """The figures that a search asks for."""
 
+    tolerance: ClassVar[float] = 1e-7  # of the goal and the limits, relative
     want: Want  # what is wanted
     rated: float  # the rated force [N]
     grid: tuple[int, int]  # places along the arc and along the axis
