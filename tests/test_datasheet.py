@@ -281,7 +281,7 @@ def test_sheet_of_the_papers_skin() -> None:
 
 @pytest.mark.long  # second derivatives of the forward model
 def test_derivatives_of_every_figure() -> None:
-    from fitting.design.problem import Problem
+    from fitting.design.section import SectionProblem
     from fitting.design.want import Limit, Variable, Want
 
     variables = (
@@ -294,7 +294,7 @@ def test_derivatives_of_every_figure() -> None:
     want = Want(
         SKIN, load_skin(SKIN), variables, "range_N", True, limits, region, 4, 10.0, 1, 0
     )
-    problem = Problem(want, elements=8)
+    problem = SectionProblem(want, elements=8)
     x, step = np.array([0.45, 0.55, 0.5]), 1e-4
     touch = problem.first_contacts(x)
     # One step of Newton's method from the same forces, whatever the design.
@@ -313,20 +313,20 @@ def test_derivatives_of_every_figure() -> None:
 @pytest.mark.long  # second derivatives of the forward model of many skins
 def test_bounds_that_units_keep_and_their_derivatives() -> None:
     from fitting.datasheet.sheet import data_sheet
-    from fitting.design.problem import Problem
+    from fitting.design.section import SectionProblem
     from fitting.design.want import Variable, Want
 
     variables = (Variable("geometry.oil_gap", ("geometry.oil_gap",), 4e-3, 6e-3, False),)
     region = (np.deg2rad(-30.0), np.deg2rad(45.0))
     spec = load_skin(SKIN)
     want = Want(SKIN, spec, variables, "range_N", True, (), region, 3, 10.0, 1, 0, units=0.95)
-    problem, x, step = Problem(want), np.array([0.5]), 1e-3
+    problem, x, step = SectionProblem(want), np.array([0.5]), 1e-3
     found, low, high = (problem(x + side) for side in (0.0, -step, step))
     by_steps = (high.values["range_N"] - low.values["range_N"]) / (2 * step)
     # First contact is found to 1e-6 of it, which a step of 1e-3 makes 1e-3 of the slope's.
     np.testing.assert_allclose(found.slopes["range_N"][:, 0], by_steps, rtol=1e-3)
     # As the data sheet's interval of the same skin has it, to 1.96 deviations instead of 1.645.
-    sheet = data_sheet(problem.spec(x), (3 + 1, 4), force=10.0, between=region)
+    sheet = data_sheet(problem.spec(x), (3 + 1, 4), force=10.0, between=problem.ends)
     values, deviation = sheet.at["range_N"]
     for place in (0, -1):
         bound = values[place] * np.exp(-1.6449 * deviation[place] / values[place])

@@ -12,10 +12,11 @@ import pytest
 from fitting.datasheet.variants import STEP
 from fitting.design.design import _changed, designed_skin
 from fitting.design.front import front
-from fitting.design.problem import Outcome, bound_of_units
+from fitting.design.problem import Outcome
 from fitting.design.problem import Problem as DesignProblem
 from fitting.design.resume import KeptSearches
 from fitting.design.search import Found, search
+from fitting.design.section import bound_of_units
 from fitting.design.want import Front, Limit, Variable, Want, load_want
 from suas_jax.config import ConfigError, continuous_inputs, load_skin
 from suas_jax.config.fields import quantity_of
@@ -32,7 +33,7 @@ class _Want(Want):
 class Problem:
     """Two variables; figures (x - 0.8)^2 + (y - 0.6)^2 + 1 + k and x + y at two places."""
 
-    angle = np.zeros(2)
+    tolerance = 1e-7
 
     def __init__(self, starts: int = 3) -> None:
         variables = tuple(Variable(name, (name,), 0.0, 1.0, False) for name in "xy")

@@ -44,9 +44,9 @@ def design(
 ) -> None:
     """Find dimensions, materials or taxels that make a figure of the data sheet best.
 
-    WANT with a table `variables` needs a section: limits on other figures hold at every place,
-    and derivatives are exact. With a table `taxels` the best taxels of a section or a pad are
-    kept.
+    WANT names a section or a pad. With a table `variables` limits on other figures hold at
+    every place; a section takes seconds to minutes, a pad about a minute a design. With a table
+    `taxels` the best taxels are kept.
 
     Exit status: 0 done, 2 bad input, or no design keeps the limits.
     """

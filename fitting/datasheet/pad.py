@@ -16,13 +16,16 @@ from fitting.datasheet.variants import DEEPER, STEP, WARMER, Variants, why_const
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
 from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.pad.columns import grid
 from fitting.inverse_load.pad.input_errors import PadErrors
 from fitting.inverse_load.pad.interpolant import MOST, PadInterpolant
 from fitting.inverse_load.pad.table_build import PadResolution, pad_table_of
 from suas_jax.config import InputErrors
 from suas_jax.scene.skin import Skin, skin_of
 
-_RESOLUTION = PadResolution(elements=(18, 15), spacing=10e-3, probes=(3, 3))
+ELEMENTS = (18, 15)
+"""Of the meshes, along the arc and along the axis."""
+_RESOLUTION = PadResolution(elements=ELEMENTS, spacing=10e-3, probes=(3, 3))
 _LIGHT = 0.02  # of the largest force, that stands for none
 _NEVER = 1e8  # stands for a force of first contact that the table doesn't know [N]
 
@@ -34,6 +37,9 @@ def measure_pad(
     force: float | None,  # the rated force [N]; see `rated_force`
     progress: Callable[[str], None],  # called with what is being done
     workers: Executor | None = None,  # that solve the table; None: this process
+    # angle [rad] and axial position [m] of the first and the last place, all of which count;
+    # None for places from edge to edge, of which those between the outermost taxels count
+    between: tuple[Floats, Floats] | None = None,
 ) -> Measured:
     """Readings under round contacts of 6 mm over a pad."""
 
@@ -44,17 +50,14 @@ def measure_pad(
     skin = skin_of(spec, elements=_RESOLUTION.elements, contact=False)
     table = pad_table_of(spec, DIAMETER, _RESOLUTION, progress=shown, workers=workers)
     interpolant = PadInterpolant(table)
-    sides = [
-        np.linspace(-x[-1], x[-1], n)
-        for x, n in zip((table.angle, table.axial), places, strict=True)
-    ]
-    at = np.stack([x.reshape(-1) for x in np.meshgrid(*sides, indexing="ij")], 1)
+    edge = np.array([table.angle[-1], table.axial[-1]])
+    first, last = (-edge, edge) if between is None else np.clip(between, -edge, edge)
+    at = grid(*(np.linspace(*ends) for ends in zip(first, last, places, strict=True)))
     most = MOST * interpolant.largest(*at.T)
     touch = table.first_contact_at(*at.T)
-    own = skin.electrodes.taxels
-    taxels = np.stack([np.asarray(x)[:, 0] for x in (own.angle, own.axial)], 1)
+    taxels = taxel_places(skin)
     region = ((at >= taxels.min(0) - 1e-9) & (at <= taxels.max(0) + 1e-9)).all(1)
-    region = region if region.any() else np.ones_like(region)
+    region = region if region.any() and between is None else np.ones_like(region)
     rated = rated_force(np.minimum(touch, most)[region]) if force is None else force
     if rated > most[region].min():
         raise ValueError(
@@ -76,20 +79,31 @@ def measure_pad(
     rest = _moved(table.rest[:, None], errors.rest[:, :-1].T[..., None])
     light = light._replace(so=np.broadcast_to(rest, light.so.shape))
     at_rated = at_rated._replace(gap=np.full_like(light.gap, np.nan))
-    film = float(skin.geometry.thickness[0] + skin.geometry.oil_gap[0])
-    size = np.array([float(skin.geometry.mid_size[0]), 1.0])
-    distance = np.linalg.norm((taxels[:, None] - at) * size, axis=-1)
     return Measured(
         Cases(light, half, at_rated, near, np.where(known, touch, rated)[None]),
         along.coordinates(at[:, 0]) | {"axial_m": at[:, 1]},
         along.outer_arc(at[:, 0]),
         region,
-        distance > FAR * film,
+        far_taxels(skin, taxels, at),
         rated,
         Accuracy(noise, float(np.hypot(PAD_MODEL_ERROR, table.reading_error))),
         places,
         {"min_gap_m": "a pad's table of states holds no gaps; `suas solve` tells them"},
     )
+
+
+def far_taxels(skin: Skin, taxels: Floats, at: Floats) -> np.ndarray:
+    """Taxels [taxel, 2] that contacts at places [place, 2] leave alone [taxel, place]."""
+    film = float(skin.geometry.thickness[0] + skin.geometry.oil_gap[0])
+    size = np.array([float(skin.geometry.mid_size[0]), 1.0])
+    distance = np.linalg.norm((taxels[:, None] - at) * size, axis=-1)
+    return np.asarray(distance > FAR * film)
+
+
+def taxel_places(skin: Skin) -> Floats:
+    """Angle [rad] and axial position [m] of taxels [taxel, 2]."""
+    own = skin.electrodes.taxels
+    return np.stack([np.asarray(x)[:, 0] for x in (own.angle, own.axial)], 1)
 
 
 def _errors(variants: Variants, skin: Skin, table: object) -> PadErrors:

@@ -3,6 +3,7 @@
 A lane is one contact on one skin; all lanes of a skin and its neighbours share a program.
 """
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -14,6 +15,7 @@ from jaxtyping import Array
 
 from suas_jax import Loads, Skin, forward, skin_of
 from suas_jax.config import SkinSpec
+from suas_jax.equilibrium.balance import State
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.runtime.compiled import COMPILED
 
@@ -33,29 +35,34 @@ class Readings(NamedTuple):
     result: Any  # index of the outcome, 0 where converged [lane]
 
 
-def read(skin: Skin, angle: Lanes, force: Lanes) -> Readings:
-    """Readings under radial line loads at angles [rad], inwards [N]; differentiable."""
-    loads = Loads.line(angle, force).in_lanes()
+def read(skin: Skin, loads: Loads, start: State | None = None) -> tuple[Readings, State]:
+    """Readings under single radial contacts, and the equilibria; differentiable.
 
-    def of(loads: Loads) -> tuple[tuple[Array, ...], Array]:
-        output = forward(skin, loads)
-        return (output.so, output.min_gap, output.oil_pressure), output.result
+    `start`: neighbouring equilibria, see `forward`.
+    """
+    loads = loads.in_lanes()
+    names = ("angle", "force") if loads.axial is None else ("angle", "axial", "force")
 
-    (so, gap, pressure), push, result = jax.linearize(of, loads, has_aux=True)
+    def of(loads: Loads) -> tuple[tuple[Array, ...], tuple[Array, State]]:
+        output = forward(skin, loads, start)
+        seen = output.so, output.min_gap, output.oil_pressure
+        return seen, (output.result, output.state)
+
+    (so, gap, pressure), push, (result, state) = jax.linearize(of, loads, has_aux=True)
     none = jax.tree.map(jnp.zeros_like, loads)
 
-    def pushed(by_angle: Array, by_force: Array) -> Any:
-        moved = (jnp.full_like(loads.force, x) for x in (by_angle, by_force))
-        return push(eqx.tree_at(lambda x: (x.angle, x.force), none, tuple(moved)))
+    def pushed(*by: Array) -> Any:
+        moved = {name: jnp.full_like(loads.force, x) for name, x in zip(names, by, strict=True)}
+        return push(dataclasses.replace(none, **moved))
 
-    slope, gap_slope, _ = jax.vmap(pushed)(*jnp.eye(2))
-    slope = slope.at[0].divide(skin.geometry.outer_rate(angle))
-    return Readings(so, slope, gap, gap_slope[1], pressure, result)
+    slope, gap_slope, _ = jax.vmap(pushed)(*jnp.eye(len(names)))
+    slope = slope.at[0].divide(skin.geometry.outer_rate(loads.angle[0]))
+    return Readings(so, slope, gap, gap_slope[-1], pressure, result), state
 
 
 @eqx.filter_jit
 def _read(skin: Skin, angle: Lanes, force: Lanes) -> Readings:
-    return read(skin, angle, force)
+    return read(skin, Loads.line(angle, force))[0]
 
 
 def skins_in_lanes(spec: SkinSpec, inputs: dict[str, Any], **settings: Any) -> Skin:

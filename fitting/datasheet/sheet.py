@@ -158,7 +158,7 @@ def data_sheet(
     force: float | None = None,
     progress: Callable[[str], None] = lambda text: None,
     workers: Executor | None = None,
-    between: tuple[float, float] | None = None,
+    between: tuple[Floats, Floats] | None = None,
 ) -> DataSheet:
     """Make the data sheet of a skin.
 
@@ -169,7 +169,8 @@ def data_sheet(
         force: the rated force [N]; 30 % of the smallest first contact if None.
         progress: called with what is being done.
         workers: that solve a pad's table of states; None: this process.
-        between: angles between which a section's places lie, see `measure_section`.
+        between: first and last place, the angle and on a pad the axial position [coordinate],
+            see `measure_section` and `measure_pad`.
 
     Raises:
         ValueError: the skin has no electrodes, or an argument makes no sense.
@@ -183,11 +184,12 @@ def data_sheet(
         raise ValueError(f"{min(places)} places: at least 4 are needed")
     variants = variants_of(spec)
     if spec.geometry.dimension == 3:
-        measured = measure_pad(variants, places, deviation, force, progress, workers)
+        measured = measure_pad(variants, places, deviation, force, progress, workers, between)
     elif workers is not None:
         raise ValueError("workers solve the tables of pads; a section takes seconds")
     else:
-        measured = measure_section(variants, places[0], deviation, force, progress, between)
+        angles = None if between is None else (float(between[0][0]), float(between[1][0]))
+        measured = measure_section(variants, places[0], deviation, force, progress, angles)
     progress("figures")
     moved = variants.slopes(np.asarray(measured.cases.rated.so - measured.cases.rest.so), 1)
     figures, taken_for = jax.tree.map(

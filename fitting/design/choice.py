@@ -20,7 +20,6 @@ from fitting.report.description import Headline, Part, Remark, ReportTable
 from suas_jax import skin_of
 from suas_jax.figures.pad import plot_pad
 from suas_jax.sensing.taxels import taxel_names
-from suas_jax.skin.plain import angles_at
 
 _AXIALS = 7  # places along a pad's axis, as in its data sheet
 _SLACK = 1e-9  # of a place at the edge of a region [m]
@@ -121,11 +120,7 @@ def choose_taxels(
     spec = want.spec
     if spec.electrodes is None:
         raise ValueError("the skin has no [electrodes], so there are no taxels to choose")
-    variants, noise, between = variants_of(spec), spec.electrodes.noise, None
-    if want.region is not None:
-        name = "angle" if spec.geometry.has_angle else "arc"
-        low, high = angles_at(spec.geometry, name, np.array(want.region))
-        between = float(low), float(high)
+    variants, noise, between = variants_of(spec), spec.electrodes.noise, want.angles
     if spec.geometry.dimension == 3:
         measured = measure_pad(
             variants, (want.places, _AXIALS), noise, want.force, progress, workers

@@ -4,6 +4,7 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,8 +18,10 @@ from fitting.datasheet.pictures import plot_skin
 from fitting.datasheet.sheet import DataSheet, data_sheet
 from fitting.datasheet.words import WORDS, place_text
 from fitting.design.front import FrontPoint, front
+from fitting.design.pad import PadProblem
 from fitting.design.problem import Problem
 from fitting.design.search import Found, Kept, Price, search
+from fitting.design.section import SectionProblem
 from fitting.design.want import Want
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.report.description import Headline, Part, Remark, ReportTable
@@ -145,8 +148,9 @@ class Design(NamedTuple):
         """Where a limit is reached, as a data sheet tells places: every second one of its."""
         if price.place is None or not WORDS[price.name].field:
             return {}
-        own = self.after.measured.coordinates
-        return {key: float(values[2 * price.place]) for key, values in own.items()}
+        own = self.after.measured
+        index = np.arange(len(own.arc)).reshape(own.grid)[::2, ::2].flat[price.place]
+        return {key: float(values[index]) for key, values in own.coordinates.items()}
 
     def _price(self, price: Price) -> str:
         goal = WORDS[self.problem.want.goal].title.lower()
@@ -203,10 +207,10 @@ def design_skin(
         kept: searches that ended before; None: all are made.
 
     Raises:
-        ValueError: the skin has no electrodes or is a pad, or no design keeps the limits.
+        ValueError: the skin has no electrodes, or no design keeps the limits.
     """
     progress("compiling, once for these variables")
-    problem = Problem(want)
+    problem = problem_of(want, progress)
 
     def shown(done: int, goal: float) -> None:
         progress(f"start {min(done + 1, want.starts)} of {want.starts}, best {goal:.4g}")
@@ -217,15 +221,26 @@ def design_skin(
 
     found = search(problem, shown, workers, kept)
     between, calls = ([], 0) if want.front is None else front(problem, found, counted, kept)
-    progress("data sheets")
-    angle = problem.angle
     # Twice as many places, so that what lies between those of the search is seen.
-    places, ends = (2 * len(angle) - 1, 4), (float(angle[0]), float(angle[-1]))
-    before, after = (
-        data_sheet(spec, places, force=problem.rated, between=ends)
-        for spec in (want.spec, problem.spec(found.x))
-    )
+    along, axially = (2 * n - 1 for n in problem.grid)
+    sheets = []
+    for name, spec in (("before", want.spec), ("after", problem.spec(found.x))):
+        shown_of = partial(_told, progress, f"data sheet {name}")
+        how = (along, max(axially, 4)), None, problem.rated, shown_of
+        sheets.append(data_sheet(spec, *how, between=problem.ends))
+    before, after = sheets
     return Design(problem, found, before, after, between, found.calls + calls)
+
+
+def problem_of(want: Want, progress: Callable[[str], None] = lambda text: None) -> Problem:
+    """The figures that are asked for, of a section or a pad."""
+    if want.spec.geometry.dimension == 3:
+        return PadProblem(want, progress)
+    return SectionProblem(want)
+
+
+def _told(progress: Callable[[str], None], name: str, text: str) -> None:
+    progress(f"{name}: {text}")
 
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")

@@ -1,42 +1,25 @@
-"""Figures of a skin as functions of its variables, with exact derivatives through `forward`.
+"""What a search asks of a skin: its figures as functions of its variables, with derivatives.
 
-First contact is found by bisection; one step of Newton's method from there, which does not move
-it, has its derivatives. Frequencies and buckling have central differences. Where a share of
-units is asked for, a figure is the bound that this share of them keeps: its logarithm moves by
-z sigma, sigma from the figures of skins a small step of every tolerance away.
+Those of places are a section's (`fitting.design.section`) or a pad's (`fitting.design.pad`).
+Frequencies and buckling, which have no place, have central differences.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+import abc
+from typing import ClassVar, NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from scipy.stats import norm
 
 from fitting.arrays import Floats
-from fitting.datasheet.figures import Accuracy, Cases, figures_at, rated_force
 from fitting.datasheet.in_time import buckling_mismatch, motion_figures
-from fitting.datasheet.readings import Readings, picked, read, skins_in_lanes
-from fitting.datasheet.section import far_taxels
-from fitting.datasheet.variants import Variants, by_changes, named, variants_of
+from fitting.datasheet.variants import named
 from fitting.datasheet.words import PLACED
-from fitting.design.want import BY_DIFFERENCES, Variable, Want
-from fitting.force_range.bound import angles_over, first_contacts
-from fitting.inverse_load.estimator import MODEL_ERROR
-from suas_jax import Skin, skin_of
-from suas_jax.config import SkinSpec, continuous_inputs, structure, with_inputs
+from fitting.design.want import BY_DIFFERENCES, Want
+from suas_jax.config import SkinSpec, with_inputs
 from suas_jax.config.inputs import given_inputs
 from suas_jax.config.tolerance import UncertainQuantity, deviation_of
-from suas_jax.numerics.length import length
-from suas_jax.runtime.compiled import COMPILED
-from suas_jax.runtime.content_key import Keyed
-from suas_jax.skin.plain import angles_at
 
-_STEP = 1e-3  # of a variable's range, for central differences
-_FURTHER = 1e-4  # share of first contact beyond it at which its change is read
+STEP = 1e-3
+"""Of a variable's range, for central differences."""
 
 
 class Outcome(NamedTuple):
@@ -47,174 +30,29 @@ class Outcome(NamedTuple):
     found: bool  # whether every state was
 
 
-class Numbers(NamedTuple):
-    """What a program of figures is given beside the variables."""
-
-    own: dict[str, Any]  # inputs of the skin to start from, by path
-    low: Any  # bounds of the variables [variable]
-    high: Any  # see `low`
-    angle: Any  # of the places [rad]
-    rated: Any  # the rated force [N]
-    noise: Any  # standard deviation of a reading [counts]
-    far: Any  # taxels that count as crosstalk [taxel, place]
-    moved: Any  # share by which tolerances move inputs, by path [skin]; none where not asked
-    margin: Any  # z of the share of units
-
-
-class Asked(Keyed):
-    """What decides the compiled program of some figures: all but numbers."""
-
-    def __init__(
-        self,
-        spec: SkinSpec,
-        variables: Sequence[Variable],
-        keys: tuple[str, ...],
-        elements: int,
-    ) -> None:
-        self.spec, self.keys, self.elements = spec, keys, elements
-        self.variables = tuple((v.paths, v.factor) for v in variables)
-        self.key = (structure(spec), self.variables, keys, elements)
-
-
-def figures(asked: Asked, x: Any, touch: Any, numbers: Numbers) -> tuple[Any, Any]:
-    """Figures of a design [key, place] and outcomes of its states [skin, case, place].
-
-    Differentiable by the variables x, between 0 and 1; `touch` are forces that close the gap
-    [place] [N].
-    """
-    inputs = dict(numbers.own)
-    values = numbers.low + (numbers.high - numbers.low) * x
-    for i, (paths, factor) in enumerate(asked.variables):
-        for path in paths:
-            inputs[path] = numbers.own[path] * values[i] if factor else values[i]
-    skin, skins = _skins(asked, inputs, numbers.moved)
-    count = len(numbers.angle)
-    zero = jnp.zeros(count)
-    forces = [zero, zero + numbers.rated / 2, zero + numbers.rated, touch]
-    if skins > 1:
-        forces.append(touch * (1 + _FURTHER))
-    force, shape = jnp.stack(forces), (skins, len(forces), count)
-    lanes = [jnp.broadcast_to(x, shape).reshape(-1) for x in (numbers.angle, force)]
-    if skins > 1:
-        skin = picked(skin, np.repeat(np.arange(skins), shape[1] * count))
-    found = read(skin, *lanes)
-    cases = jax.tree.map(lambda x: x.reshape(*x.shape[:-1], *shape), found)
-    parts = [Readings(*(column[..., i, :] for column in cases)) for i in range(len(forces))]
-    accuracy = Accuracy(numbers.noise, MODEL_ERROR)
-    rest, half, rated, near = parts[:4]
-    placed = figures_at(Cases(rest, half, rated, near, touch), accuracy, numbers.far)
-    own = {key: getattr(placed, PLACED[key].field) for key in asked.keys}
-    bounds = {key: bound_of_units(key, x, numbers.margin) for key, x in own.items()}
-    if skins > 1 and "range_N" in bounds:
-        # The neighbours' contact is read at the design's own, which moves with the design.
-        further = forces[4] - parts[4].gap / parts[4].gap_slope
-        ahead = bound_of_units("range_N", further, numbers.margin) - bounds["range_N"]
-        by_touch = jax.lax.stop_gradient(ahead / (_FURTHER * touch))
-        bounds["range_N"] += by_touch * (own["range_N"][0] - touch)
-    return jnp.stack(list(bounds.values())), cases.result
-
-
-def _skins(asked: Asked, inputs: dict[str, Any], moved: dict[str, Any]) -> tuple[Skin, int]:
-    """The skin of a design and, in lanes, its neighbours; their number."""
-    if not moved:
-        return skin_of(asked.spec, inputs, contact=False, elements=asked.elements), 1
-    rows = {path: inputs[path] * (1 + share) + step for path, (share, step) in moved.items()}
-    skins = len(next(iter(rows.values())))
-    every = {path: jnp.broadcast_to(value, skins) for path, value in inputs.items()}
-    return skins_in_lanes(asked.spec, every | rows, elements=asked.elements), skins
-
-
-def bound_of_units(key: str, values: Any, margin: Any) -> Any:
-    """A figure [skin, place] that a share of units keeps, worse by the margin [place]."""
-    own, slopes = values[0], by_changes(values)
-    deviation = length(slopes) if len(slopes) else 0.0
-    return own * jnp.exp((-1 if PLACED[key].least else 1) * margin * deviation / own)
-
-
-def _moved(variants: Variants) -> dict[str, tuple[Floats, Floats]]:
-    """How far tolerances move the inputs: as shares of them, and where they are zero [SI]."""
-    found = {}
-    for path, values in variants.inputs.items():
-        own, change = values[0], (values - values[0])[:-4]  # without WARMER and DEEPER
-        if change.any():
-            found[path] = (change / own, 0 * change) if own else (0 * change, change)
-    return found
-
-
-@eqx.filter_jit
-def _slopes(asked: Asked, x: Any, touch: Any, numbers: Numbers) -> tuple[Any, tuple[Any, Any]]:
-    def of(x: Any) -> tuple[Any, tuple[Any, Any]]:
-        found = figures(asked, x, touch, numbers)
-        return found[0], found
-
-    slopes: tuple[Any, tuple[Any, Any]] = jax.jacfwd(of, has_aux=True)(x)
-    return slopes
-
-
-@dataclass
-class Problem:
+class Problem(abc.ABC):
     """The figures that a search asks for."""
 
+    tolerance: ClassVar[float] = 1e-7  # of the goal and the limits, relative
     want: Want  # what is wanted
-    elements: int = 32  # of the mesh
-    angle: Floats = field(init=False)  # places that count [rad]
-    rated: float = field(init=False)  # the rated force [N]
+    rated: float  # the rated force [N]
+    grid: tuple[int, int]  # places along the arc and along the axis
+    ends: tuple[Floats, Floats]  # first and last place, angle [rad] and a pad's position [m]
 
-    def __post_init__(self) -> None:
-        want = self.want
-        variants = None if want.units is None else variants_of(want.spec)
-        spec = want.spec if variants is None else variants.spec
-        spec.require_plane_strain("`suas design`")
-        skin = skin_of(spec, contact=False, elements=self.elements)
-        assert spec.electrodes is not None  # or there would be no skin
-        edge = angles_over(skin, 2)[1]
-        low, high = -edge, edge
-        if want.region is not None:
-            name = "angle" if spec.geometry.has_angle else "arc"
-            ends = angles_at(spec.geometry, name, np.array(want.region))
-            low, high = np.clip(ends, -edge, edge)
-        self.angle = np.linspace(low, high, want.places)
-        self.rated = want.force or rated_force(first_contacts(skin, self.angle)[0])
+    def __init__(self, want: Want) -> None:
+        self.want = want
         wanted = {want.goal, *want.against, *(limit.key for limit in want.limits)}
-        self._keys = tuple(key for key in PLACED if key in wanted)
+        self.keys = tuple(key for key in PLACED if key in wanted)
         self._others = tuple(key for key in BY_DIFFERENCES if key in wanted)
-        self._asked = Asked(spec, want.variables, self._keys, self.elements)
-        self._numbers = Numbers(
-            {path: np.float64(value) for path, value in continuous_inputs(spec).items()},
-            np.array([v.low for v in want.variables]),
-            np.array([v.high for v in want.variables]),
-            self.angle,
-            np.float64(self.rated),
-            np.float64(spec.electrodes.noise),
-            far_taxels(skin, self.angle),
-            {} if variants is None else _moved(variants),
-            np.float64(norm.ppf(want.units or 0.5)),
-        )
-
-    def first_contacts(self, x: Floats) -> Floats:
-        """Forces that close the gap [place] [N]; NaN where none does."""
-        inputs = self.want.inputs(np.asarray(x, float))
-        skin = skin_of(self.want.spec, inputs, contact=False, elements=self.elements)
-        return first_contacts(skin, self.angle)[0]
 
     def __call__(self, x: Floats) -> Outcome:
         """The figures of a design, of which `x` are the variables, between 0 and 1."""
-        touch = self.first_contacts(x)
-        known = np.where(np.isfinite(touch), touch, self.rated)
-        by_x, (values, result) = jax.tree.map(
-            np.asarray,
-            COMPILED.run(_slopes, self._asked, np.asarray(x, float), known, self._numbers),
-        )
-        # Of a contact with the wall that was not found, nothing else is wrong.
-        settled = not result[:, :3].any()
-        needed = "range_N" not in self._keys or np.isfinite(touch).all()
-        found = bool(settled and needed and np.isfinite(values).all())
-        outcome = Outcome(
-            dict(zip(self._keys, values, strict=True)),
-            dict(zip(self._keys, by_x, strict=True)),
-            found,
-        )
-        return self._with_others(outcome, x) if self._others and found else outcome
+        outcome = self.placed(np.asarray(x, float))
+        return self._with_others(outcome, x) if self._others and outcome.found else outcome
+
+    @abc.abstractmethod
+    def placed(self, x: Floats) -> Outcome:
+        """The figures that have places."""
 
     def spec(self, x: Floats) -> SkinSpec:
         """The skin of a design; tolerances stay the same share of its numbers."""
@@ -232,9 +70,9 @@ class Problem:
         own = self._without_place(x)
         by_x = np.zeros((len(self._others), len(x)))
         for i in range(len(x)):
-            step = np.where(np.arange(len(x)) == i, _STEP, 0.0)
+            step = np.where(np.arange(len(x)) == i, STEP, 0.0)
             change = self._without_place(x + step) - self._without_place(x - step)
-            by_x[:, i] = change / (2 * _STEP)
+            by_x[:, i] = change / (2 * STEP)
         values = dict(zip(self._others, own[:, None], strict=True))
         rows = dict(zip(self._others, by_x[:, None], strict=True))
         found = outcome.found and bool(np.isfinite(own).all())

@@ -23,7 +23,7 @@ from fitting.datasheet.words import WORDS
 from fitting.design.problem import Outcome, Problem
 from fitting.design.want import Limit, Want
 
-_STEPS, _TOLERANCE = 80, 1e-7
+_STEPS = 80
 _KEPT = 1e-5  # share by which a limit may be missed
 _ACTIVE = 1e-4  # share within which a limit counts as reached
 _AGREE = 2e-3  # relative difference of goals that agree
@@ -198,7 +198,7 @@ class _Program:
                 "fun": lambda z: self._constraints(z)[0],
                 "jac": lambda z: self._constraints(z)[1],
             },
-            options={"maxiter": _STEPS, "ftol": _TOLERANCE},
+            options={"maxiter": _STEPS, "ftol": self.problem.tolerance},
         )
         x = np.clip(found.x[:-1], 0.0, 1.0)
         outcome = self._outcome(x)

@@ -16,6 +16,7 @@ from suas_jax.config.fields import AsList, Count, PlacedError, Spec, quantity
 from suas_jax.config.quantities import DimensionName, to_si
 from suas_jax.config.toml_file import read_toml
 from suas_jax.config.validation import validate_table
+from suas_jax.skin.plain import angles_at
 
 BY_DIFFERENCES = (
     "lowest_frequency_Hz",
@@ -80,6 +81,15 @@ class Want:
     def against(self) -> tuple[str, ...]:
         """The second figure, where there is one."""
         return () if self.front is None else (self.front.figure,)
+
+    @property
+    def angles(self) -> tuple[float, float] | None:
+        """The region as sections define angles [rad]."""
+        if self.region is None:
+            return None
+        name = "angle" if self.spec.geometry.has_angle else "arc"
+        low, high = angles_at(self.spec.geometry, name, np.array(self.region))
+        return float(low), float(high)
 
     def inputs(self, x: Any) -> dict[str, Any]:
         """Inputs of the skin by path, from variables between 0 and 1, traced or not."""
@@ -150,6 +160,7 @@ class _Together(Spec):
     factor: Annotated[tuple[float, float], AsList]
 
 
+_EDGES = ("geometry.half_angle", "geometry.width")
 _TABLES = ("skin", "variables", "taxels", "goal", "front", "limits", "at", "search")
 CHOOSABLE = ("force_resolution_N", "place_resolution_m")
 """Figures that decide which taxels are kept."""
@@ -198,6 +209,9 @@ def load_want(file: Path) -> Want:
             reader.refuse(
                 "at.units", at.units, f"has no meaning beside [{where}]; leave it out"
             )
+        if spec.geometry.dimension == 3:
+            advice = "is known of sections alone; leave it out, and see `suas datasheet`"
+            reader.refuse("at.units", at.units, advice)
     front = None
     if "front" in table:
         given = reader.part(_Front, table["front"], "front")
@@ -273,6 +287,9 @@ class _Reader:
             for path in paths:
                 if path not in known:
                     self.refuse(key, path, unknown(path, known, "input of the skin"))
+                if path in _EDGES and spec.geometry.dimension == 3:
+                    advice = "moves a pad's edges, to which its mesh holds; leave it out"
+                    self.refuse(key, path, advice)
             if not isinstance(bounds, list | tuple) or len(bounds) != 2:
                 self.refuse(key, bounds, "two values are expected, the lower and the upper one")
             low, high = bounds if factor else (self._input(key, spec, name, x) for x in bounds)

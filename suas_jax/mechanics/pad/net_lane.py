@@ -226,15 +226,21 @@ class AbstractLane(abc.ABC):
         """Displacement of the inner face at places."""
 
     def height_at(self, q: Array, angle: Array, axial: Array) -> Array:
-        """See `Pad`: which material point lies on a ray is found by Newton's method."""
+        """See `Pad`: which material point lies on a ray is found by Newton's method.
+
+        Derivatives see the last two steps alone, which have them to third order: either squares
+        what is left, the second one by its linear part.
+        """
         qe, rays = self.net.gather(q), (angle, axial)
 
         def step(place: Place, _: None) -> tuple[Place, None]:
-            return self._beside(qe, rays, place)[0], None
+            return jax.lax.stop_gradient(self._beside(qe, rays, place)[0]), None
 
-        first, second = jnp.broadcast_arrays(angle, axial)
-        place, _ = jax.lax.scan(step, (first, second), None, length=_RAY_STEPS)
-        return self._over_wall(qe, place)[2]
+        first, second = jax.lax.stop_gradient(jnp.broadcast_arrays(angle, axial))
+        place, _ = jax.lax.scan(step, (first, second), None, length=_RAY_STEPS - 1)
+        place = self._beside(qe, rays, place)[0]
+        _, (_, _, height), slopes, off = self._beside(qe, rays, place)
+        return height + slopes[0] * off[0] + slopes[1] * off[1]
 
     def on_rays(self, q: Array, angle: Array, axial: Array, near: Place) -> OnRays:
         """The material points on rays from places near them: few steps, no derivatives.
