@@ -227,7 +227,15 @@ def design_skin(
     for name, spec in (("before", want.spec), ("after", problem.spec(found.x))):
         shown_of = partial(_told, progress, f"data sheet {name}")
         how = (along, max(axially, 4)), None, problem.rated, shown_of
-        sheets.append(data_sheet(spec, *how, between=problem.ends))
+        try:
+            sheets.append(data_sheet(spec, *how, between=problem.ends))
+        except ValueError as error:  # a pad's table ends before the rated force
+            shares = zip(want.variables, found.x.tolist(), strict=True)
+            values = (f"{v.name} = {v.low + (v.high - v.low) * x:.6g}" for v, x in shares)
+            raise ValueError(
+                f"data sheet {name} the search: {error}. The search found "
+                f"{', '.join(values)} (SI units, or factors)"
+            ) from error
     before, after = sheets
     return Design(problem, found, before, after, between, found.calls + calls)
 
