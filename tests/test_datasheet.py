@@ -26,6 +26,7 @@ from fitting.datasheet.readings import Readings
 from fitting.datasheet.sheet import _worst
 from fitting.datasheet.variants import STEP, named, variants_of
 from fitting.datasheet.words import PLACED
+from suas_jax import Loads
 from suas_jax.config import continuous_inputs, load_skin
 from suas_jax.config.inelastic import RelaxationSpec
 from suas_jax.skin.plain import plain_geometry
@@ -202,13 +203,15 @@ def test_pads_readings_move_with_their_tolerances() -> None:
 def test_slopes_by_place_are_those_by_the_outer_face(monkeypatch: pytest.MonkeyPatch) -> None:
     geometry = plain_geometry(load_skin(SKIN.with_stem("suas-flat-topped")).geometry)
 
-    def stand_in(_: Any, loads: Any) -> Any:
+    def stand_in(_: Any, loads: Any, __: Any) -> Any:
         so = jnp.sin(40 * geometry.outer_arc(loads.angle)) * loads.force
-        return SimpleNamespace(so=so, min_gap=loads.force, oil_pressure=loads.force, result=0)
+        rest = {"min_gap": loads.force, "oil_pressure": loads.force, "result": 0, "state": 0}
+        return SimpleNamespace(so=so, **rest)
 
     monkeypatch.setattr(readings, "forward", stand_in)
     angle = np.array([-1.4, -0.9, -0.2, 0.5, 1.1])  # of flat and of round parts
-    found = readings.read(SimpleNamespace(geometry=geometry), angle, np.full(5, 2.0))  # type: ignore[arg-type]
+    skin, loads = SimpleNamespace(geometry=geometry), Loads.line(angle, np.full(5, 2.0))
+    found = readings.read(skin, loads)[0]  # type: ignore[arg-type]
     arc = np.asarray(geometry.outer_arc(angle))
     np.testing.assert_allclose(found.slope[0, 0], 80 * np.cos(40 * arc), rtol=1e-6)
 
