@@ -100,8 +100,8 @@ def forward(skin: Skin, loads: Loads, start: State | None = None) -> SensorOutpu
     known = not any(
         isinstance(x, jax.core.Tracer) for x in jax.tree.leaves((skin, loads, start))
     )
-    many = lane_count((skin, loads, start)) >= _MANY_LANES
-    if known and many and not skin.is_pad and on_cpu():
+    halved = known and not skin.is_pad and on_cpu()
+    if halved and lane_count((skin, loads, start)) >= _MANY_LANES:
         return in_halves(run, skin, loads, start)
     return run(skin, loads, start)
 
