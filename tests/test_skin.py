@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -370,3 +371,14 @@ def test_formulas_against_the_field(pad: object, batch: SensorOutput) -> None:
     gap = np.asarray(batch.readings.gap)[:, 4]
     factor = gap / (0.0525 * np.log1p(gap / 0.0525))
     np.testing.assert_allclose(plate * factor, field, rtol=1e-2)
+
+
+def test_numbers_of_a_skin_may_be_inputs_of_a_program() -> None:
+    """Of a program that takes all of a skin, its plain numbers are arrays without lanes."""
+    spec = load_skin(PAD.with_stem("suas"))
+    arrays, static = eqx.partition(skin_of(spec, contact=False, elements=8), eqx.is_array_like)
+
+    def so(arrays: object) -> object:
+        return forward(eqx.combine(arrays, static), Loads.line(0.1, 5.0)).so
+
+    assert jax.eval_shape(so, arrays).shape == (8, 1)
