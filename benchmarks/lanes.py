@@ -98,7 +98,7 @@ def main() -> None:
             (a / count) / (b / LANES) for a, b in zip(times[name], first, strict=True)
         )
         lane = 1e6 * statistics.median(times[name]) / count
-        lines.append(f"| {name} | {lane:.3g} us | {ratio:.2f} |")
+        lines.append(f"| {name} | {lane:.{0 if lane >= 10 else 1}f} us | {ratio:.2f} |")
     print("\n".join(lines))
     if on_cpu():
         write_section("benchmarks.md", "lanes", lines)

@@ -26,6 +26,16 @@ ROOT = Path(__file__).parent.parent
 WANT = ROOT / "configs" / "design" / "sensitive.toml"
 
 
+def is_refused(want: Path, folder: Path, old: str, new: str, words: str) -> None:
+    """A file of what is wanted is refused with some words, once a part of it is another one."""
+    text = want.read_text().replace("../skins", str(ROOT / "configs" / "skins"))
+    assert old in text
+    file = folder / "want.toml"
+    file.write_text(text.replace(old, new, 1))
+    with pytest.raises(ConfigError, match=words):
+        load_want(file)
+
+
 class _Want(Want):
     start = np.array([0.1, 0.2])
 
@@ -172,12 +182,7 @@ def test_bound_of_units_is_the_quantile_of_a_lognormal_figure(key: str, side: in
     ],
 )
 def test_mistakes_are_named(tmp_path: Path, old: str, new: str, words: str) -> None:
-    text = WANT.read_text().replace("../skins", str(ROOT / "configs" / "skins"))
-    assert old in text
-    file = tmp_path / "want.toml"
-    file.write_text(text.replace(old, new, 1))
-    with pytest.raises(ConfigError, match=words):
-        load_want(file)
+    is_refused(WANT, tmp_path, old, new, words)
 
 
 def test_units_are_refused_beside_figures_whose_tolerance_is_unknown(tmp_path: Path) -> None:

@@ -9,10 +9,11 @@ import pytest
 
 from fitting.datasheet.readings import Readings
 from fitting.design.pad import PadProblem
-from fitting.design.want import Limit, Variable, Want, load_want
+from fitting.design.want import Limit, Variable, Want
 from fitting.inverse_load.estimator import DIAMETER
 from suas_jax import Loads, Skin, forward, skin_of
-from suas_jax.config import ConfigError, SkinSpec, load_skin, scene_from_dict
+from suas_jax.config import SkinSpec, load_skin, scene_from_dict
+from tests.test_design import is_refused
 from tests.test_pad_forward import SCENE
 
 ROOT = Path(__file__).parent.parent
@@ -119,9 +120,4 @@ def test_figures_of_a_pad_and_their_slopes() -> None:
     ],
 )
 def test_what_a_pad_cannot_is_refused(tmp_path: Path, old: str, new: str, words: str) -> None:
-    text = WANT.read_text().replace("../skins", str(ROOT / "configs" / "skins"))
-    assert old in text
-    file = tmp_path / "want.toml"
-    file.write_text(text.replace(old, new, 1))
-    with pytest.raises(ConfigError, match=words):
-        load_want(file)
+    is_refused(WANT, tmp_path, old, new, words)

@@ -45,8 +45,8 @@ def design(
     """Find dimensions, materials or taxels that make a figure of the data sheet best.
 
     WANT names a section or a pad. With a table `variables` limits on other figures hold at
-    every place; a section takes seconds to minutes, a pad about a minute a design. With a table
-    `taxels` the best taxels are kept.
+    every place; a section takes minutes, a pad half a minute and more for each design that is
+    tried. With a table `taxels` the best taxels are kept.
 
     Exit status: 0 done, 2 bad input, or no design keeps the limits.
     """

@@ -31,8 +31,6 @@ from suas_jax.sensing.converter import Converter
 
 CURRIE = 3.29
 """Standard deviations at which false alarms and misses are 5 % each, one-sided."""
-FAR = 4.0
-"""Films and membranes between a contact and a taxel that counts as crosstalk."""
 _DISTANCES = 60  # of two contacts that are tried
 _RATED = 0.3  # of the smallest first contact
 

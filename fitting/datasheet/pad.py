@@ -10,8 +10,8 @@ from concurrent.futures import Executor
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.datasheet.figures import FAR, Accuracy, Cases, Measured, rated_force
-from fitting.datasheet.readings import Readings
+from fitting.datasheet.figures import Accuracy, Cases, Measured, rated_force
+from fitting.datasheet.readings import Readings, far_taxels, taxel_places
 from fitting.datasheet.variants import DEEPER, STEP, WARMER, Variants, why_constant
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
@@ -90,20 +90,6 @@ def measure_pad(
         places,
         {"min_gap_m": "a pad's table of states holds no gaps; `suas solve` tells them"},
     )
-
-
-def far_taxels(skin: Skin, taxels: Floats, at: Floats) -> np.ndarray:
-    """Taxels [taxel, 2] that contacts at places [place, 2] leave alone [taxel, place]."""
-    film = float(skin.geometry.thickness[0] + skin.geometry.oil_gap[0])
-    size = np.array([float(skin.geometry.mid_size[0]), 1.0])
-    distance = np.linalg.norm((taxels[:, None] - at) * size, axis=-1)
-    return np.asarray(distance > FAR * film)
-
-
-def taxel_places(skin: Skin) -> Floats:
-    """Angle [rad] and axial position [m] of taxels [taxel, 2]."""
-    own = skin.electrodes.taxels
-    return np.stack([np.asarray(x)[:, 0] for x in (own.angle, own.axial)], 1)
 
 
 def _errors(variants: Variants, skin: Skin, table: object) -> PadErrors:

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from fitting.arrays import Floats
 from suas_jax import Loads, Skin, forward, skin_of
 from suas_jax.config import SkinSpec
 from suas_jax.equilibrium.balance import State
@@ -20,6 +21,9 @@ from suas_jax.numerics.array_types import Lanes
 from suas_jax.runtime.compiled import COMPILED
 
 _CHUNK = 128  # lanes of a call, so that one program serves any number of them
+
+FAR = 4.0
+"""Films and membranes between a contact and a taxel that counts as crosstalk."""
 
 
 class Readings(NamedTuple):
@@ -63,6 +67,23 @@ def read(skin: Skin, loads: Loads, start: State | None = None) -> tuple[Readings
 @eqx.filter_jit
 def _read(skin: Skin, angle: Lanes, force: Lanes) -> Readings:
     return read(skin, Loads.line(angle, force))[0]
+
+
+def taxel_places(skin: Skin) -> Floats:
+    """Angle [rad] and axial position [m] of taxels [taxel, 2]."""
+    own = skin.electrodes.taxels
+    return np.stack([np.asarray(x)[:, 0] for x in (own.angle, own.axial)], 1)
+
+
+def far_taxels(skin: Skin, taxels: Floats, at: Floats) -> np.ndarray:
+    """Taxels that contacts should leave alone [taxel, place].
+
+    Of taxels [taxel, coordinate] and contacts [place, coordinate]; on a section by angle alone.
+    """
+    film = float(skin.geometry.thickness[0] + skin.geometry.oil_gap[0])
+    size = np.array([float(skin.geometry.mid_size[0]), 1.0])[: at.shape[1]]
+    distance = np.linalg.norm((taxels[:, None] - at) * size, axis=-1)
+    return np.asarray(distance > FAR * film)
 
 
 def skins_in_lanes(spec: SkinSpec, inputs: dict[str, Any], **settings: Any) -> Skin:

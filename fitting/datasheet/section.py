@@ -6,8 +6,14 @@ import jax
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.datasheet.figures import FAR, Accuracy, Cases, Measured, rated_force
-from fitting.datasheet.readings import Readings, read_all, skins_in_lanes
+from fitting.datasheet.figures import Accuracy, Cases, Measured, rated_force
+from fitting.datasheet.readings import (
+    Readings,
+    far_taxels,
+    read_all,
+    skins_in_lanes,
+    taxel_places,
+)
 from fitting.datasheet.variants import Variants
 from fitting.force_range.bound import angles_over, first_contacts
 from fitting.inverse_load.estimate.place import ContactPlaces
@@ -20,14 +26,6 @@ def between_taxels(skin: Skin, angle: Floats) -> np.ndarray:
     taxels = np.asarray(skin.electrodes.taxels.angle)[:, 0]
     inside = (angle >= taxels.min() - 1e-9) & (angle <= taxels.max() + 1e-9)
     return inside if inside.any() else np.ones_like(inside)
-
-
-def far_taxels(skin: Skin, angle: Floats) -> np.ndarray:
-    """Taxels that contacts should leave alone [taxel, place]."""
-    g = skin.geometry
-    taxels = np.asarray(skin.electrodes.taxels.angle)[:, :1]
-    distance = np.abs(taxels - angle) * float(g.mid_size[0])
-    return np.asarray(distance > FAR * float(g.thickness[0] + g.oil_gap[0]))
 
 
 def measure_section(
@@ -68,7 +66,7 @@ def measure_section(
         at.coordinates(angle),
         at.outer_arc(angle),
         region,
-        far_taxels(free, angle),
+        far_taxels(free, taxel_places(free)[:, :1], angle[:, None]),
         rated,
         Accuracy(noise, MODEL_ERROR),
         (places, 1),

@@ -231,7 +231,7 @@ def design_skin(
             sheets.append(data_sheet(spec, *how, between=problem.ends))
         except ValueError as error:  # a pad's table ends before the rated force
             shares = zip(want.variables, found.x.tolist(), strict=True)
-            values = (f"{v.name} = {v.low + (v.high - v.low) * x:.6g}" for v, x in shares)
+            values = (f"{v.name} = {v.at(x):.6g}" for v, x in shares)
             raise ValueError(
                 f"data sheet {name} the search: {error}. The search found "
                 f"{', '.join(values)} (SI units, or factors)"

@@ -20,8 +20,8 @@ import numpy as np
 
 from fitting.arrays import Floats, Rows
 from fitting.datasheet.figures import Accuracy, Cases, figures_at, rated_force
-from fitting.datasheet.pad import ELEMENTS, far_taxels, taxel_places
-from fitting.datasheet.readings import Readings, read
+from fitting.datasheet.pad import ELEMENTS
+from fitting.datasheet.readings import Readings, far_taxels, read, taxel_places
 from fitting.datasheet.words import PLACED
 from fitting.design.problem import STEP, Outcome, Problem
 from fitting.design.want import Want
@@ -76,7 +76,7 @@ class PadProblem(Problem):
         self.elements, self._tell, self._designs = elements, progress, 0
         spec = want.spec
         assert spec.electrodes is not None  # or there would be no skin
-        self._skin = skin = skin_of(spec, elements=elements, contact=False)
+        skin = skin_of(spec, elements=elements, contact=False)
         taxels, edge = taxel_places(skin), np.array(edge_of(skin, DIAMETER))
         first, last = taxels.min(0), taxels.max(0)
         if want.angles is not None:

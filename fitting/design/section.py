@@ -17,8 +17,14 @@ from scipy.stats import norm
 
 from fitting.arrays import Floats
 from fitting.datasheet.figures import Accuracy, Cases, figures_at, rated_force
-from fitting.datasheet.readings import Readings, picked, read, skins_in_lanes
-from fitting.datasheet.section import far_taxels
+from fitting.datasheet.readings import (
+    Readings,
+    far_taxels,
+    picked,
+    read,
+    skins_in_lanes,
+    taxel_places,
+)
 from fitting.datasheet.variants import Variants, by_changes, variants_of
 from fitting.datasheet.words import PLACED
 from fitting.design.problem import Outcome, Problem
@@ -161,7 +167,7 @@ class SectionProblem(Problem):
             self.angle,
             np.float64(self.rated),
             np.float64(spec.electrodes.noise),
-            far_taxels(skin, self.angle),
+            far_taxels(skin, taxel_places(skin)[:, :1], self.angle[:, None]),
             {} if variants is None else _moved(variants),
             np.float64(norm.ppf(want.units or 0.5)),
         )

@@ -38,6 +38,10 @@ class Variable(NamedTuple):
     high: float  # see `low`
     factor: bool  # whether they are factors
 
+    def at(self, share: Any) -> Any:
+        """Its value at a share of the way from the lower bound to the upper one."""
+        return self.low + (self.high - self.low) * share
+
 
 class Limit(NamedTuple):
     """A figure that must not be worse than a value."""
@@ -96,7 +100,7 @@ class Want:
         own = continuous_inputs(self.spec)
         found = {}
         for i, variable in enumerate(self.variables):
-            value = variable.low + (variable.high - variable.low) * x[i]
+            value = variable.at(x[i])
             for path in variable.paths:
                 found[path] = own[path] * value if variable.factor else value
         return found
