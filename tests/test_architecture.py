@@ -30,7 +30,7 @@ LAYERS = {
             "json_text",
             "column_units",
             "report",
-            "temperature",
+            "surroundings",
             "workers",
         ],
         ["statistics"],

@@ -13,7 +13,7 @@ from suas_jax.acquisition.log.convert import convert, to_xarray
 from suas_jax.acquisition.log.log_file import SoLog, group_frames, read_log
 from suas_jax.config import load_scene, with_inputs
 from suas_jax.config.inelastic import RelaxationSpec
-from suas_jax.config.schema_load import PatchLoadSpec, PressureLoadSpec
+from suas_jax.config.schema_load import EnvironmentSpec, PatchLoadSpec, PressureLoadSpec
 from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import skin_of
@@ -111,6 +111,40 @@ def test_a_simulated_log_carries_its_true_loads(folder: Path, played: SoLog) -> 
     other.write_text(PATH.replace("2,10,30", "2,11,30"))
     with pytest.raises(ValueError, match="with other values"):
         load_sensor_data(path.scene.skin, [folder / "played.csv"], [other])
+
+
+def test_a_path_warms_and_sinks_the_skin(folder: Path) -> None:
+    """Frames are those of the scene in their surroundings, whose columns the log has."""
+    grows = SCENE.replace("[oil]", 'expansion = "EPDM"\n[oil]\nbulk_modulus = "1.1 GPa"')
+    grows = grows.replace('"incompressible"', '"compressible"')
+    (folder / "warm.toml").write_text(grows)
+    path = folder / "warm.csv"
+    rows = "t_s,temperature_degC,water_depth_m\n0,20,0\n1,10,100\n"
+    path.write_text(f"# scene: warm.toml\n{rows}")
+    status, output = suas("simulate", path, "-o", folder / "warmed.csv", "--rate", 2)
+    assert status == 0, output
+    flags = read_log(folder / "warmed.csv").flags
+    for name, wanted in (("temperature_degC", [20, 15, 10]), ("water_depth_m", [0, 50, 100])):
+        np.testing.assert_allclose(flags[name][::2].astype(float), wanted)
+    found = capacitances(load_path(path), np.array([0.0, 0.5, 1.0]))
+    scene = load_scene(folder / "warm.toml")
+    for k, (warm, deep) in enumerate(((293.15, 0.0), (288.15, 50.0), (283.15, 100.0))):
+        around = EnvironmentSpec(temperature=warm, depth=deep)
+        own = scene.model_copy(update={"environment": around})
+        alone = capacitances(LoadPath(own, np.zeros(1), {}), np.zeros(1))
+        np.testing.assert_allclose(found[k], alone[0], rtol=1e-9)
+    assert np.abs(found[2] / found[0] - 1).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("column", "message"),
+    [("temperature_degC,285", "-40 to 120"), ("water_depth_m,-3", "0 to 11000")],
+)
+def test_impossible_surroundings_are_refused(folder: Path, column: str, message: str) -> None:
+    name, value = column.split(",")
+    (folder / "bad.csv").write_text(f"# scene: scene.toml\nt_s,{name}\n0,{value}\n")
+    with pytest.raises(ValueError, match=f'"{name}": {value}: {message} is allowed'):
+        load_path(folder / "bad.csv")
 
 
 def test_true_loads_of_every_kind() -> None:

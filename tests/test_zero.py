@@ -18,6 +18,7 @@ from fitting.inverse_load.zero.presses import (
 )
 from fitting.inverse_load.zero.zero import Zero
 from fitting.inverse_load.zero.zero_file import (
+    aged,
     read_zero,
     skin_with_zero,
     zero_file_of,
@@ -25,7 +26,14 @@ from fitting.inverse_load.zero.zero_file import (
     zeroed,
 )
 from suas_jax.config import ConfigError, InputErrors, input_errors, load_skin
-from suas_jax.config.input_errors import STIFFNESS, as_assembled, stresses_of, value_of
+from suas_jax.config.input_errors import (
+    STIFFNESS,
+    WARMTH,
+    as_assembled,
+    stresses_of,
+    value_of,
+)
+from suas_jax.config.schema_calibration import CalibrationSpec
 
 ROOT = Path(__file__).parent.parent / "configs/skins"
 SKIN, PAD, ARC = (ROOT / f"{n}.toml" for n in ("suas", "suas-pad", "suas-flat-topped"))
@@ -345,3 +353,34 @@ def test_one_weight_sets_a_pad_s_forces_right_where_it_stood() -> None:
         high, low = (true.at(e + s * step, true.known).change for s in (1, -1))
         by = true.at(e, true.known).by_error[0, k]
         assert np.abs((high - low)[0] / 2e-3 - by).max() < 1e-3 * np.abs(by).max() + 1e-4
+
+
+def test_an_old_zero_knows_less_of_forces_where_nothing_tells_the_temperature() -> None:
+    """The variance of a temperature that walks at random grows with time, to its tolerance."""
+    spec = load_skin(SKIN)
+    names = ("oil.fill", "environment.temperature")
+    covariance = ((1e-6, 2e-4), (2e-4, 0.25))
+    record = CalibrationSpec(
+        parameters=names,
+        values=(1.0, 290.0),
+        covariance=covariance,
+        taken="2026-01-01T10:00:00+00:00",
+    )
+    zeroed_spec = spec.model_copy(update={"calibration": record})
+
+    def grown(begin: str, lasts: float = 0.0) -> float:
+        found, said = aged(zeroed_spec, begin, lasts)
+        assert found.calibration is not None
+        own = np.array(found.calibration.covariance)
+        assert own[0, 0] == covariance[0][0]
+        assert own[0, 1] == covariance[0][1]
+        assert bool(said) == (own[1, 1] > covariance[1][1])
+        return float(own[1, 1]) - covariance[1][1]
+
+    assert grown("2026-01-01T10:00:00+00:00") == 0.0
+    assert grown("2026-01-01T10:15:00+00:00") == pytest.approx(WARMTH**2 / 4)
+    assert grown("2026-01-01T10:00:00+00:00", 900.0) == pytest.approx(WARMTH**2 / 4)
+    assert grown("2026-01-03T10:00:00+00:00") == pytest.approx(WARMTH**2)
+    for unknown in ("", "yesterday", "2026-01-01T12:00:00"):
+        assert grown(unknown) == 0.0
+    assert aged(spec, "2026-01-03T10:00:00+00:00") == (spec, [])

@@ -1,8 +1,9 @@
 """`suas invert`. JAX is imported inside the command."""
 
 import contextlib
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from fitting.cli.contract import Overwrite, bad_input
 from fitting.cli.options import (
@@ -25,9 +26,10 @@ from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from fitting.inverse_load.estimator import LoadEstimator
     from fitting.inverse_load.live.stream import LiveWatcher
-    from fitting.inverse_load.readings import LogReadings
     from fitting.robotics.recording import Recording
     from suas_jax.config import SkinSpec
 
@@ -133,31 +135,16 @@ def invert(
         on_pad = pad_settings(diameter, pressure_noise, budget)
         spec = _spec_of(skin, zero)
 
-        def prepare(spec: "SkinSpec" = spec) -> "LoadEstimator":
-            from fitting.inverse_load.memory.series import assumed_of_memory
-            from fitting.inverse_load.zero.skin_estimator import estimator_of
-
-            with computing("preparing the estimate", workers, trust_network) as (
-                show,
-                processes,
-            ):
-                estimator = estimator_of(
-                    spec,
-                    baseline,
-                    progress=show,
-                    direction=direction,
-                    false_alarm=false_alarm,
-                    most_contacts=contacts,
-                    noise=noise,
-                    live=live is not None,
-                    model_error=model_error,
-                    follow_drift=baseline is not None,
-                    workers=processes,
-                    **on_pad,
-                )
-            _told(estimator.input_errors.text, assumed_of_memory(spec))
-            return estimator
-
+        settings = on_pad | {
+            "direction": direction,
+            "false_alarm": false_alarm,
+            "most_contacts": contacts,
+            "noise": noise,
+            "live": live is not None,
+            "model_error": model_error,
+            "follow_drift": baseline is not None,
+        }
+        making = _making(baseline, settings, workers, trust_network)
         if live is not None:
             if posterior is not None or plot is not None:
                 raise ValueError("--posterior and --plot need a log; leave --live out")
@@ -166,6 +153,10 @@ def invert(
             options = LiveOptions(
                 live, format_name, baud, duration, latency, log, as_json, smooth, overwrite
             )
+
+            def prepare() -> "LoadEstimator":
+                with making as make:
+                    return _estimator_now(spec, make)
 
             def watchers(
                 estimator: "LoadEstimator", stack: contextlib.ExitStack
@@ -176,13 +167,17 @@ def invert(
             return
         assert log is not None
         from fitting.cli.invert_log import invert_log, read_for
+        from fitting.inverse_load.log.log_estimator import LogEstimator
+        from fitting.inverse_load.log.skin_states import skin_states
 
         readings = read_for(spec, log, noise, as_json=as_json, plot=plot, posterior=posterior)
-        spec = _at_temperature(spec, readings, log)
-        estimator = prepare(spec)
+        states = skin_states(spec, readings, str(log))
+        with making as make:
+            found = LogEstimator(readings, states, make)
+        _told(*found.states.said)
+        _assumed(found.main)
         estimates = invert_log(
-            estimator,
-            readings,
+            found,
             skin,
             log,
             as_json=as_json,
@@ -193,7 +188,7 @@ def invert(
         if mcap is not None:
             from fitting.robotics.recording import write_readings
 
-            with _recording(estimator, skin, mcap) as recording:
+            with _recording(found.main, skin, mcap) as recording:
                 write_readings(recording, readings, estimates)
 
 
@@ -207,13 +202,41 @@ def _spec_of(skin: Path, zero: str | None) -> "SkinSpec":
     return spec
 
 
-def _at_temperature(spec: "SkinSpec", readings: "LogReadings", log: Path) -> "SkinSpec":
-    """The skin at its log's temperature, which is named."""
-    from fitting.temperature import spec_at
+@contextlib.contextmanager
+def _making(
+    baseline: Path | None, settings: dict[str, Any], workers: str | None, trust: bool
+) -> "Iterator[Callable[[SkinSpec, str], LoadEstimator]]":
+    """Yields what makes the estimator of a skin, in a state that has a name."""
+    with computing("preparing the estimate", workers, trust) as (show, processes):
+        from fitting.inverse_load.zero.skin_estimator import estimator_of
 
-    found, said = spec_at(spec, readings.temperature, str(log))
+        def make(spec: "SkinSpec", name: str) -> "LoadEstimator":
+            def told(text: str) -> None:
+                show(f"{name}: {text}" if name else text)
+
+            return estimator_of(spec, baseline, progress=told, workers=processes, **settings)
+
+        yield make
+
+
+def _estimator_now(
+    spec: "SkinSpec", make: "Callable[[SkinSpec, str], LoadEstimator]"
+) -> "LoadEstimator":
+    """The estimator of a skin whose zero is of some time ago."""
+    from fitting.inverse_load.zero.zero_file import aged
+
+    now, said = aged(spec, datetime.now(UTC).isoformat())
+    estimator = make(now, "")
     _told(*said)
-    return found
+    _assumed(estimator)
+    return estimator
+
+
+def _assumed(estimator: "LoadEstimator") -> None:
+    """Say what the skin file leaves open."""
+    from fitting.inverse_load.memory.series import assumed_of_memory
+
+    _told(estimator.input_errors.text, assumed_of_memory(estimator.spec))
 
 
 def _told(*sentences: str) -> None:

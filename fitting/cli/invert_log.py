@@ -10,8 +10,8 @@ from fitting.cli.options import check_figures
 from fitting.cli.progress import bar, spinner
 from fitting.inverse_load.check.verdict import ModelVerdict
 from fitting.inverse_load.estimate.estimate import LoadEstimate
-from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.frame_posterior import LoadMode, frame_posterior
+from fitting.inverse_load.log.log_estimator import LogEstimator
 from fitting.inverse_load.readings import (
     EmptyLogError,
     LayoutMismatchError,
@@ -65,8 +65,7 @@ def read_for(
 
 
 def invert_log(
-    estimator: LoadEstimator,  # of the skin
-    readings: LogReadings,  # of the log, by `read_for`
+    estimator: LogEstimator,  # of the log, as `read_for` read it
     skin: Path,
     log: Path,  # SO log
     *,
@@ -79,17 +78,12 @@ def invert_log(
 
     Raises ValueError: the frame has no load to sample.
     """
-    modes = None if posterior is None else _modes(estimator, readings, posterior)
+    readings = estimator.readings
+    modes = None if posterior is None else _modes(estimator, posterior)
     with bar("estimating loads", len(readings.so)) as advance:
-        estimates = estimator.estimate(
-            readings.so,
-            readings.stuck,
-            advance,
-            pressure=readings.pressure,
-            time=readings.time,
-        )
+        estimates = estimator.estimate(advance)
     with spinner("comparing the log with the skin file"):
-        verdict = _verdict(estimator, readings, estimates)
+        verdict = _verdict(estimator, estimates)
     if verdict is not None and not (verdict.right and as_json):
         _say(f"{log}: {verdict.text}")
         command = verdict.command(str(skin), str(log))
@@ -124,39 +118,43 @@ def invert_log(
     return estimates
 
 
-def _verdict(
-    estimator: LoadEstimator, readings: LogReadings, estimates: list[LoadEstimate]
-) -> ModelVerdict | None:
+def _verdict(log: LogEstimator, estimates: list[LoadEstimate]) -> ModelVerdict | None:
     """What a log says about its skin file; None where it has too few contacts.
 
     None of a membrane that remembers: what one frame reads is not its loads' alone.
     """
+    estimator, readings = log.main, log.readings
     if estimator.remembers:
         return None
-    so, stuck, pressure = readings.so, readings.stuck, readings.pressure
+    frames, so = log.main_frames()
+    pressure, force = (
+        None if x is None else x[frames] for x in (readings.pressure, readings.force)
+    )
+    given = estimator, so, readings.stuck[frames]
+    own = [estimates[i] for i in frames]
     if estimator.spec.geometry.dimension == 3:
         from fitting.inverse_load.check.skin_file import model_verdict
 
-        return model_verdict(estimator, so, stuck, pressure, estimates)
+        return model_verdict(*given, pressure, own)
     from fitting.inverse_load.check.section_log import section_verdict
 
-    return section_verdict(
-        estimator, so, stuck, estimates, pressure=pressure, force=readings.force
-    )
+    return section_verdict(*given, own, pressure=pressure, force=force)
 
 
-def _modes(estimator: LoadEstimator, readings: LogReadings, seq: int) -> list[LoadMode]:
+def _modes(log: LogEstimator, seq: int) -> list[LoadMode]:
     """Modes of the frame with a number."""
+    readings = log.readings
+    i = int(np.flatnonzero(readings.seq == seq)[0])
+    estimator, so = log.near(i)
     if estimator.remembers:
         raise ValueError(
             f"--posterior {seq}: the membrane remembers ([material] relaxation), so that a "
             "frame alone does not determine its loads; take a skin file without relaxation"
         )
-    i = int(np.flatnonzero(readings.seq == seq)[0])
     try:
         return frame_posterior(
             estimator,
-            readings.so[i],
+            so,
             readings.stuck[i],
             progress=_say,
             pressure=float("nan") if readings.pressure is None else readings.pressure[i],

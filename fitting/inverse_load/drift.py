@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fitting.arrays import Flags, Floats
+from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.fit.detection import AbstractDetector
 from suas_jax.acquisition.taxel_faults import saturated
 from suas_jax.config import SkinSpec
@@ -99,7 +99,7 @@ class Drift:
     offset: Floats
     variance: Floats  # of it [frame, taxel] [counts^2]; likewise
 
-    def rows(self, frames: slice) -> "Drift":
+    def rows(self, frames: slice | Rows) -> "Drift":
         """That of some frames."""
         return Drift(self.offset[frames], self.variance[frames])
 
@@ -109,6 +109,18 @@ class Drift:
         at = np.abs(self.offset).argmax(1)
         largest = self.offset[range(len(at)), at]
         return list(zip(mean.tolist(), largest.tolist(), strict=True))
+
+
+class PastOfFrames(NamedTuple):
+    """What earlier frames say of some frames; None where it is not followed."""
+
+    drift: Drift | None = None  # of the readings at rest
+    moved: Floats | None = None  # that may be motion of the film [frame, taxel] [counts]
+
+    def rows(self, frames: slice | Rows) -> "PastOfFrames":
+        """Of some of them."""
+        drift = None if self.drift is None else self.drift.rows(frames)
+        return PastOfFrames(drift, None if self.moved is None else self.moved[frames])
 
 
 class DriftFollower:

@@ -33,6 +33,7 @@ from fitting.inverse_load.drift import (
     ROUNDING,
     Drift,
     DriftFollower,
+    PastOfFrames,
     ReadingWeights,
     zero_of_readings,
 )
@@ -351,15 +352,30 @@ class LoadEstimator:
         if faulty is None:
             faulty = np.zeros(so.shape, bool)
         time = None if time is None else np.asarray(time, float)
-        film = None if time is None else self._film
-        if film is not None and not self.live:
-            film.forget()
-        moved = None if film is None or time is None else film.moved(so, faulty, time)
         if self._memory is not None and time is not None:
-            return self._remembered(self._memory, so, faulty, time, moved, done)
+            return self._remembered(self._memory, so, faulty, time, done)
         if self._budget is not None:
             self._budget.begin()
-        drift = self._followed(so, faulty, time)
+        past = self.followed(so, faulty, time)
+        found = self.estimate_frames(so, faulty, past, done, pressure=pressure)
+        return found if time is None else self.with_taps(found, so, faulty, time, past)
+
+    def followed(self, so: Floats, faulty: Flags, time: Floats | None) -> PastOfFrames:
+        """What the frames before say of each frame; nothing without times."""
+        if time is None:
+            return PastOfFrames()
+        return PastOfFrames(self._drifted(so, faulty, time), self._moved(so, faulty, time))
+
+    def estimate_frames(
+        self,
+        so: Floats,
+        faulty: Flags,
+        past: PastOfFrames,
+        done: Callable[[int], None] = lambda frames: None,
+        *,
+        pressure: Floats | None = None,
+    ) -> list[LoadEstimate]:
+        """Estimate frames whose past is known; other arguments as of `estimate`."""
         size = 1 if self.live else _BLOCK
         found: list[LoadEstimate] = []
         for begin in range(0, len(so), size):
@@ -367,13 +383,22 @@ class LoadEstimator:
             if self._budget is not None and begin:
                 self._budget.begin()
             measured = None if pressure is None else pressure[part]
-            own = None if drift is None else drift.rows(part)
-            motion = None if moved is None else moved[part]
-            found += self._batch(so[part], faulty[part], measured, own, motion)
+            found += self._batch(so[part], faulty[part], measured, *past.rows(part))
             done(len(found))
-        if film is not None and time is not None:
-            found = film.with_taps(found, so, faulty, time, drift)
         return found
+
+    def with_taps(
+        self,
+        found: list[LoadEstimate],
+        so: Floats,
+        faulty: Flags,
+        time: Floats,
+        past: PastOfFrames,
+    ) -> list[LoadEstimate]:
+        """Estimates of frames, those that end a tap with it."""
+        if self._film is None:
+            return found
+        return self._film.with_taps(found, so, faulty, time, past.drift)
 
     def _remembered(
         self,
@@ -381,26 +406,34 @@ class LoadEstimator:
         so: Floats,
         faulty: Flags,
         time: Floats,
-        moved: Floats | None,
         done: Callable[[int], None],
     ) -> list[LoadEstimate]:
         """Frame after frame, each with what the membrane remembers of those before."""
         found: list[LoadEstimate] = []
         if not self.live:
             memory.forget()
+        moved = self._moved(so, faulty, time)
         for k in range(len(so)):
             row = slice(k, k + 1)
             shift = memory.before(float(time[k]))
             # The dent of a load before is not a drift.
-            drift = self._followed(so[row] - shift, faulty[row], time[row])
+            drift = self._drifted(so[row] - shift, faulty[row], time[row])
             motion = None if moved is None else moved[row]
             found += self._batch(so[row], faulty[row], None, drift, motion, memory, shift)
             done(len(found))
         return found
 
-    def _followed(self, so: Floats, faulty: Flags, time: Floats | None) -> Drift | None:
+    def _moved(self, so: Floats, faulty: Flags, time: Floats) -> Floats | None:
+        """What of frames may be motion [frame, taxel] [counts]; None where nothing tells."""
+        if self._film is None:
+            return None
+        if not self.live:
+            self._film.forget()
+        return self._film.moved(so, faulty, time)
+
+    def _drifted(self, so: Floats, faulty: Flags, time: Floats) -> Drift | None:
         """Drift of the readings at rest in frames; None where it isn't followed."""
-        if self._drift is None or time is None:
+        if self._drift is None:
             return None
         return self._drift.follow(time, self._weights.change_from_rest(so, faulty))
 

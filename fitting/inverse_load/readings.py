@@ -1,14 +1,14 @@
 """Readings of logs and baselines, taxel by taxel in the order of a skin's layout."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fitting.arrays import Flags, Floats
-from fitting.temperature import LogTemperature, log_temperature
+from fitting.surroundings import Surroundings, log_surroundings
 from suas_jax.acquisition.baseline import Baseline
 from suas_jax.acquisition.log.log_file import Frames, SoLog, group_frames, sequence_notes
 from suas_jax.acquisition.taxel_faults import stuck_taxels
@@ -167,8 +167,7 @@ class LogReadings:
     # measured of the oil [frame] [Pa]; NaN where missing, None without a column
     pressure: Floats | None = None
     force: Floats | None = None  # known of the one load of the log [frame] [N]; likewise
-    # of the skin, row by row of the log; None where it says nothing
-    temperature: LogTemperature | None = None
+    surroundings: Surroundings = field(default_factory=Surroundings)  # of the skin [frame]
 
 
 def noise_of_readings(spec: SkinSpec, noise: float | None) -> float:
@@ -225,10 +224,10 @@ def readings_of(log: SoLog, spec: SkinSpec, noise: float | None) -> LogReadings:
         )
     )
     host_time = np.where(np.isfinite(frames.t_host), frames.t_host, time)
-    warm, said = log_temperature(log.flags, log.header, spec, str(log.path))
+    around, said = log_surroundings(log.flags, log.header, spec, str(log.path))
     told = (*notes, *said)
     read = (time, frames.seq, so, stuck, told, host_time, log.header, pressure, force)
-    return LogReadings(*read, warm)
+    return LogReadings(*read, around.by(frames.mean))
 
 
 def _scale_note(header: Mapping[str, str], spec: SkinSpec) -> list[str]:

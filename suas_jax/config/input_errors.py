@@ -34,12 +34,14 @@ a test; moulded sheets and gaps are held to a few per cent, an oil's permittivit
 grade and moisture leave open, a converter's scale to one per cent.
 """
 
-_FILL, _MOUNTING, _WARMTH = 3e-3, 5e-4, 5.0
+_FILL, _MOUNTING = 3e-3, 5e-4
 """Standard deviations of what no file tells unless it names it, see `as_assembled`.
 
 A syringe and a weighed film fill to some tenths of a per cent, a sheet is cut and glued to
-some hundredths of a millimetre; water changes by several kelvin between two looks at it [K].
+some hundredths of a millimetre.
 """
+WARMTH = 5.0
+"""The same of the temperature: water changes by several kelvin between two looks at it [K]."""
 _ASSEMBLY = ("oil.fill", "geometry.mounting", "environment.temperature")
 
 _CALIBRATED = {
@@ -179,7 +181,7 @@ def as_assembled(spec: SkinSpec) -> SkinSpec:
     warmth_told = _ASSEMBLY[2] in found or deviation_of(around.temperature) is not None
     if any(part.expansion is not None for part in parts) and not warmth_told:
         now = around.temperature or spec.reference.temperature
-        warmth = TypicalQuantity(now, _WARMTH)
+        warmth = TypicalQuantity(now, WARMTH)
         tables["environment"] = around.model_copy(update={"temperature": warmth})
     return spec.model_copy(update=tables)
 

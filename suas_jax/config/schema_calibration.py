@@ -97,6 +97,7 @@ class CalibrationSpec(Spec):
 
     Attributes:
         created: date and time, UTC.
+        taken: when the log of a zero began; empty where it does not say.
         versions: of the programs.
         parameters: calibrated keys, in the order of what follows.
         units: SI units.
@@ -118,6 +119,7 @@ class CalibrationSpec(Spec):
     """
 
     created: str = file_key('"2025-11-21T05:40:12+00:00"', "")
+    taken: str = file_key('"2025-11-21T05:40:12+00:00"', "")
     versions: str = file_key('"suas_jax 0.1"', "")
     parameters: Names = file_key('["oil_gap"]', ())
     units: Names = file_key('["m"]', ())

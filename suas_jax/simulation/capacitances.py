@@ -4,18 +4,23 @@ import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 from numpy.typing import NDArray
 
 from suas_jax.acquisition.baseline import Baseline
-from suas_jax.config import SceneSpec
+from suas_jax.config import SceneSpec, continuous_inputs
 from suas_jax.dynamics.driven import responding
+from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.jit import jit
 from suas_jax.runtime.settings import configure
 from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import SPREAD_POINTS, Loads, loads_of
-from suas_jax.scene.skin import skin_of
+from suas_jax.scene.parts import SkinStructure
+from suas_jax.scene.skin import Skin, skin_of
 from suas_jax.scene.solve import solve
 from suas_jax.simulation.load_path import LoadPath, skin_behind
 from suas_jax.simulation.pad_frames import (
@@ -49,6 +54,7 @@ def capacitances(
         if remembers:
             return _remembering_pad(dataclasses.replace(path, scene=scene), time, progress)
         return pad_capacitances(path, time, progress)
+    moved = path.surroundings(time)
     free, held = skin_of(scene, contact=False), skin_of(scene)
     run = jit(forward)
     section = free.geometry.section
@@ -63,16 +69,42 @@ def capacitances(
     for begin in range(0, len(time), _BLOCK):
         index = np.minimum(np.arange(begin, begin + _BLOCK), len(time) - 1)
         block = Loads(*(x[..., index] for x in _fields(loads)))
-        output = run(free, block)
+        here = {k: x[index] for k, x in moved.items()}
+        output = run(_at(scene, free, here), block)
         # The program that knows contact is compiled where the membrane reaches the wall.
         if held.wall is not None and bool(jnp.any(output.min_gap < 0)):
-            output = run(held, block)
+            output = run(_at(scene, held, here), block)
         failed = np.flatnonzero(np.asarray(output.result))
         if failed.size:
             raise no_solution(time[index[failed[0]]], output.result[failed[0]])
         blocks.append(np.asarray(output.readings.capacitance).T)
         progress(min(begin + _BLOCK, len(time)))
     return np.concatenate(blocks)[: len(time)]
+
+
+def _at(scene: SceneSpec, skin: Skin, surroundings: dict[str, NDArray[np.float64]]) -> Skin:
+    """The skin in its surroundings, a lane a frame; as it is where these do not change."""
+    if not surroundings:
+        return skin
+    numbers = {path: np.asarray(x, float) for path, x in continuous_inputs(scene).items()}
+    found: Skin = COMPILED.run(
+        _lanes, SkinStructure(scene), skin, numbers, surroundings, once=True
+    )
+    return found
+
+
+@eqx.filter_jit
+def _lanes(
+    file: SkinStructure, skin: Skin, numbers: dict[str, Array], changed: dict[str, Array]
+) -> Skin:
+    contact = skin.wall is not None
+
+    def one(changed: dict[str, Array]) -> Skin:
+        made = skin_of(file.spec, {**numbers, **changed}, contact=contact)
+        return jax.tree.map(lambda x: x[..., 0] if eqx.is_array(x) else x, made)
+
+    found: Skin = eqx.filter_vmap(one, out_axes=eqx.if_array(-1))(changed)
+    return found
 
 
 def _remembering_pad(

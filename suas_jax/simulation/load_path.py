@@ -10,8 +10,9 @@ A load path is a CSV file beside the scene whose loads it moves::
 The first column is time, the others are loads of the scene by the names that `suas solve
 --json` gives them: `force_N`, `angle_deg` or `arc_m`, `direction_deg` (counter-clockwise from
 the inward radial) and `pressure_Pa`; in three dimensions also `axial_m`, `tilt_deg` (towards
-+axial) and the `diameter_m` of a round patch. Between rows everything changes linearly; what
-no column names stays as the scene has it.
++axial) and the `diameter_m` of a round patch. `temperature_degC` is that of the whole skin,
+`water_depth_m` its depth below the surface. Between rows everything changes linearly; what no
+column names stays as the scene has it.
 """
 
 import re
@@ -32,10 +33,15 @@ from suas_jax.config import (
     load_skin,
 )
 from suas_jax.config.csv_table import number_in, read_csv_table
+from suas_jax.config.schema_load import EnvironmentSpec
 
 _COLUMN = re.compile(r"loads\.(\d+)\.([a-z]+_[A-Za-z]+)")
 _LINE = ("force_N", "angle_deg", "arc_m", "direction_deg")
 _ON_PADS = ("axial_m", "tilt_deg")
+SURROUNDINGS = {"temperature_degC": "temperature", "water_depth_m": "depth"}
+"""Keys of [environment] by the columns, of paths and logs, that change them."""
+_ZERO = {"temperature_degC": 273.15, "water_depth_m": 0.0}  # of the columns' scales [SI]
+_RANGE = {"temperature_degC": (-40.0, 120.0), "water_depth_m": (0.0, 11000.0)}  # allowed
 
 
 @dataclass(frozen=True)
@@ -49,6 +55,15 @@ class LoadPath:
     def at(self, time: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
         """Values at some times [s], linear between rows, constant beyond them."""
         return {k: np.interp(time, self.time, v) for k, v in self.columns.items()}
+
+    def surroundings(self, time: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+        """Temperature [K] and depth [m], those that change, by their paths in a scene."""
+        values = self.at(time)
+        return {
+            f"environment.{key}": values[name] + _ZERO[name]
+            for name, key in SURROUNDINGS.items()
+            if name in values
+        }
 
 
 def load_path(file: Path) -> LoadPath:
@@ -77,7 +92,31 @@ def load_path(file: Path) -> LoadPath:
         line, _ = table.rows[late[0] + 1]
         raise ValueError(f"{file}, line {line}, column t_s: time must increase")
     columns = dict(zip(table.names[1:], numbers[:, 1:].T, strict=True))
-    return LoadPath(scene, numbers[:, 0], columns)
+    return LoadPath(_surrounded(str(file), scene, columns), numbers[:, 0], columns)
+
+
+def _surrounded(
+    where: str, scene: SceneSpec, columns: dict[str, NDArray[np.float64]]
+) -> SceneSpec:
+    """The scene with what its columns change of its surroundings stated, as it begins."""
+    found = {}
+    for name in SURROUNDINGS.keys() & columns.keys():
+        values, (low, high) = columns[name], _RANGE[name]
+        if scene.material.relaxation is not None:
+            raise ValueError(
+                f'{where}, column "{name}": it is not followed where the material relaxes; '
+                "take `relaxation` out of [material], or use suas sweep --history"
+            )
+        if values.min() < low or values.max() > high:
+            worst = values[np.abs(values - (low + high) / 2).argmax()]
+            raise ValueError(
+                f'{where}, column "{name}": {worst:g}: {low:g} to {high:g} is allowed'
+            )
+        found[SURROUNDINGS[name]] = float(values[0]) + _ZERO[name]
+    if not found:
+        return scene
+    around = (scene.environment or EnvironmentSpec()).model_copy(update=found)
+    return scene.model_copy(update={"environment": around})
 
 
 def skin_behind(file: Path) -> SkinSpec:
@@ -102,13 +141,15 @@ def _check_columns(where: str, names: Sequence[str], scene: SceneSpec) -> None:
     if names[0] != "t_s" or len(set(names)) < len(names):
         raise ValueError(f'{where}: "{",".join(names)[:80]}": expected t_s,loads.0.force_N,...')
     for name in names[1:]:
+        if name in SURROUNDINGS:
+            continue
         found = _COLUMN.fullmatch(name)
         if found is None or int(found[1]) >= len(scene.loads):
             raise ValueError(
                 f'{where}, column "{name}": expected loads.K.force_N, .angle_deg, .arc_m, '
                 f".direction_deg or .pressure_Pa with K below {len(scene.loads)}, the number "
                 "of the scene's loads; in three dimensions also .axial_m, .tilt_deg and "
-                ".diameter_m"
+                f".diameter_m; and {' and '.join(SURROUNDINGS)}"
             )
         load = scene.loads[int(found[1])]
         allowed = _allowed(load, scene.geometry.dimension)

@@ -27,7 +27,7 @@ from suas_jax.scene.build import plan_for, problem_of
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import at_rest, inputs_of, structure_of
 from suas_jax.scene.structure import Inputs, Structure
-from suas_jax.simulation.load_path import LoadPath
+from suas_jax.simulation.load_path import SURROUNDINGS, LoadPath
 
 # Frames below which a program isn't worth the compiler's own optimisation.
 _FEW = 10
@@ -118,8 +118,10 @@ def _moving(
     path: LoadPath, time: NDArray[np.float64]
 ) -> tuple[SceneSpec, dict[str, NDArray[np.float64]]]:
     """The scene with what the path moves stated in it, and those inputs over time."""
-    moved, loads = {}, list(path.scene.loads)
+    moved, loads = path.surroundings(time), list(path.scene.loads)
     for name, values in path.at(time).items():
+        if name in SURROUNDINGS:
+            continue
         _, index, column = name.split(".")
         field, scale = _FIELDS[column]
         moved[f"load.{index}.{field}"] = scale * values

@@ -16,7 +16,7 @@ from suas_jax.files.writing import written
 from suas_jax.sensing.converter import Converter, Sample
 from suas_jax.sensing.taxels import by_taxel, taxel_names
 from suas_jax.simulation.capacitances import capacitances, static_state
-from suas_jax.simulation.load_path import load_path
+from suas_jax.simulation.load_path import SURROUNDINGS, load_path
 
 Columns = dict[str, NDArray[np.float64]]
 
@@ -57,6 +57,8 @@ def true_loads(
             own["diameter_m"] = load.diameter
         values = {key: np.full(frames, value) for key, value in own.items()}
         for name, series in moved.items():
+            if name in SURROUNDINGS:
+                continue
             _, index, key = name.split(".")
             if int(index) == i and key != "tilt_deg":
                 values[key] = np.asarray(series, float)
@@ -119,9 +121,9 @@ class SimulatedLog:
     capacitance: NDArray[np.float64]
     readings: list[Reading]  # as a device would send them, less what was lost
     origin: str  # seed and settings, in words
-    # columns of the loads [frame]; empty where there are none
-    true_loads: Columns = field(default_factory=dict)
-    untold: str = ""  # why there are none, in words
+    # columns of the loads, and of surroundings that change [frame]
+    known: Columns = field(default_factory=dict)
+    untold: str = ""  # why there are none of the loads, in words
 
 
 def simulate_log(
@@ -168,6 +170,7 @@ def simulate_log(
         loads = true_loads(scene, forces, moved, count)
     except NotKnownInputsError as error:
         untold = str(error)
+    columns = loads | {name: moved[name] for name in SURROUNDINGS if name in moved}
     # A channel's gain is the converter's: the film's capacitance is without it.
     assert scene.electrodes is not None  # or there would be no converter
     given = by_taxel(scene.electrodes, continuous_inputs(scene), "gain", 1.0)
@@ -178,7 +181,7 @@ def simulate_log(
     sample = converter.sample(capacitance * gain + offsets * converter.lsb, time, random)
     found = list(readings(scene, time, sample, faults or LogFaults(), random))
     origin = f"seed {seed}, {rate:g} Hz, {converter}"
-    return SimulatedLog(scene, converter, sample, capacitance, found, origin, loads, untold)
+    return SimulatedLog(scene, converter, sample, capacitance, found, origin, columns, untold)
 
 
 def write_simulated_log(log: SimulatedLog, output: Path, source: Path) -> None:
@@ -195,11 +198,9 @@ def write_simulated_log(log: SimulatedLog, output: Path, source: Path) -> None:
     taxels = max(taxel_names(log.scene.electrodes)[1])
     with (
         written(output) as draft,
-        LogWriter(
-            draft, header, taxels=taxels, flags=(*Flags._fields, *log.true_loads)
-        ) as writer,
+        LogWriter(draft, header, taxels=taxels, flags=(*Flags._fields, *log.known)) as writer,
     ):
-        known = np.stack([*log.true_loads.values()], 1) if log.true_loads else None
+        known = np.stack([*log.known.values()], 1) if log.known else None
         for r in log.readings:
             t_device, flags = judge.judge(r)
             own = () if known is None else [float(f"{x:.9g}") for x in known[r.seq]]

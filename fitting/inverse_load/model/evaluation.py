@@ -10,8 +10,9 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
+from suas_jax.equilibrium.balance import verify
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import State, differentiable, equilibrium
 from suas_jax.numerics.array_types import Lanes
@@ -19,6 +20,17 @@ from suas_jax.numerics.quadrature import gauss_legendre
 from suas_jax.scene.error_estimate import bounded
 from suas_jax.scene.loads import SPREAD_POINTS, Loads
 from suas_jax.scene.skin import Skin
+
+
+class NoRestError(ValueError):
+    """The skin has no stable state at rest, from which loads would be told."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "the skin has no stable state at rest: what it carries before anything touches it "
+            "buckles it, so that loads can't be told; look at fill, mounting, temperature and "
+            "depth with suas solve"
+        )
 
 
 class Evaluation(NamedTuple):
@@ -116,5 +128,13 @@ def _read(
     return skin.electrodes.read(shell, shown.q).so, min_gap, root, result
 
 
+def _stable_at_rest(skin: Skin, state: State) -> Bool[Array, " lane"]:
+    zero = jnp.zeros_like(state.pressure)
+    problem = skin.problem(Loads(zero[None], zero[None], zero[None], zero))
+    return verify(problem, state, omitted=False)[0].stable
+
+
+rest_program = eqx.filter_jit(_stable_at_rest)
+"""Whether a skin is stable in its state at rest, in lanes."""
 read_program = eqx.filter_jit(_read)
 """Readings, smallest gap, state and result of one radial load a lane, without derivatives."""

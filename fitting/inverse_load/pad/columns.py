@@ -12,6 +12,7 @@ import jax
 import numpy as np
 
 from fitting.arrays import Flags, Floats
+from fitting.inverse_load.model.evaluation import NoRestError
 from fitting.inverse_load.pad.rest import film_readings
 from suas_jax.numerics.bordered_solve import BorderedVector
 from suas_jax.runtime.compiled import COMPILED
@@ -99,13 +100,19 @@ class Columns:
         return _joined([column for row in rows for column in row])
 
     def rest(self) -> Floats:
-        """Readings of the pad without contacts [taxel], by the program that solves columns."""
+        """Readings of the pad without contacts [taxel], by the program that solves columns.
+
+        Raises NoRestError: there is no state without contacts.
+        """
         if not self.skin.prestressed:
             return film_readings(self.skin)
         nothing = np.array([0.0, 0.0, 0.0, self._diameter, 0.0])
         once = self._total < _FEW
         levels = LEVELS[None, LEVELS != 0]
-        return np.asarray(solve_line(self.skin, nothing[None], levels, once)[0].so[0])
+        found = solve_line(self.skin, nothing[None], levels, once)[0]
+        if not found.found[0]:
+            raise NoRestError
+        return np.asarray(found.so[0])
 
     def _on_workers(
         self,

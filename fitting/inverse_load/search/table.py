@@ -14,7 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from fitting.arrays import Floats, Rows
-from fitting.inverse_load.model.evaluation import at_rest, read_program
+from fitting.inverse_load.model.evaluation import (
+    NoRestError,
+    at_rest,
+    read_program,
+    rest_program,
+)
 from suas_jax.config import SkinSpec, continuous_inputs, structure
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.files.kept_arrays import kept_arrays
@@ -119,7 +124,13 @@ def table_key(spec: SkinSpec, skin: Skin) -> str:
 
 
 def build_table(skin: Skin) -> LoadTable:
-    """Solve all states of the table."""
+    """Solve all states of the table.
+
+    Raises NoRestError: the skin has no stable state at rest.
+    """
+    rest, _, unloaded, failed = _solve(skin, np.zeros(1), np.zeros(1), None)
+    if failed[0] or (skin.prestressed and not COMPILED.run(rest_program, skin, unloaded)[0]):
+        raise NoRestError
     edge = float(skin.geometry.half_angle[0]) - edge_margin(skin)
     count = 2 * round(np.rad2deg(edge)) + 1
     angles = np.linspace(-edge, edge, max(count, 31))
@@ -137,9 +148,8 @@ def build_table(skin: Skin) -> LoadTable:
         q = np.moveaxis(np.asarray(state.q), -1, 0)
         columns.append((readings, q, np.asarray(state.pressure)))
     so, q, pressure = (np.stack([c[i] for c in columns], 1) for i in range(3))
-    rest = _solve(skin, np.zeros(1), np.zeros(1), None)[0][:, 0]
     touch = first_contacts(skin, angles, forces[:, -1])
-    return LoadTable(angles, forces, so, rest, q, pressure, touch)
+    return LoadTable(angles, forces, so, rest[:, 0], q, pressure, touch)
 
 
 def first_contacts(skin: Skin, angles: np.ndarray, below: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """A zero from a log: its frames of rest and of known presses."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from fitting.inverse_load.zero.presses import (
 from fitting.inverse_load.zero.update import PressModel, PressReadings, zero_of
 from fitting.inverse_load.zero.zero import KnownPress, Zero
 from fitting.sensor.logs.log import AlignedLog, read_aligned
+from fitting.surroundings import spec_at
 from suas_jax.acquisition.log.log_file import read_log
 from suas_jax.config import SkinSpec, input_errors
 from suas_jax.config.input_errors import as_assembled
@@ -55,21 +57,26 @@ def zero_from_log(
         raise ValueError("a diameter belongs to presses on a pad; leave it out")
     if model_error is None:
         model_error = PAD_MODEL_ERROR if pad else MODEL_ERROR
+    if known:
+        readings = readings_of(read_log(log), spec, None)
+        so, time, around = _usable(readings), readings.time, readings.surroundings
+        began = readings.header.get("start_time", "")
+    else:
+        aligned = read_aligned(spec, log, inputs, None)
+        so, time, around = aligned.so.T, aligned.time, aligned.surroundings
+        began = aligned.began
+    spec, _ = spec_at(spec, around, str(log))
     errors = input_errors(as_assembled(spec))
     if not len(errors):
         raise ValueError("the skin file states every input as exact: there is nothing to find")
     if known:
         presses = tuple(known_press(text, spec.geometry, diameter) for text in known)
-        readings = readings_of(read_log(log), spec, None)
-        so, time = _usable(readings), readings.time
-        noise = noise_of_readings(spec, None)
         patterns = PressModel(errors, presses).change()
-        frames = frames_of_presses(so, patterns, noise)
+        frames = frames_of_presses(so, patterns, noise_of_readings(spec, None))
     else:
-        aligned = read_aligned(spec, log, inputs, None)
-        so, time = aligned.so.T, aligned.time
         presses, frames = _told_in_columns(spec, aligned, diameter)
-    return zero_of(errors, presses, _averaged(spec, so, time, frames), model_error)
+    found = zero_of(errors, presses, _averaged(spec, so, time, frames), model_error)
+    return replace(found, taken=began)
 
 
 def _usable(readings: LogReadings) -> Floats:

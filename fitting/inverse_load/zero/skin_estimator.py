@@ -1,6 +1,7 @@
 """The estimator that a skin file, its zero and a baseline file describe."""
 
 import logging
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.readings import Layout
-from fitting.inverse_load.zero.zero_file import skin_with_zero
+from fitting.inverse_load.zero.zero_file import aged, skin_with_zero
 from suas_jax.config import SkinSpec
 
 _log = logging.getLogger("suas")
@@ -31,8 +32,10 @@ def skin_estimator(
     Raises Float64Error: float64 is off.
     """
     spec, told = skin_with_zero(skin, zero)
-    if told:
-        _log.warning(told)
+    spec, more = aged(spec, datetime.now(UTC).isoformat())
+    for sentence in (told, *more):
+        if sentence:
+            _log.warning(sentence)
     return estimator_of(spec, baseline, **settings)
 
 

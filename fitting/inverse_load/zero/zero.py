@@ -80,6 +80,7 @@ class Zero:
     after: Floats  # the same with it
     chi2_per_dof: float  # of the presses' readings; about 1 where the model holds
     status: str  # "ok", or "poor_fit" where the covariance is scaled up by chi2
+    taken: str = ""  # when the log began, as its header says
 
     @property
     def values(self) -> Floats:

@@ -21,7 +21,7 @@ from fitting.inverse_load.zero.zero import Zero, zeroed_inputs
 from suas_jax.acquisition.log.reader import MOST_BYTES as LOG_BYTES
 from suas_jax.config import ConfigError, SkinSpec, format_quantity, load_skin
 from suas_jax.config.errors import Mistake
-from suas_jax.config.input_errors import as_assembled
+from suas_jax.config.input_errors import WARMTH, as_assembled
 from suas_jax.config.schema_calibration import CalibrationSpec
 from suas_jax.config.toml_file import MOST_BYTES, read_toml
 from suas_jax.config.validation import validate_table
@@ -31,6 +31,8 @@ ENDING = ".zero.toml"
 MARK = "written by suas zero"
 _TABLES = ("zero", "press")
 _OF_TAXELS = ("offsets", "offset_errors", "masked")  # which a zero leaves as they are
+_WARMTH_PATH = "environment.temperature"
+_NEGLIGIBLE = 0.1  # change of temperature that nothing is said of [K]
 _UNITS = {
     **dict.fromkeys(("fill", "mounting", "mounting_axial", "relative_permittivity"), "1"),
     **dict.fromkeys(("lsb", "stray"), "F"),
@@ -52,6 +54,7 @@ def zero_text(zero: Zero, skin: Path, log: Path) -> str:
     document.add(tomlkit.comment(f"{MARK}; used by suas invert; SI units"))
     table = tomlkit.table()
     table["created"] = datetime.now(UTC).isoformat(timespec="seconds")
+    table["taken"] = zero.taken
     table["versions"] = f"suas-jax {version('suas-jax')}"
     table["parameters"] = list(paths)
     table["units"] = [_unit(spec, path) for path in paths]
@@ -141,6 +144,34 @@ def zeroed(spec: SkinSpec, record: CalibrationSpec) -> SkinSpec:
     if own is not None:  # offsets of single taxels are nothing that a press tells
         record = record.model_copy(update={key: getattr(own, key) for key in _OF_TAXELS})
     return changed.model_copy(update={"calibration": record})
+
+
+def aged(spec: SkinSpec, begin: str, lasts: float = 0.0) -> tuple[SkinSpec, list[str]]:
+    """A skin with its zero at the end of some time, where nothing tells its temperature.
+
+    The temperature has walked at random since the zero was taken, by as much as a file's
+    tolerance within an hour. The time begins at a date and time and `lasts` [s]. Also in words
+    what that assumes.
+    """
+    record = spec.calibration
+    if record is None or _WARMTH_PATH not in record.parameters:
+        return spec, []
+    try:
+        since = datetime.fromisoformat(begin) - datetime.fromisoformat(record.taken)
+    except (TypeError, ValueError):  # one of them does not say, or not where on earth
+        return spec, []
+    hours = abs(since.total_seconds() + lasts) / 3600
+    walked = WARMTH * min(hours, 1.0) ** 0.5
+    if walked < _NEGLIGIBLE:
+        return spec, []
+    k = record.parameters.index(_WARMTH_PATH)
+    rows = np.array(record.covariance)
+    rows[k, k] += walked**2
+    record = record.model_copy(update={"covariance": tuple(map(tuple, rows.tolist()))})
+    return spec.model_copy(update={"calibration": record}), [
+        f"{hours:.2g} h after its zero the skin may be {walked:.2g} K warmer or colder, which "
+        "counts in every force: record temperature_degC with zero and log"
+    ]
 
 
 def skin_with_zero(skin: Path, zero: Path | str | None = None) -> tuple[SkinSpec, str]:

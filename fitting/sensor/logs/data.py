@@ -15,7 +15,7 @@ import numpy as np
 from fitting.sensor.logs.known_inputs import fluid_name
 from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.logs.log import AlignedLog, Masked, read_aligned
-from fitting.temperature import LogTemperature, spec_at
+from fitting.surroundings import Surroundings, spec_at, told_at_mean
 from suas_jax.acquisition.log.reader import MOST_BYTES
 from suas_jax.config import SkinSpec
 from suas_jax.files.reading import read_bytes
@@ -107,11 +107,13 @@ def load_sensor_data(
         read_aligned(spec, path, of(inputs, i), of(fluids, i))  # type: ignore[arg-type]
         for i, path in enumerate(logs)
     ]
-    warm = [part.temperature for part in parts if part.temperature is not None]
-    whole = functools.reduce(LogTemperature.and_then, warm) if warm else None
-    spec, said = spec_at(spec, whole, ", ".join(map(str, logs)))
+    around = functools.reduce(
+        Surroundings.and_then, [part.surroundings for part in parts], Surroundings()
+    )
+    said = [*told_at_mean(around, spec)]
+    spec, more = spec_at(spec, around, ", ".join(map(str, logs)))
     data = _joined(spec, parts, joint)
-    return dataclasses.replace(data, warnings=(*data.warnings, *said))
+    return dataclasses.replace(data, warnings=(*data.warnings, *more, *said))
 
 
 Table = dict[

@@ -15,7 +15,7 @@ from fitting.sensor.logs.known_inputs import (
     from_header,
     permittivities,
 )
-from fitting.temperature import LogTemperature, log_temperature
+from fitting.surroundings import Surroundings, log_surroundings
 from suas_jax.acquisition.log.log_file import (
     SoLog,
     flagged,
@@ -101,7 +101,8 @@ class AlignedLog:
     warnings: list[str]  # what a person should know
     inputs: Path | None  # second file of known inputs, or None
     simulated: bool  # whether `suas simulate` made it
-    temperature: LogTemperature | None  # of the skin [frame]; None where the log says nothing
+    began: str  # date and time, as its header says
+    surroundings: Surroundings  # of the skin [frame]
 
 
 def read_aligned(
@@ -137,7 +138,7 @@ def read_aligned(
         raise ValueError(f"{path}: both clocks have missing values: frames can't be placed")
     first = _first_rows(log, frames.seq, frames.t_host)
     columns = {name: np.asarray(values)[first] for name, values in log.flags.items()}
-    warm, said = log_temperature(columns, log.header, spec, str(path))
+    around, said = log_surroundings(columns, log.header, spec, str(path))
     warnings += said
     known, kept = _known(log, columns, inputs, time, clock)
     permittivity = permittivities(known.fluid, fluid, len(time), str(path))
@@ -178,7 +179,8 @@ def read_aligned(
         warnings,
         inputs,
         "simulated" in log.header,
-        None if warm is None else dataclasses.replace(warm, value=warm.value[kept]),
+        log.header.get("start_time", ""),
+        around.by(lambda values: values[kept]),
     )
 
 

@@ -7,14 +7,21 @@ import pytest
 
 from fitting.inverse_load.readings import readings_of
 from fitting.sensor.logs.data import load_sensor_data
-from fitting.temperature import log_temperature, spec_at
+from fitting.surroundings import log_surroundings, spec_at
 from suas_jax.acquisition.log.log_file import read_log
-from suas_jax.config import SkinSpec, UncertainQuantity, continuous_inputs, load_skin
+from suas_jax.config import (
+    SkinSpec,
+    UncertainQuantity,
+    continuous_inputs,
+    load_scene,
+    load_skin,
+)
 from suas_jax.config.input_errors import as_assembled, input_errors
 from suas_jax.scene.parts import skin_parts
 from suas_jax.sensing.electrodes import warmed_permittivity
 
 SKIN = Path(__file__).parent.parent / "configs/skins/suas.toml"
+DEEP_SEA = SKIN.parent.parent / "scenes/deep_sea.toml"
 TAXELS, EXPANSION = 8, 9.6e-4
 
 
@@ -63,13 +70,13 @@ def test_a_plain_column_moves_sizes_and_permittivity(spec: SkinSpec, tmp_path: P
     wanted = warmed_permittivity(np.array([2.2]), np.array([grown]))
     np.testing.assert_allclose(parts.sensing().permittivity, wanted, rtol=1e-12)
     read = readings_of(read_log(log), spec, None)
-    assert read.temperature is not None
-    np.testing.assert_allclose(read.temperature.mean, 303.15)
+    assert read.surroundings.temperature is not None
+    np.testing.assert_allclose(read.surroundings.temperature.mean, 303.15)
 
 
 def test_a_known_temperature_takes_the_place_of_the_usual_tolerance(spec: SkinSpec) -> None:
     columns = {"temperature_degC": ["30"] * 3}
-    found, _ = log_temperature(columns, {}, spec, "log")
+    found, _ = log_surroundings(columns, {}, spec, "log")
     path = "environment.temperature"
     deviations = []
     for own in (spec, spec_at(spec, found, "log")[0]):
@@ -77,6 +84,23 @@ def test_a_known_temperature_takes_the_place_of_the_usual_tolerance(spec: SkinSp
         column = errors.directions[:, errors.paths.index(path)]
         deviations.append(float(np.linalg.norm(column)))
     np.testing.assert_allclose(deviations, [5.0, 0.5])
+
+
+def test_depth_is_read_and_used_where_something_yields(tmp_path: Path) -> None:
+    log = log_of(tmp_path, "", "water_depth_m", "90", "110", "100")
+    rigid = load_skin(SKIN)
+    data = load_sensor_data(rigid, [log])
+    assert data.spec is rigid
+    assert any("bulk_modulus" in text for text in data.warnings)
+    oil = load_scene(DEEP_SEA).oil.model_copy(update={"relative_permittivity": 2.2})
+    soft = rigid.model_copy(update={"oil": oil})
+    data = load_sensor_data(soft, [log])
+    assert data.spec.environment is not None
+    assert data.spec.environment.depth == pytest.approx(100.0)
+    # One state stands for all of the log, which does not say what 20 m do.
+    assert any("20 m do within it" in text for text in data.warnings)
+    with pytest.raises(ValueError, match="no depth of water"):
+        load_sensor_data(soft, [log_of(tmp_path, "", "water_depth_m", "-5", "0")])
 
 
 def test_thermal_pads_need_their_scale(spec: SkinSpec, tmp_path: Path) -> None:

@@ -1,0 +1,149 @@
+"""Loads of a log whose skin warms and sinks: each frame in its own surroundings.
+
+A frame is estimated by the estimators of the states around it. A share s of the way between two
+of them forces are nearly exponential in the surroundings, and everything else nearly linear::
+
+    F = F_a^(1-s) F_b^s,    x = (1 - s) x_a + s x_b
+
+Readings at rest move by more than noise between two states, so that those of a frame in its
+surroundings are taken off first, and those of the state put in their place.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from fitting.arrays import Floats, Rows
+from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
+from fitting.inverse_load.estimator import FULL_SCALE, LoadEstimator
+from fitting.inverse_load.log.skin_states import SkinStates
+from fitting.inverse_load.model.evaluation import NoRestError
+from fitting.inverse_load.readings import LogReadings
+from suas_jax.config import SkinSpec
+
+_LINEAR = ("angle", "direction", "tilt", "arc_position", "axial", "diameter", "arc")
+_ARRAYS = ("covariance", "systematic")
+_PAIRS = ("spread", "arc_extent", "axial_extent", "arc_force", "axial_force")
+_LEAST = 1e-9  # share of a state that counts
+
+
+class LogEstimator:
+    """Estimates the loads of a log."""
+
+    def __init__(
+        self,
+        readings: LogReadings,
+        states: SkinStates,
+        make: Callable[[SkinSpec, str], LoadEstimator],  # the estimator of a state, by its name
+    ) -> None:
+        found: list[LoadEstimator | None] = []
+        for spec, name in zip(states.specs, states.names, strict=True):
+            try:
+                found.append(make(spec, name))
+            except NoRestError:  # of some of the states, which others stand in for
+                found.append(None)
+        if not any(found):
+            raise NoRestError
+        self.readings, self.states = readings, states.without([x is None for x in found])
+        self._of = [x for x in found if x is not None]
+        self._rest = np.stack([one.model_rest for one in self._of])
+        self._main = int(np.bincount(self.states.nearest[self.states.known]).argmax())
+
+    @property
+    def main(self) -> LoadEstimator:
+        """That of the state which most frames are nearest to."""
+        return self._of[self._main]
+
+    def main_frames(self) -> tuple[Rows, Floats]:
+        """Frames that are nearest to that state, and their readings there [frame, taxel]."""
+        frames = np.flatnonzero(self.states.known & (self.states.nearest == self._main))
+        return frames, self.so(self._main, frames)
+
+    def near(self, frame: int) -> tuple[LoadEstimator, Floats]:
+        """The estimator nearest to a frame, and its readings as of that state [taxel]."""
+        state = int(self.states.nearest[frame])
+        return self._of[state], self.so(state, np.array([frame]))[0]
+
+    def so(self, state: int, frames: Rows) -> Floats:
+        """Readings of frames as a skin in one of the states would have them [frame, taxel].
+
+        What is missing or saturated stays as it is; NaN in frames without a state around them.
+        """
+        so = self.readings.so[frames]
+        if len(self.states.specs) == 1 and self.states.known.all():
+            return so
+        # Readings count from a baseline that was taken as the log began.
+        counted = self.main.rest is not None
+        first = self.states.share[self.states.known.argmax()]
+        here = first @ self._rest if counted else self._rest[state]
+        moved = so - self.states.share[frames] @ self._rest + here
+        moved = np.where((so > 0) & (so < FULL_SCALE), moved, so)
+        return np.where(self.states.known[frames, None], moved, np.nan)
+
+    def estimate(self, done: Callable[[int], None] = lambda frames: None) -> list[LoadEstimate]:
+        """Estimate all frames; `done` is called with the number of frames estimated so far."""
+        log, everything = self.readings, np.arange(len(self.readings.time))
+        if len(self._of) == 1 and self.states.known.all():
+            return self.main.estimate(
+                log.so, log.stuck, done, pressure=log.pressure, time=log.time
+            )
+        given = self.so(self._main, everything), log.stuck, log.time
+        past = self.main.followed(*given)
+        found: list[list[tuple[float, LoadEstimate]]] = [[] for _ in everything]
+        total = max((self.states.share > _LEAST).sum(), 1)
+        before = 0
+        for k, estimator in enumerate(self._of):
+            rows = np.flatnonzero(self.states.share[:, k] > _LEAST)
+            pressure = None if log.pressure is None else log.pressure[rows]
+
+            def so_far(frames: int, before: int = before) -> None:
+                done(int((before + frames) / total * len(everything)))
+
+            own = estimator.estimate_frames(
+                self.so(k, rows), log.stuck[rows], past.rows(rows), so_far, pressure=pressure
+            )
+            before += len(rows)
+            for row, estimate in zip(rows, own, strict=True):
+                found[row].append((float(self.states.share[row, k]), estimate))
+        nothing = LoadEstimate(None, status="model_mismatch")
+        merged = [between(parts) if parts else nothing for parts in found]
+        return self.main.with_taps(merged, *given, past)
+
+
+def between(parts: Sequence[tuple[float, LoadEstimate]]) -> LoadEstimate:
+    """One estimate of several in states around a frame, with their shares.
+
+    It is that of the nearest state, its numbers those between all states that find as many
+    contacts.
+    """
+    own = max(parts, key=lambda part: part[0])[1]
+    alike = [(s, e) for s, e in parts if len(e.contacts) == len(own.contacts)]
+    if len(alike) < 2 or not own.contacts:
+        return own
+    share = np.array([s for s, _ in alike]) / sum(s for s, _ in alike)
+    groups = zip(*(e.contacts for _, e in alike), strict=True)
+    bounds = [e.at_least for _, e in alike if e.at_least is not None]
+    return replace(
+        own,
+        contacts=tuple(_contact(own.contacts[k], c, share) for k, c in enumerate(groups)),
+        oil_pressure=float(share @ [e.oil_pressure for _, e in alike]),
+        at_least=float(share @ bounds) if len(bounds) == len(alike) else own.at_least,
+        latency=sum(e.latency for _, e in parts),
+    )
+
+
+def _contact(own: Contact, others: Sequence[Contact], share: Floats) -> Contact:
+    values: dict[str, Any] = {}
+    for name in (*_LINEAR, *_ARRAYS, *_PAIRS):
+        given = [getattr(c, name) for c in others]
+        if all(x is not None for x in given):
+            mean = np.tensordot(share, np.array(given), 1)
+            values[name] = (
+                mean if name in _ARRAYS else tuple(mean) if name in _PAIRS else float(mean)
+            )
+    force = np.array([c.force for c in others])
+    even = bool((force > 0).all())
+    values["force"] = float(np.exp(share @ np.log(force)) if even else share @ force)
+    return replace(own, **values)

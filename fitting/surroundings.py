@@ -1,0 +1,233 @@
+"""A skin's temperature and depth, from a log's columns, and the skin in these surroundings.
+
+Columns `temperature_degC` (or `temperature_K`) and `water_depth_m` are taken as they are.
+ROBOSKIN's thermal pads, `thermal_1` and `thermal_2`, send counts; two header lines turn them
+into temperatures::
+
+    # thermal_counts_per_K: 12
+    # thermal_zero: 3100
+
+`thermal_zero` are the counts at the skin file's [reference] temperature. A skin has one
+temperature and one depth at a time, and what is calibrated by a log takes their means.
+"""
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from fitting.arrays import Floats
+from suas_jax.config import SkinSpec, UncertainQuantity
+from suas_jax.config.csv_table import number_in
+from suas_jax.config.schema_load import EnvironmentSpec
+
+_ZERO_CELSIUS = 273.15
+_PLAIN = {"temperature_degc": _ZERO_CELSIUS, "temperature_k": 0.0}
+_PADS = ("thermal_1", "thermal_2")
+_DEPTH = "water_depth_m"
+_SENSOR = 0.5  # standard deviation of a thermometer that states none [K]
+_COLDEST, _WARMEST = 233.15, 393.15  # between which rubber and oil are what the file says
+_DEEPEST = 11e3  # [m]
+_STEADY = {"temperature": 2.0, "depth": 10.0}  # change within which one state stands for all
+
+
+@dataclasses.dataclass(frozen=True)
+class LogColumn:
+    """What a log says of one quantity of its surroundings."""
+
+    value: Floats  # in each row or frame [SI]; NaN where it says nothing
+    source: str  # its columns
+
+    @property
+    def mean(self) -> float:
+        """Over the log."""
+        return float(np.nanmean(self.value))
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The smallest and the largest value."""
+        return float(np.nanmin(self.value)), float(np.nanmax(self.value))
+
+    def and_then(self, other: Self) -> "LogColumn":
+        """Together with a second log."""
+        return LogColumn(np.concatenate([self.value, other.value]), self.source)
+
+
+class Surroundings(NamedTuple):
+    """Of the skin of a log; None where it says nothing."""
+
+    temperature: LogColumn | None = None  # [K]
+    depth: LogColumn | None = None  # below the water's surface [m]
+
+    def by(self, change: Callable[[Floats], Floats]) -> "Surroundings":
+        """With other values."""
+        return Surroundings(
+            *(x and dataclasses.replace(x, value=change(x.value)) for x in self)
+        )
+
+    def and_then(self, other: "Surroundings") -> "Surroundings":
+        """Together with those of a second log."""
+        pairs = zip(self, other, strict=True)
+        return Surroundings(*(a.and_then(b) if a and b else a or b for a, b in pairs))
+
+    def changing(self, spec: SkinSpec) -> "Surroundings":
+        """Those that change by more than one state of a skin stands for."""
+        felt = _felt(spec)
+        return Surroundings(
+            **{
+                name: column
+                for name, column in self._asdict().items()
+                if column is not None and felt[name] and np.ptp(column.ends) > _STEADY[name]
+            }
+        )
+
+
+def log_surroundings(
+    columns: Mapping[str, Iterable[object]],  # of the log beside its counts
+    header: Mapping[str, str],
+    spec: SkinSpec,  # the skin, whose [reference] the thermal pads' zero is at
+    where: str,  # the log, for messages
+) -> tuple[Surroundings, list[str]]:
+    """Find a log's temperature and depth among its columns.
+
+    Returns them, and what a person should know.
+    Raises ValueError: a value is not a number, or nothing that a skin meets.
+    """
+    named = {name.strip().lower(): column for name, column in columns.items()}
+    temperature, said = _temperature(named, header, spec, where)
+    depth = None
+    if _DEPTH in named:
+        value = _numbers(named[_DEPTH], _DEPTH, where)
+        if np.isfinite(value).any():
+            depth = LogColumn(value, f"column {_DEPTH}")
+            worst = max(depth.ends, key=lambda x: abs(x - _DEEPEST / 2))
+            if not 0 <= worst <= _DEEPEST:
+                raise ValueError(
+                    f"{where}, column {_DEPTH}: {worst:.4g} m is no depth of water (0 to "
+                    f"{_DEEPEST:g} m, positive downwards)"
+                )
+        else:
+            said = [*said, f"{where}, column {_DEPTH}: no depth in any row; not used"]
+    return Surroundings(temperature, depth), said
+
+
+def _temperature(
+    named: Mapping[str, Iterable[object]], header: Mapping[str, str], spec: SkinSpec, where: str
+) -> tuple[LogColumn | None, list[str]]:
+    plain = next((name for name in _PLAIN if name in named), None)
+    if plain is not None:
+        value = _numbers(named[plain], plain, where) + _PLAIN[plain]
+        found, source = value, f"column {plain}"
+    else:
+        pads = [name for name in _PADS if name in named]
+        if not pads:
+            return None, []
+        keys = "thermal_counts_per_K", "thermal_zero"
+        scale, zero = (number_in(header.get(key, "")) for key in keys)
+        if not (scale and np.isfinite(scale) and np.isfinite(zero)):
+            return None, [
+                f"{where}: columns {', '.join(pads)} are counts of thermal pads and not used: "
+                f'add header lines "# {keys[0]}: 12" and "# {keys[1]}: 3100", the counts at '
+                f"[reference] temperature"
+            ]
+        counts = np.mean([_numbers(named[name], name, where) for name in pads], 0)
+        found, source = spec.reference.temperature + (counts - zero) / scale, ", ".join(pads)
+    if not np.isfinite(found).any():
+        return None, [f"{where}, {source}: no temperature in any row; not used"]
+    worst = float(found[np.nanargmax(np.abs(found - spec.reference.temperature))])
+    if not _COLDEST < worst < _WARMEST:
+        raise ValueError(
+            f"{where}, {source}: {worst - _ZERO_CELSIUS:.4g} degC is not a skin's temperature "
+            f"(-40 to 120 degC); check the column's unit, or the thermal pads' scale"
+        )
+    return LogColumn(found, source), []
+
+
+def spec_in(spec: SkinSpec, **surroundings: float) -> SkinSpec:
+    """A skin in surroundings, by their keys of [environment] [SI]; a temperature is a reading.
+
+    A thermometer's error takes the place of the temperature's tolerance.
+    """
+    around = spec.environment or EnvironmentSpec()
+    values: dict[str, float] = dict(surroundings)
+    if "temperature" in values:
+        values["temperature"] = UncertainQuantity(values["temperature"], _SENSOR)
+    return spec.model_copy(update={"environment": around.model_copy(update=values)})
+
+
+def spec_at(spec: SkinSpec, found: Surroundings, where: str) -> tuple[SkinSpec, list[str]]:
+    """A skin at the mean of a log's surroundings, and in words what that assumes.
+
+    `where` names the log, for messages.
+    """
+    temperature, depth = found
+    said, felt = [], _felt(spec)
+    if depth is not None:
+        text, low, high = f"{where}: {depth.mean:.4g} m deep ({depth.source}", *depth.ends
+        text += f", {low:.4g} to {high:.4g})" if high - low > 0.5 else ")"
+        if felt["depth"]:
+            spec = spec_in(spec, depth=depth.mean)
+            said.append(f"{text}: the water presses as the skin file's bulk moduli say")
+        else:
+            said.append(
+                f"{text}, which changes nothing: the skin file states no bulk_modulus of its "
+                "oil, material or wall"
+            )
+    if temperature is None:
+        return spec, said
+    mean = UncertainQuantity(
+        temperature.mean, float(np.hypot(np.nanstd(temperature.value), _SENSOR))
+    )
+    low, high = (x - _ZERO_CELSIUS for x in temperature.ends)
+    text = f"{where}: at {float(mean) - _ZERO_CELSIUS:.4g} degC ({temperature.source}"
+    text += f", {low:.4g} to {high:.4g})" if high - low > 0.05 else ")"
+    if not felt["temperature"]:
+        return spec, [
+            *said,
+            f"{text}, which changes nothing: the skin file states no expansion of its "
+            'material, oil or wall (expansion = "EPDM", "silicone-oil", "PLA")',
+        ]
+    own = None if spec.environment is None else spec.environment.temperature
+    spec = spec_in(spec, temperature=float(mean))
+    assert spec.environment is not None
+    environment = spec.environment.model_copy(update={"temperature": mean})
+    grows = [name for name in ("material", "oil", "wall") if getattr(spec, name).expansion]
+    text += f": {', '.join(grows)} have grown as the skin file says, since "
+    text += f"{spec.reference.temperature - _ZERO_CELSIUS:.4g} degC"
+    if spec.oil.expansion is not None:
+        text += ", the oil's permittivity with its density (Clausius-Mossotti)"
+    text += "; material constants are those of the file"
+    if own is not None and abs(own - mean) > 3 * mean.deviation:
+        text += f"; the skin file's own, {own - _ZERO_CELSIUS:.4g} degC, is not used"
+    return spec.model_copy(update={"environment": environment}), [*said, text]
+
+
+def told_at_mean(found: Surroundings, spec: SkinSpec) -> list[str]:
+    """That a log is taken at the mean of surroundings which change."""
+    units = {"temperature": "K", "depth": "m"}
+    return [
+        f"the log is taken at its mean {name}: what {np.ptp(column.ends):.2g} {units[name]} do "
+        "within it is in no reading's model"
+        for name, column in found.changing(spec)._asdict().items()
+        if column is not None
+    ]
+
+
+def _felt(spec: SkinSpec) -> dict[str, bool]:
+    """Which surroundings change a skin."""
+    solids = spec.material, spec.wall
+    return {
+        "temperature": any(part.expansion is not None for part in (*solids, spec.oil)),
+        "depth": spec.oil.yields or any(part.bulk_modulus is not None for part in solids),
+    }
+
+
+def _numbers(column: Iterable[object], name: str, where: str) -> Floats:
+    """A column's numbers, NaN where a cell is empty. ValueError: a cell is not a number."""
+    texts = [str(x).strip() for x in column]
+    values = np.array([number_in(text) for text in texts])
+    for text, value in zip(texts, values, strict=True):
+        if np.isnan(value) and text.lower() not in ("", "nan", "na"):
+            raise ValueError(f'{where}, column "{name}": "{text}": expected a number')
+    return values
