@@ -45,19 +45,17 @@ def mcap(
             say(f"suas: {log}: {note}", err=True)
         if estimator is not None:
             with bar("estimating loads", len(readings.so)) as advance:
-                estimates = estimator.estimate(
-                    readings.so,
-                    readings.stuck,
-                    advance,
-                    pressure=readings.pressure,
-                    time=readings.time,
-                )
+                estimates = estimator.estimate(advance)
         from fitting.robotics.recording import Recording, write_readings
 
         with (
             bar("writing", len(readings.so)) as advance,
             Recording(
-                target, found.spec, rest=found.rest, estimator=estimator, skin_file=found.skin
+                target,
+                found.spec,
+                rest=found.rest,
+                estimator=None if estimator is None else estimator.main,
+                skin_file=found.skin,
             ) as recording,
         ):
             write_readings(recording, readings, estimates, advance)

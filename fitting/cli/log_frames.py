@@ -4,11 +4,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fitting.cli.progress import spinner
+from suas_jax.acquisition.terminal import say
 
 if TYPE_CHECKING:
     from fitting.arrays import Floats
     from fitting.inverse_load.estimate.estimate import LoadEstimate
     from fitting.inverse_load.estimator import LoadEstimator
+    from fitting.inverse_load.log.log_estimator import LogEstimator
     from fitting.inverse_load.readings import LogReadings
     from suas_jax.acquisition.log.log_file import SoLog
     from suas_jax.config import SkinSpec
@@ -21,7 +23,7 @@ class LogFrames(NamedTuple):
     spec: "SkinSpec"  # that skin
     rest: "Floats | None"  # readings at rest
     readings: "LogReadings"  # its frames
-    estimator: "LoadEstimator | None"  # of loads; None where they are known or left out
+    estimator: "LogEstimator | None"  # of loads; None where they are known or left out
     estimates: "list[LoadEstimate] | None"  # the loads, where they are known
 
 
@@ -37,9 +39,12 @@ def log_frames(
     """Read a log. Raises ValueError: it names no skin, or options contradict each other."""
     if loads is not None and taxels_only:
         raise ValueError("--loads and --taxels-only: give one of them")
+    from fitting.inverse_load.log.log_estimator import LogEstimator
+    from fitting.inverse_load.log.skin_states import skin_states
     from fitting.inverse_load.readings import Layout, readings_of
     from fitting.inverse_load.report.read_back import read_estimates
     from fitting.inverse_load.zero.skin_estimator import estimator_of, rest_of
+    from fitting.inverse_load.zero.zero_file import skin_with_zero, zero_file_of
     from suas_jax.acquisition.log.log_file import read_log
     from suas_jax.runtime.settings import configure
     from suas_jax.simulation.load_path import skin_behind
@@ -49,16 +54,26 @@ def log_frames(
     if file is None:
         raise ValueError(f"{log}: its header names no skin file that is here; give --skin")
     configure()
-    spec = skin_behind(file)
+    spec, told = (
+        skin_with_zero(file) if zero_file_of(file).is_file() else (skin_behind(file), "")
+    )
     rest, _ = rest_of(spec, baseline)
     Layout(spec)  # or there are no electrodes, which is said here
     assert spec.electrodes is not None
-    estimator, noise = None, spec.electrodes.noise
+    readings = readings_of(read, spec, options.get("noise"))
+    estimator = None
     if loads is None and not taxels_only:
+        states = skin_states(spec, readings, str(log))
         with spinner("preparing the estimate") as show:
-            estimator = estimator_of(spec, baseline, progress=show, **options)
-        noise = estimator.reading_noise
-    readings = readings_of(read, spec, noise)
+
+            def make(spec: "SkinSpec", name: str) -> "LoadEstimator":
+                show(name or "preparing the estimate")
+                return estimator_of(spec, baseline, progress=show, **options)
+
+            estimator = LogEstimator(readings, states, make)
+        for sentence in (told, *estimator.states.said):
+            if sentence:
+                say(f"suas: {sentence}", err=True)
     estimates = None if loads is None else read_estimates(loads, readings.seq)
     return LogFrames(file, spec, rest, readings, estimator, estimates)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from fitting.inverse_load.estimate.estimate import LoadEstimate
-from fitting.inverse_load.estimator import LoadEstimator
+from fitting.inverse_load.log.log_estimator import LogEstimator
 from fitting.inverse_load.readings import LogReadings
 from fitting.view.hub import Hub
 from fitting.view.picture import total_force
@@ -31,7 +31,7 @@ class LogSource:
         pictures: ReadingsPictures,  # of its skin
         title: str,  # what the page calls it
         *,
-        estimator: LoadEstimator | None = None,
+        estimator: LogEstimator | None = None,
         estimates: Sequence[LoadEstimate] | None = None,
     ) -> None:
         self._readings, self._pictures, self._estimator = readings, pictures, estimator
@@ -74,17 +74,14 @@ class LogSource:
         """Estimate the whole log, the frames behind the place that is shown last."""
         if self._estimator is None:
             return
-        readings, charted = self._readings, time.monotonic()
+        charted = time.monotonic()
         open_ = np.array([estimate is None for estimate in self._estimates])
         while open_.any() and not (over() or self.hub.closed):
             begin = self._player.index
             ahead = np.flatnonzero(open_[begin:])
             index = begin + ahead if ahead.size else np.flatnonzero(open_)
             index = index[:_BLOCK]
-            pressure = None if readings.pressure is None else readings.pressure[index]
-            found = self._estimator.estimate(
-                readings.so[index], readings.stuck[index], pressure=pressure
-            )
+            found = self._estimator.of_frames(index)
             for i, estimate in zip(index.tolist(), found, strict=True):
                 self._estimates[i] = estimate
             open_[index] = False

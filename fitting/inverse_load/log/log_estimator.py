@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from fitting.arrays import Floats, Rows
+from fitting.inverse_load.drift import PastOfFrames
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.estimator import FULL_SCALE, LoadEstimator
 from fitting.inverse_load.log.skin_states import SkinStates
@@ -49,6 +50,7 @@ class LogEstimator:
         self.readings, self.states = readings, states.without([x is None for x in found])
         self._of = [x for x in found if x is not None]
         self._rest = np.stack([one.model_rest for one in self._of])
+        self._same = len(self._of) == 1 and bool(self.states.known.all())
         self._main = int(np.bincount(self.states.nearest[self.states.known]).argmax())
 
     @property
@@ -72,7 +74,7 @@ class LogEstimator:
         What is missing or saturated stays as it is; NaN in frames without a state around them.
         """
         so = self.readings.so[frames]
-        if len(self.states.specs) == 1 and self.states.known.all():
+        if self._same:
             return so
         # Readings count from a baseline that was taken as the log began.
         counted = self.main.rest is not None
@@ -85,31 +87,46 @@ class LogEstimator:
     def estimate(self, done: Callable[[int], None] = lambda frames: None) -> list[LoadEstimate]:
         """Estimate all frames; `done` is called with the number of frames estimated so far."""
         log, everything = self.readings, np.arange(len(self.readings.time))
-        if len(self._of) == 1 and self.states.known.all():
+        if self._same:
             return self.main.estimate(
                 log.so, log.stuck, done, pressure=log.pressure, time=log.time
             )
         given = self.so(self._main, everything), log.stuck, log.time
         past = self.main.followed(*given)
-        found: list[list[tuple[float, LoadEstimate]]] = [[] for _ in everything]
-        total = max((self.states.share > _LEAST).sum(), 1)
-        before = 0
+        return self.main.with_taps(self.of_frames(everything, past, done), *given, past)
+
+    def of_frames(
+        self,
+        frames: Rows,
+        past: PastOfFrames | None = None,  # that of these frames, where it is followed
+        done: Callable[[int], None] = lambda frames: None,
+    ) -> list[LoadEstimate]:
+        """Estimate some frames; `done` is called with the number of frames so far."""
+        log, past = self.readings, past or PastOfFrames()
+        share = self.states.share[frames]
+        found: list[list[tuple[float, LoadEstimate]]] = [[] for _ in frames]
+        each, before = len(frames) / max((share > _LEAST).sum(), 1), 0
         for k, estimator in enumerate(self._of):
-            rows = np.flatnonzero(self.states.share[:, k] > _LEAST)
-            pressure = None if log.pressure is None else log.pressure[rows]
+            rows = np.flatnonzero(share[:, k] > _LEAST)
+            if not rows.size:
+                continue
+            own = frames[rows]
 
-            def so_far(frames: int, before: int = before) -> None:
-                done(int((before + frames) / total * len(everything)))
+            def so_far(count: int, before: int = before) -> None:
+                done(int((before + count) * each))
 
-            own = estimator.estimate_frames(
-                self.so(k, rows), log.stuck[rows], past.rows(rows), so_far, pressure=pressure
+            estimates = estimator.estimate_frames(
+                self.so(k, own),
+                log.stuck[own],
+                past.rows(rows),
+                so_far,
+                pressure=None if log.pressure is None else log.pressure[own],
             )
             before += len(rows)
-            for row, estimate in zip(rows, own, strict=True):
-                found[row].append((float(self.states.share[row, k]), estimate))
+            for row, estimate in zip(rows, estimates, strict=True):
+                found[row].append((float(share[row, k]), estimate))
         nothing = LoadEstimate(None, status="model_mismatch")
-        merged = [between(parts) if parts else nothing for parts in found]
-        return self.main.with_taps(merged, *given, past)
+        return [between(parts) if parts else nothing for parts in found]
 
 
 def between(parts: Sequence[tuple[float, LoadEstimate]]) -> LoadEstimate:
