@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
-from suas_jax.mechanics.contact.state import BodyContact, ContactState, Strip
+from suas_jax.mechanics.contact.face import BodyContact, ContactState, Strip
 from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.shape import AbstractShape
 from suas_jax.numerics.array_types import Lanes, StationVector

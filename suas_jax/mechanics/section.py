@@ -15,8 +15,7 @@ from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import FibreStretch, HeldFibre
 from suas_jax.constitutive.stability import drucker_modulus
 from suas_jax.mechanics.base import AbstractMechanics, Displacements, Profile
-from suas_jax.mechanics.contact.face import AbstractContactFace
-from suas_jax.mechanics.contact.state import BodyContact
+from suas_jax.mechanics.contact.face import AbstractContactFace, BodyContact
 from suas_jax.mechanics.section_face import INTERVALS, NormalFace, normal_face
 from suas_jax.mechanics.shape import AbstractShape
 from suas_jax.numerics.array_types import Lanes, StationVector

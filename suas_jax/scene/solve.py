@@ -16,8 +16,7 @@ from suas_jax.equilibrium.buckling import stress_effect
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.numerics.lanes import number
-from suas_jax.runtime.compiled import COMPILED
-from suas_jax.runtime.precision import require_float64
+from suas_jax.runtime.compiled import COMPILED, require_float64
 from suas_jax.scene.build import build_problem, decay_angle
 from suas_jax.scene.choice import Attempt, Tried, choose
 from suas_jax.scene.program import inputs_of, meshes_of, prepared, run_program, structure_of

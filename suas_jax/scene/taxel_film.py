@@ -6,8 +6,7 @@ from jaxtyping import Array, ArrayLike, Float
 from numpy.typing import NDArray
 
 from suas_jax.config import SkinSpec, continuous_inputs
-from suas_jax.runtime.jit import jit
-from suas_jax.runtime.precision import require_float64
+from suas_jax.runtime.compiled import jit, require_float64
 from suas_jax.scene.parts import skin_parts
 from suas_jax.sensing.electrodes import Electrodes
 

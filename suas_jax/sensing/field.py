@@ -25,7 +25,7 @@ from suas_jax.mechanics.section import section_of
 from suas_jax.mechanics.section_face import NormalFace, height_at
 from suas_jax.numerics.array_types import StationVector
 from suas_jax.numerics.block_tridiagonal import BlockTridiagonal
-from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.numerics.polynomials import gauss_legendre
 from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY
 from suas_jax.sensing.electrodes import Electrodes
 from suas_jax.skin.geometry import SkinGeometry

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.numerics.newton_polynomial import polynomial
+from suas_jax.numerics.polynomials import polynomial
 
 
 class Along(eqx.Module):

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.numerics.newton_polynomial import polynomial, power_coefficients
+from suas_jax.numerics.polynomials import polynomial, power_coefficients
 from suas_jax.skin.along import Along
 from suas_jax.skin.section import (
     INVERSE_STEPS,

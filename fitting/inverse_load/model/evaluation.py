@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import State, differentiable, equilibrium
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.numerics.polynomials import gauss_legendre
 from suas_jax.scene.error_estimate import bounded
 from suas_jax.scene.loads import SPREAD_POINTS, Loads
 from suas_jax.scene.skin import Skin

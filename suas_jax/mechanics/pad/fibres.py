@@ -32,7 +32,7 @@ from suas_jax.constitutive.deformation import InPlaneStrain
 from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.pad.mid_surface import Rest, Scalar, Surface, Vector, components, total
 from suas_jax.numerics.jet import second_order
-from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.numerics.polynomials import gauss_legendre
 from suas_jax.numerics.staging import staged
 from suas_jax.skin.prestress import Growth
 

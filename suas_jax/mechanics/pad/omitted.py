@@ -32,7 +32,7 @@ from suas_jax.mechanics.shell.omitted import (
     CLAMP_NORMAL_SHEAR,
     SHEAR,
 )
-from suas_jax.numerics.quadrature import lagrange_slopes
+from suas_jax.numerics.polynomials import lagrange_slopes
 from suas_jax.skin.prestress import Growth
 
 _LOAD_NORMAL, _LOAD_MOMENT = 1 / 12, 1 / 4

@@ -17,8 +17,7 @@ from jaxtyping import Array, Float
 
 from suas_jax.numerics.array_types import Diagonal, Lanes, OffDiagonal, StationVector
 from suas_jax.numerics.block_tridiagonal import product
-from suas_jax.numerics.hermite import hermite
-from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.numerics.polynomials import gauss_legendre, hermite
 from suas_jax.skin.section import AbstractSection, Frame, tangent
 
 EndMatrices = Float[Array, "4 4 end #lane"]

@@ -33,7 +33,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from suas_jax.mechanics.contact.state import Strip
+from suas_jax.mechanics.contact.face import Strip
 from suas_jax.mechanics.shell.contact import ContactFace
 from suas_jax.mechanics.shell.points import Moments, Points, mix
 from suas_jax.numerics.array_types import Lanes

@@ -28,7 +28,7 @@ from jaxtyping import Array, Float
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.base import Assembly, Displacements, Profile, largest
-from suas_jax.mechanics.contact.state import ContactState, Strip
+from suas_jax.mechanics.contact.face import ContactState, Strip
 from suas_jax.mechanics.contact.term import by_travel
 from suas_jax.mechanics.section import AbstractPlaneStrain
 from suas_jax.mechanics.shell.contact import ContactFace

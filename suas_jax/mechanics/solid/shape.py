@@ -14,7 +14,7 @@ from suas_jax.mechanics.solid.element import NODES, located, node_weights, quadr
 from suas_jax.mechanics.solid.layout import Layout
 from suas_jax.mechanics.solid.points import free_strain
 from suas_jax.numerics.array_types import StationVector
-from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.numerics.polynomials import gauss_legendre
 from suas_jax.skin.prestress import Growth
 
 Nodes = Float[Array, "9 2 layer element lane"]
