@@ -128,8 +128,8 @@ class Loads(eqx.Module):
 
 def _rows(x: ArrayLike) -> Array:
     """Numbers as [load, lane]; those that are known without a program of JAX's."""
-    if isinstance(x, jax.Array):
-        return jnp.atleast_2d(x.astype(float))
+    if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(x)):
+        return jnp.atleast_2d(jnp.asarray(x, float))
     return jnp.asarray(np.atleast_2d(np.asarray(x, float)))
 
 
