@@ -262,9 +262,8 @@ def first_contacts(skin: Skin, angle: Floats) -> tuple[Floats, Floats]:
 def least_errors(jacobian: Floats, weight: Floats) -> Floats:
     """Least standard deviations [parameter, ...] by the bound of Cramer and Rao.
 
-    Args:
-        jacobian: derivatives of the readings [parameter, taxel, ...].
-        weight: inverse variances of the readings [taxel, ...].
+    `jacobian`: derivatives of the readings [parameter, taxel, ...]. `weight`: inverse variances
+    of the readings [taxel, ...].
     """
     information = np.einsum("at...,bt...,t...->ab...", jacobian, jacobian, weight)
     rows = np.moveaxis(information, (0, 1), (-2, -1))

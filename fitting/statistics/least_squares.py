@@ -100,13 +100,9 @@ def compressed(r: np.ndarray, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     With J = Q R they are Q^T r and, last, the length of what of r no step changes.
 
-    Args:
-        r: residuals [n].
-        J: their derivatives [n, p].
-
-    Returns:
-        As many residuals as parameters and one more, and their derivatives; those given where
-        they are hardly more or no numbers.
+    `r`: residuals [n]. `J`: their derivatives [n, p].
+    Returns as many residuals as parameters and one more, and their derivatives; those given
+    where they are hardly more or no numbers.
     """
     n, p = J.shape
     if n <= 2 * p or not (np.all(np.isfinite(r)) and np.all(np.isfinite(J))):

@@ -64,10 +64,8 @@ class _Chunk(NamedTuple):
 class Stream:
     """Readings from an open source, until `stop` is set.
 
-    Attributes:
-        stop: set it to end the stream; what has arrived by then is still delivered.
-        reconnects: how often a lost link came back.
-        lost_link: whether the link is lost now.
+    `stop`: set it to end the stream; what has arrived by then is still delivered. `reconnects`:
+    how often a lost link came back. `lost_link`: whether the link is lost now.
     """
 
     def __init__(

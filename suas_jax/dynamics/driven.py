@@ -67,8 +67,7 @@ class Step(NamedTuple):
 class AbstractDriven(abc.ABC):
     """A skin on a mesh, some of whose numbers change.
 
-    Attributes:
-        series: how the material's stress fades.
+    `series`: how the material's stress fades.
     """
 
     series: PronySeries
@@ -100,10 +99,8 @@ class AbstractDriven(abc.ABC):
     ) -> tuple[Equilibrium, Travels]:
         """The equilibrium at the end of a step.
 
-        Args:
-            start: from which the path begins.
-            travels: of bodies that are pressed by forces, to begin with.
-            step: what changes.
+        `start`: from which the path begins. `travels`: of bodies that are pressed by forces, to
+        begin with. `step`: what changes.
         """
         past = step.past.seen(self.series, step.length)
         problem = self.answering(step.values, travels, past)

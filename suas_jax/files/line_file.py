@@ -54,10 +54,8 @@ class LineFile:
     def create(cls, path: Path, text: str, *, overwrite: bool) -> Self:
         """Begin a file with some lines.
 
-        Raises:
-            FileExistsError: there is one that isn't empty, and `overwrite` is not set.
-            OwnedError: another program is writing it.
-            OSError: it can't be written.
+        Raises FileExistsError: there is one that isn't empty, and `overwrite` is not set.
+        Raises OwnedError: another program is writing it. Raises OSError: it can't be written.
         """
         with owned(path):
             if path.exists() and not path.stat().st_size:

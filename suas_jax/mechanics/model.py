@@ -26,9 +26,8 @@ Counts = tuple[int, ...]
 class AbstractPlan(eqx.Module):
     """A mesh as plain numbers, made once for a scene; its shapes decide what is compiled.
 
-    Attributes:
-        dimension: of the model, 2 in plane strain.
-        solves_long: whether a solve takes about as long as optimising its program.
+    `dimension`: of the model, 2 in plane strain. `solves_long`: whether a solve takes about as
+    long as optimising its program.
     """
 
     dimension: ClassVar[int]
@@ -74,8 +73,7 @@ class AbstractPlan(eqx.Module):
 class AbstractArcPlan(AbstractPlan):
     """A mesh of the section, by its stations along the arc.
 
-    Attributes:
-        arc: where the elements lie along the arc.
+    `arc`: where the elements lie along the arc.
     """
 
     dimension: ClassVar[int] = 2
@@ -132,9 +130,8 @@ class AbstractModel(abc.ABC):
     def finer(self, counts: Counts, excess: tuple[float, ...]) -> Counts | None:
         """The mesh to try next, or None where the limit is reached.
 
-        Args:
-            counts: size of the mesh that was too coarse.
-            excess: its estimated error by each comparison mesh, over the one that is allowed.
+        `counts`: size of the mesh that was too coarse. `excess`: its estimated error by each
+        comparison mesh, over the one that is allowed.
         """
 
     def coarser(self, counts: Counts) -> Counts:
@@ -180,13 +177,9 @@ class AbstractModel(abc.ABC):
     ) -> np.ndarray | None:
         """A state of one mesh on another one, as a start for Newton's method.
 
-        Args:
-            q: its unknowns.
-            origin: the mesh that it belongs to.
-            target: the other one, of the same scene.
-
-        Returns:
-            The unknowns there; None where a start gains too little.
+        `q`: its unknowns. `origin`: the mesh that it belongs to. `target`: the other one, of
+        the same scene.
+        Returns the unknowns there; None where a start gains too little.
         """
         del q, origin, target
         return None

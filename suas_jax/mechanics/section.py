@@ -121,10 +121,8 @@ class SectionShape(AbstractShape):
 class AbstractPlaneStrain(AbstractMechanics):
     """A membrane in plane strain; sums are per unit of width.
 
-    Attributes:
-        resolves_loads: whether stretches of the outer face diverge under line loads on finer
-            meshes.
-        angles: of the stations from the symmetry axis [rad].
+    `resolves_loads`: whether stretches of the outer face diverge under line loads on finer
+    meshes. `angles`: of the stations from the symmetry axis [rad].
     """
 
     per_width: ClassVar[bool] = True
@@ -140,21 +138,15 @@ class AbstractPlaneStrain(AbstractMechanics):
     def profile(self, q: StationVector, samples: int) -> Profile:
         """The deformed section at evenly spaced points of every element.
 
-        Args:
-            q: unknowns of the whole arc.
-            samples: intervals an element is divided in.
+        `q`: unknowns of the whole arc. `samples`: intervals an element is divided in.
         """
 
     @abc.abstractmethod
     def at_angle(self, q: StationVector, angle: Lanes) -> Displacements:
         """How the section moves at one reference angle per lane.
 
-        Args:
-            q: unknowns.
-            angle: from the symmetry axis, within the discretised arc [rad].
-
-        Returns:
-            Displacements [2, 1, 1, lane].
+        `q`: unknowns. `angle`: from the symmetry axis, within the discretised arc [rad].
+        Returns displacements [2, 1, 1, lane].
         """
 
     @abc.abstractmethod

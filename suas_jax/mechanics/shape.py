@@ -24,8 +24,7 @@ class Extreme(NamedTuple):
 class AbstractShape(eqx.Module):
     """A deformed membrane, sampled; every answer is smooth in the state.
 
-    Attributes:
-        samples: with the inner face's and the mid-surface's displacement, components leading.
+    `samples`: with the inner face's and the mid-surface's displacement, components leading.
     """
 
     samples: eqx.AbstractVar[Any]

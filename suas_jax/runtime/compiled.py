@@ -54,10 +54,8 @@ _KEPT_CALLS = [
 class Compiled:
     """Programs by function, static settings and shapes, with the time they took to compile.
 
-    Attributes:
-        seconds: spent on tracing, compiling and loading so far.
-        store: where programs are kept between runs; nowhere if None.
-        loaded: keys of the programs that came from there.
+    `seconds`: spent on tracing, compiling and loading so far. `store`: where programs are kept
+    between runs; nowhere if None. `loaded`: keys of the programs that came from there.
     """
 
     def __init__(self) -> None:
@@ -165,8 +163,7 @@ def _compile(
 class _Flat:
     """A function of arrays alone that returns arrays alone.
 
-    Attributes:
-        frame: what the function returned when it was traced, a `Hole` for each array.
+    `frame`: what the function returned when it was traced, a `Hole` for each array.
     """
 
     def __init__(self, function: Callable[..., Any], leaves: list[Any], structure: Any) -> None:

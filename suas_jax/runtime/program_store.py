@@ -40,8 +40,7 @@ class KeptProgram(NamedTuple):
 class ProgramStore:
     """Programs in a folder.
 
-    Args:
-        folder: where they are kept.
+    `folder`: where they are kept.
     """
 
     def __init__(self, folder: CacheFolder) -> None:

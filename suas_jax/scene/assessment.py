@@ -54,8 +54,7 @@ def assess(
     is judged on a part, the state is assembled on the whole as well, which also gives the
     first-order effect of what the mechanics leaves out.
 
-    Returns:
-        What is observed, the state on the whole membrane, and the one that is observed.
+    Returns what is observed, the state on the whole membrane, and the one that is observed.
     """
     problem, state = solved, found
     if meshes.solved.symmetric:

@@ -91,10 +91,8 @@ class IndentationCurve(NamedTuple):
     ) -> list[Point]:
         """Solutions at given travels [m] on one mesh, each from the one before.
 
-        Args:
-            depths: the travels.
-            counts: size of the mesh.
-            starts: states near the solutions, instead of those before them.
+        `counts`: size of the mesh. `starts`: states near the solutions, instead of those before
+        them.
         """
         points: list[Point] = []
         start = None

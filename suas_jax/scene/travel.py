@@ -81,10 +81,7 @@ def on_the_way(scene: SceneSpec, state: State, share: float) -> State:
 
     A factor scales all that acts, so this needs bodies alone that are not dragged.
 
-    Args:
-        scene: the scene.
-        state: its equilibrium at travels.
-        share: of those that are wanted.
+    `state`: its equilibrium at travels. `share`: of those that are wanted.
     """
     if share <= 0 or any(load.kind != "body" or any(load.dragged) for load in scene.loads):
         return state

@@ -50,9 +50,8 @@ class AbstractCurve(eqx.Module):
     def of(cls, spec: Any, value: Callable[[str], Lanes]) -> "AbstractCurve":
         """The curve of a [geometry] table.
 
-        Args:
-            spec: the table; its numbers are not used.
-            value: gives them by key, with a lane axis [SI].
+        `spec`: the table; its numbers are not used. `value`: gives them by key, with a lane
+        axis [SI].
         """
 
     @abc.abstractmethod
@@ -77,8 +76,7 @@ class AbstractCurve(eqx.Module):
 class AbstractArc(AbstractCurve):
     """A curve by the angle of scenes, alike on both sides of the crown.
 
-    Attributes:
-        last: angle of the right clamp [rad].
+    `last`: angle of the right clamp [rad].
     """
 
     last: eqx.AbstractVar[Lanes]

@@ -60,8 +60,7 @@ class AbstractInputFit(abc.ABC):
     def best(self, gained: Gain) -> Gain:
         """The change of an input that explains most, and what it takes off chi2.
 
-        Args:
-            gained: what its change would do to first order, relative too.
+        `gained`: what its change would do to first order, relative too.
         """
         if self._falls_on(gained):
             return gained._replace(chi2=0.0)

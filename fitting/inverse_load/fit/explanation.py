@@ -212,27 +212,22 @@ class AbstractLoadFitter(abc.ABC):
     def first_contact(self, places: Floats, extents: Floats) -> Floats:
         """Force at which the membrane under single contacts reaches the wall [contact] [N].
 
-        Args:
-            places: of the contacts [contact, coordinate].
-            extents: what is estimated beside their parameters [contact, quantity].
+        `places`: of the contacts [contact, coordinate]. `extents`: what is estimated beside
+        their parameters [contact, quantity].
         """
 
     def left_to_shape(self, y: Floats, best: Explanations, more: Floats) -> Flags:
         """Frames of one contact that leave no more than its model of wide ones leaves out.
 
-        Args:
-            y: readings [frame, taxel].
-            best: explanations of them.
-            more: what one more contact would take off chi2 [frame].
+        `y`: readings [frame, taxel]. `best`: explanations of them. `more`: what one more
+        contact would take off chi2 [frame].
         """
         return np.zeros(len(best), bool)
 
     def pairs_for_wide(self, y: Floats, best: Explanations) -> tuple[Rows, Explanations]:
         """Frames of one wide contact, and two contacts beside one another in its place.
 
-        Args:
-            y: readings [frame, taxel].
-            best: explanations of them.
+        `y`: readings [frame, taxel]. `best`: explanations of them.
         """
         none = np.zeros(0, np.intp)
         return none, best.rows(none)

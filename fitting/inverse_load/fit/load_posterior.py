@@ -46,9 +46,7 @@ class AbstractLoadPosterior(abc.ABC):
     def log_probability(self, y: Floats, mode: Explanations) -> LogProbability | NumpyBatch:
         """The posterior of as many contacts as a mode has, but for a constant.
 
-        Args:
-            y: readings as the model has them [channel].
-            mode: a fit of them.
+        `y`: readings as the model has them [channel]. `mode`: a fit of them.
         """
 
     def places(self, parameters: Floats, contacts: int) -> Floats:

@@ -32,8 +32,7 @@ _NONE = 1e-12  # stands for no force, and no deviation of it
 class AbstractSectionErrors(AbstractSystematicErrors):
     """Errors that all frames share, on a skin in plane strain.
 
-    Attributes:
-        of_membrane: which of them change what the membrane answers, and no reading else.
+    `of_membrane`: which of them change what the membrane answers, and no reading else.
     """
 
     of_membrane: Flags

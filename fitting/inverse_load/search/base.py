@@ -201,13 +201,10 @@ class AbstractNodeSearch(abc.ABC):
     def score(self, change: Floats, weight: Floats) -> tuple[Floats, Floats]:
         """How well light contacts at all places explain a change of readings.
 
-        Args:
-            change: of the readings, zero where not used [frame, taxel].
-            weight: inverse variances, likewise [frame, taxel].
-
-        Returns:
-            s^T W change and s^T W s of the signatures s [frame, place]: of the force that
-            explains most, and of what chi2 falls by.
+        `change`: of the readings, zero where not used [frame, taxel]. `weight`: inverse
+        variances, likewise [frame, taxel].
+        Returns s^T W change and s^T W s of the signatures s [frame, place]: of the force that
+        explains most, and of what chi2 falls by.
         """
         along = (weight * change).astype(np.float32) @ self._light.T
         size = weight.astype(np.float32) @ self._light_squares.T
@@ -216,9 +213,8 @@ class AbstractNodeSearch(abc.ABC):
     def within(self, rows: Floats, weight: Floats) -> Floats:
         """Sum of (s^T W r)^2 over rows r, of the signatures s at all places [frame, place].
 
-        Args:
-            rows: changes of the readings [frame, row, taxel].
-            weight: inverse variances [frame, taxel].
+        `rows`: changes of the readings [frame, row, taxel]. `weight`: inverse variances [frame,
+        taxel].
         """
         weighted = (rows * weight[:, None]).astype(np.float32)
         return np.asarray(((weighted @ self._light.T) ** 2).sum(1), float)

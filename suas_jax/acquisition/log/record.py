@@ -26,10 +26,7 @@ FLAG_COLUMNS = (*Flags._fields, RAW_CLOCK)
 def write_reading(log: LogWriter, judged: Judged, began: float = 0.0) -> None:
     """Add a reading to a log, which is made as wide as it needs to be.
 
-    Args:
-        log: the log.
-        judged: the reading.
-        began: host time at which the log's own begins [s].
+    `began`: host time at which the log's own begins [s].
     """
     reading = judged.reading
     if log.taxels is not None and len(reading.counts) > log.taxels:
@@ -54,9 +51,8 @@ def record(
 ) -> dict[str, Any]:
     """Write every reading of a stream to a log until it is stopped.
 
-    Returns:
-        What was recorded and what is missing, see `totals`; `beside` names the files that the
-        log went on in where its own was lost, `stopped` says that the disk is full.
+    Returns what was recorded and what is missing, see `totals`; `beside` names the files that
+    the log went on in where its own was lost, `stopped` says that the disk is full.
     """
     stopped = None
     batches = stream.batches()

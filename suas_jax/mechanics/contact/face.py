@@ -71,10 +71,9 @@ class Strip(NamedTuple):
 class AbstractContactFace(abc.ABC):
     """A face at the points where it may touch something.
 
-    Attributes:
-        obstacle: a wall, beneath the inner face, or a placed body, on the outer one.
-        angle: reference angles of the points [rad].
-        area: of the undeformed face that each point stands for.
+    `obstacle`: a wall, beneath the inner face, or a placed body, on the outer one. `angle`:
+    reference angles of the points [rad]. `area`: of the undeformed face that each point stands
+    for.
     """
 
     obstacle: Obstacle
