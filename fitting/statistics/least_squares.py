@@ -50,17 +50,15 @@ class Minima(NamedTuple):
         return int(np.sum(close & self.converged))
 
 
-def minimise(
-    residuals: AbstractResiduals, starts: Float[np.ndarray, "starts p"], best: int = BEST
-) -> Minima:
-    """Minimise ½ Σ r² from many starting points, of which the best go on to their minima.
+def minimise(residuals: AbstractResiduals, starts: Float[np.ndarray, "starts p"]) -> Minima:
+    """Minimise ½ Σ r² from many starting points, of which the `BEST` go on to their minima.
 
-    `starts`: unconstrained parameters to start from. `best`: how many of them go on.
+    `starts`: unconstrained parameters to start from.
     Returns the starts that went on, best first. Nothing raises: a start that fails has infinite
     cost and is not converged.
     """
-    if len(starts) > best:
-        starts = minimise_one_by_one(residuals, starts, _ROUGH).theta[:best]
+    if len(starts) > BEST:
+        starts = minimise_one_by_one(residuals, starts, _ROUGH).theta[:BEST]
     return minimise_one_by_one(residuals, starts, _EVALUATIONS)
 
 

@@ -106,6 +106,11 @@ class Taxels(eqx.Module):
     number: tuple[int, ...] = eqx.field(static=True)  # of the taxel in its module, from 1
 
     @property
+    def places(self) -> Float[np.ndarray, "taxel 2"]:
+        """Angle [rad] and axial position [m] of the centres, where known."""
+        return np.stack([np.asarray(x)[:, 0] for x in (self.angle, self.axial)], 1)
+
+    @property
     def area(self) -> Float[Array, "taxel #lane"]:
         """Of the electrodes [m^2]."""
         return jnp.pi / 4 * self.diameter**2

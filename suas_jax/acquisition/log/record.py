@@ -3,7 +3,7 @@
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -89,13 +89,12 @@ def record_port(
     *,
     duration: float,  # [s]
     report: Callable[[str], None],  # see `Stream`
-    header: Mapping[str, str] | None = None,  # of the log; None for what every log has
 ) -> dict[str, Any]:
     """Record an open port to a new log for some time; returns what `record` does."""
     started = time.monotonic()
     try:
         columns = FLAG_COLUMNS + decode.extra_columns
-        log = LogWriter(path, header or log_header(), flags=columns)
+        log = LogWriter(path, log_header(), flags=columns)
     except BaseException:
         source.close()
         raise
@@ -135,10 +134,10 @@ _REFRESH = 0.25  # between two tables [s]
 
 
 class View(LiveTerminal):
-    """Messages on stderr; on a terminal (or `live`) also a table of rates and losses."""
+    """Messages on stderr; on a terminal also a table of rates and losses."""
 
-    def __init__(self, title: str, live: bool | None = None) -> None:
-        super().__init__(sys.stderr.isatty() if live is None else live, _REFRESH)
+    def __init__(self, title: str) -> None:
+        super().__init__(sys.stderr.isatty(), _REFRESH)
         self._title = title
         self._history: deque[tuple[float, int, int]] = deque()
 
