@@ -65,12 +65,9 @@ class Step(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class AbstractDriven(abc.ABC):
-    """A skin on a mesh, some of whose numbers change.
+    """A skin on a mesh, some of whose numbers change."""
 
-    `series`: how the material's stress fades.
-    """
-
-    series: PronySeries
+    series: PronySeries  # how the material's stress fades
 
     @property
     def no_travels(self) -> Travels:

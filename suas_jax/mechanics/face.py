@@ -14,12 +14,9 @@ from suas_jax.skin.geometry import SkinGeometry
 
 
 class AbstractFace(eqx.Module):
-    """An inner face, ready to be asked for gaps.
+    """An inner face, ready to be asked for gaps."""
 
-    `varies_along_axis`: whether the gap depends on the axial position.
-    """
-
-    varies_along_axis: ClassVar[bool]
+    varies_along_axis: ClassVar[bool]  # whether the gap depends on the axial position
 
     def gaps(
         self, rays: Sequence[tuple[Array, Array]], geometry: SkinGeometry

@@ -24,13 +24,10 @@ Counts = tuple[int, ...]
 
 
 class AbstractPlan(eqx.Module):
-    """A mesh as plain numbers, made once for a scene; its shapes decide what is compiled.
+    """A mesh as plain numbers, made once for a scene; its shapes decide what is compiled."""
 
-    `dimension`: of the model, 2 in plane strain. `solves_long`: whether a solve takes about as
-    long as optimising its program.
-    """
-
-    dimension: ClassVar[int]
+    dimension: ClassVar[int]  # of the model, 2 in plane strain
+    # whether a solve takes about as long as optimising its program
     solves_long: ClassVar[bool] = False
 
     @property
@@ -71,13 +68,10 @@ class AbstractPlan(eqx.Module):
 
 
 class AbstractArcPlan(AbstractPlan):
-    """A mesh of the section, by its stations along the arc.
-
-    `arc`: where the elements lie along the arc.
-    """
+    """A mesh of the section, by its stations along the arc."""
 
     dimension: ClassVar[int] = 2
-    arc: eqx.AbstractVar[MeshPlan]
+    arc: eqx.AbstractVar[MeshPlan]  # where the elements lie along the arc
 
     @property
     def symmetric(self) -> bool:
@@ -103,20 +97,14 @@ class Meshes(NamedTuple):
 
 
 class AbstractModel(abc.ABC):
-    """A discretised membrane as `[solve] model` names it.
+    """A discretised membrane as `[solve] model` names it."""
 
-    Attributes:
-        dimension: of the scenes that it solves, 2 in plane strain.
-        name: in scenes and reports.
-        setting: key of [solve] that gives the mesh.
-        for_curves: whether `auto` takes it where another model's error is too large for a
-            curve; one that would take minutes has to be asked for by its name.
-    """
-
-    dimension: ClassVar[int]
+    dimension: ClassVar[int]  # of the scenes that it solves, 2 in plane strain
+    # whether `auto` takes it where another model's error is too large for a curve; one that
+    # would take minutes has to be asked for by its name
     for_curves: ClassVar[bool] = True
-    name: ClassVar[str]
-    setting: ClassVar[str]
+    name: ClassVar[str]  # in scenes and reports
+    setting: ClassVar[str]  # key of [solve] that gives the mesh
 
     @abc.abstractmethod
     def first(self, scene: SceneSpec) -> Counts:

@@ -121,11 +121,11 @@ class SectionShape(AbstractShape):
 class AbstractPlaneStrain(AbstractMechanics):
     """A membrane in plane strain; sums are per unit of width.
 
-    `resolves_loads`: whether stretches of the outer face diverge under line loads on finer
-    meshes. `angles`: of the stations from the symmetry axis [rad].
+    `angles`: of the stations from the symmetry axis [rad].
     """
 
     per_width: ClassVar[bool] = True
+    # whether stretches of the outer face diverge under line loads on finer meshes
     resolves_loads: ClassVar[bool] = False
     angles: eqx.AbstractVar[Float[Array, "station #lane"]]
 

@@ -38,12 +38,9 @@ class Dielectric(NamedTuple):
 
 
 class AbstractCapacitance(eqx.Module):
-    """A model of the capacitance of electrodes under a deformed membrane.
+    """A model of the capacitance of electrodes under a deformed membrane."""
 
-    `guarded`: whether the wall around an electrode has its potential.
-    """
-
-    guarded: ClassVar[bool] = True
+    guarded: ClassVar[bool] = True  # whether the wall around an electrode has its potential
 
     def check(self, electrodes: ElectrodesSpec, oil_gap: float) -> None:
         """Refuse electrodes that the model has no value for.

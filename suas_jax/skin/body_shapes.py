@@ -61,12 +61,9 @@ class AbstractShape(eqx.Module):
 
 
 class AbstractRound(AbstractShape):
-    """A surface with a round tip.
+    """A surface with a round tip."""
 
-    `radius`: of the tip [m].
-    """
-
-    radius: eqx.AbstractVar[Lanes]
+    radius: eqx.AbstractVar[Lanes]  # of the tip [m]
 
     @property
     def centre(self) -> Lanes:

@@ -74,12 +74,9 @@ class AbstractCurve(eqx.Module):
 
 
 class AbstractArc(AbstractCurve):
-    """A curve by the angle of scenes, alike on both sides of the crown.
+    """A curve by the angle of scenes, alike on both sides of the crown."""
 
-    `last`: angle of the right clamp [rad].
-    """
-
-    last: eqx.AbstractVar[Lanes]
+    last: eqx.AbstractVar[Lanes]  # angle of the right clamp [rad]
 
     def edges(self) -> Float[Array, "edge lane"]:
         """The clamps [rad]."""

@@ -16,12 +16,9 @@ from suas_jax.numerics.array_types import Lanes
 
 
 class AbstractOil(eqx.Module):
-    """An oil film; its constants are the keys of its [oil] table, with a lane axis.
+    """An oil film; its constants are the keys of its [oil] table, with a lane axis."""
 
-    `spec`: the model's declaration.
-    """
-
-    spec: ClassVar[type[OilSpec]]
+    spec: ClassVar[type[OilSpec]]  # the model's declaration
 
     @property
     def trapped(self) -> bool:

@@ -51,12 +51,10 @@ class AbstractSection(eqx.Module):
     """The undeformed section of a membrane; the kinds are files of `suas_jax.skin.sections`.
 
     Every method takes angles [*shape, lane] as the module defines them.
-
-    `mean_thickness`: of the membrane [m]. `half_angle`: angle of the right clamped edge [rad];
-    the left one has its negative.
     """
 
-    mean_thickness: eqx.AbstractVar[Lanes]
+    mean_thickness: eqx.AbstractVar[Lanes]  # of the membrane [m]
+    # angle of the right clamped edge [rad]; the left one has its negative
     half_angle: eqx.AbstractVar[Lanes]
 
     @property

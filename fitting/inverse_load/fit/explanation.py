@@ -133,25 +133,16 @@ def widened(values: Floats, *sizes: int) -> Floats:
 
 
 class AbstractLoadFitter(abc.ABC):
-    """Least squares for any number of frames, on one skin.
+    """Least squares for any number of frames, on one skin."""
 
-    Attributes:
-        parameters: of a contact.
-        live: whether frames come one by one.
-        alone: whether frames that one contact leaves in doubt are fitted one by one.
-        edge: largest coordinates of a contact's place [coordinate].
-        limit_error: of the force of first contact, relative.
-        little_gap: that a membrane near the wall leaves [m]; nothing is told by it where zero.
-        beside: names of `Explanations.beside`.
-    """
-
-    parameters: ContactParameters
-    live: bool
-    alone: bool = False
-    edge: Floats
-    limit_error: float
+    parameters: ContactParameters  # of a contact
+    live: bool  # whether frames come one by one
+    alone: bool = False  # whether frames that one contact leaves in doubt are fitted one by one
+    edge: Floats  # largest coordinates of a contact's place [coordinate]
+    limit_error: float  # of the force of first contact, relative
+    # that a membrane near the wall leaves [m]; nothing is told by it where zero
     little_gap: float = 0.0
-    beside: tuple[str, ...]
+    beside: tuple[str, ...]  # names of `Explanations.beside`
 
     @property
     def per_contact(self) -> int:

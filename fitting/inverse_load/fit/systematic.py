@@ -44,13 +44,11 @@ class ErrorsOfFrames(NamedTuple):
 
 
 class AbstractSystematicErrors(abc.ABC):
-    """Errors that all frames share, on one skin.
+    """Errors that all frames share, on one skin."""
 
-    `names`: of the errors. `rest`: change of the readings at rest by each error [error,
-    channel]; zero where readings count from a baseline.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # of the errors
+    # change of the readings at rest by each error [error, channel]; zero where readings count
+    # from a baseline
     rest: Floats
 
     @abc.abstractmethod

@@ -69,16 +69,11 @@ class Strip(NamedTuple):
 
 
 class AbstractContactFace(abc.ABC):
-    """A face at the points where it may touch something.
+    """A face at the points where it may touch something."""
 
-    `obstacle`: a wall, beneath the inner face, or a placed body, on the outer one. `angle`:
-    reference angles of the points [rad]. `area`: of the undeformed face that each point stands
-    for.
-    """
-
-    obstacle: Obstacle
-    angle: Array
-    area: Array
+    obstacle: Obstacle  # a wall, beneath the inner face, or a placed body, on the outer one
+    angle: Array  # reference angles of the points [rad]
+    area: Array  # of the undeformed face that each point stands for
 
     @abc.abstractmethod
     def place(self) -> Array:

@@ -63,13 +63,11 @@ class Sums(NamedTuple):
 
 
 class AbstractLane(abc.ABC):
-    """One lane of a pad; arrays without lanes, inputs with a lane axis of length one.
+    """One lane of a pad; arrays without lanes, inputs with a lane axis of length one."""
 
-    `kinds_of_derivative`: that energies depend on, by arc length and along the axis. `pairs`:
-    of kinds that the tangent couples: each once, and each kind with itself.
-    """
-
+    # that energies depend on, by arc length and along the axis
     kinds_of_derivative: ClassVar[Kinds]
+    # of kinds that the tangent couples: each once, and each kind with itself
     pairs: ClassVar[Kinds]
 
     def __init__(self, parts: LaneParts) -> None:
