@@ -52,17 +52,13 @@ _KEPT_CALLS = [
 
 
 class Compiled:
-    """Programs by function, static settings and shapes, with the time they took to compile.
-
-    `seconds`: spent on tracing, compiling and loading so far. `store`: where programs are kept
-    between runs; nowhere if None. `loaded`: keys of the programs that came from there.
-    """
+    """Programs by function, static settings and shapes, with the time they took to compile."""
 
     def __init__(self) -> None:
         self._programs: dict[Any, Callable[..., Any]] = {}
-        self.loaded: set[Any] = set()
-        self.seconds = 0.0
-        self.store: ProgramStore | None = None
+        self.seconds = 0.0  # spent on tracing, compiling and loading so far
+        self.store: ProgramStore | None = None  # keeps programs between runs
+        self.loaded: set[Any] = set()  # keys of the programs that came from there
         self._compiling = threading.RLock()
 
     def run(
@@ -161,16 +157,13 @@ def _compile(
 
 
 class _Flat:
-    """A function of arrays alone that returns arrays alone.
-
-    `frame`: what the function returned when it was traced, a `Hole` for each array.
-    """
+    """A function of arrays alone that returns arrays alone."""
 
     def __init__(self, function: Callable[..., Any], leaves: list[Any], structure: Any) -> None:
         self._function = function
         self._leaves = leaves
         self._structure = structure
-        self.frame: Any = None
+        self.frame: Any = None  # what it returned when it was traced, a `Hole` for each array
 
     def __call__(self, *arrays: Any) -> tuple[Any, ...]:
         given = iter(arrays)
