@@ -63,15 +63,14 @@ def minimise(residuals: AbstractResiduals, starts: Float[np.ndarray, "starts p"]
 
 
 def solved_by_scipy(
-    at: Linearised,
+    at: Linearised,  # residuals [n] and their derivatives [n, p] at parameters [p]
     start: np.ndarray,  # parameters to start from [p]
+    # residual that stands for one that is not a number, flat there
     impossible: float = _IMPOSSIBLE,
     **options: Any,
 ) -> Any:
     """SciPy's least squares of residuals that come with their derivatives.
 
-    `at`: residuals [n] and their derivatives [n, p] at parameters [p]. `impossible`: residual
-    that stands for one that is not a number, flat there.
     Returns SciPy's result; `fun` and `jac` are the residuals and derivatives at its end.
     """
     kept = _kept(at, impossible)

@@ -263,13 +263,11 @@ def _under_forces(
     forces: Any,  # what an equilibrium says of them
     start: State,  # for the first travels
     wanted: Array,  # forces [N]
+    # travels to begin with, and those of an equilibrium nearby
     expected: tuple[Travels, Travels],
     first: float,  # travel of a body that has not touched yet [m]
 ) -> tuple[Equilibrium, Travels]:
-    """Travels at which bodies carry given forces; those without a force are at first touch.
-
-    `expected`: travels to begin with, and those of an equilibrium nearby.
-    """
+    """Travels at which bodies carry given forces; those without a force are at first touch."""
     travels, before = expected
     known = jnp.all((before.length > 0) | (wanted <= 0))
     loaded = wanted > 0

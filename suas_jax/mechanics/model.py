@@ -144,21 +144,13 @@ class AbstractModel(abc.ABC):
     @abc.abstractmethod
     def build(
         self,
-        plan: AbstractPlan,
-        geometry: SkinGeometry,
-        law: AbstractLaw,
-        loads: Sequence[Any],
-        bodies: Sequence[Body] = (),
+        plan: AbstractPlan,  # a mesh of this model
+        geometry: SkinGeometry,  # dimensions, with a lane axis
+        law: AbstractLaw,  # material, its constants with a lane axis
+        loads: Sequence[Any],  # dead forces on the outer face
+        bodies: Sequence[Body] = (),  # that are pressed on it
     ) -> AbstractMechanics:
-        """The mechanics on a mesh.
-
-        Args:
-            plan: a mesh of this model.
-            geometry: dimensions, with a lane axis.
-            law: material, its constants with a lane axis.
-            loads: dead forces on the outer face.
-            bodies: that are pressed on it.
-        """
+        """The mechanics on a mesh."""
 
     def carried(
         self, q: np.ndarray, origin: AbstractPlan, target: AbstractPlan

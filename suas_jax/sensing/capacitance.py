@@ -53,19 +53,13 @@ class AbstractCapacitance(eqx.Module):
     @abc.abstractmethod
     def capacitance(
         self,
+        # between electrode and inner face at the footprint's places [m], positive
         gaps: Sequence[TaxelValues],
-        footprint: Footprint,
-        taxels: Taxels,
-        between: Dielectric,
+        footprint: Footprint,  # those places and their weights
+        taxels: Taxels,  # size and place of every electrode
+        between: Dielectric,  # what lies between them and the membrane
     ) -> Float[Array, "taxel lane"]:
-        """Capacitance of every taxel, stray left out [F].
-
-        Args:
-            gaps: between electrode and inner face at the footprint's places [m], positive.
-            footprint: those places and their weights.
-            taxels: size and place of every electrode.
-            between: what lies between them and the membrane.
-        """
+        """Capacitance of every taxel, stray left out [F]."""
 
     @abc.abstractmethod
     def even_gap(

@@ -39,14 +39,11 @@ class PadLoad(eqx.Module):
         cls,
         spec: LineLoadSpec | PatchLoadSpec,  # says which shape and kind of direction
         angle: Lanes,  # of its centre, as sections define it [rad]
+        # gives the load's numbers by key (``axial``, ``size.0`` ...), with a lane axis [SI]
         value: Callable[[str], Lanes],
         width: ArrayLike,  # of the pad, the length of a line that states none [m]
     ) -> "PadLoad":
-        """A load of a scene.
-
-        `value`: gives the load's numbers by key (``axial``, ``size.0`` ...), with a lane axis
-        [SI].
-        """
+        """A load of a scene."""
 
         def given(name: str) -> Lanes | None:
             return None if getattr(spec, name, None) is None else value(name)

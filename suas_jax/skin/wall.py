@@ -139,12 +139,10 @@ class Wall(eqx.Module):
         cls,
         geometry: SkinGeometry,
         modulus: Lanes,  # small-strain shear modulus of its membrane [Pa]
+        # thickness [m] and stiffness [Pa] of a soft layer, if there is one
         layer: tuple[Lanes, Lanes] | None = None,
     ) -> "Wall":
-        """The wall of a skin.
-
-        `layer`: thickness [m] and stiffness [Pa] of a soft layer, if there is one.
-        """
+        """The wall of a skin."""
         rigid = RigidLimit.of(modulus, geometry.thickness)
         return cls(geometry, rigid if layer is None else SoftLayer(*layer, rigid))
 

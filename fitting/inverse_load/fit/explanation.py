@@ -152,24 +152,15 @@ class AbstractLoadFitter(abc.ABC):
     @abc.abstractmethod
     def fit(
         self,
-        y: Floats,
-        weight: Floats,
-        start: Floats,
-        state: State,
-        contacts: int,
+        y: Floats,  # readings [frame, taxel] [counts]
+        weight: Floats,  # inverse variances [frame, taxel]
+        start: Floats,  # parameters [frame, parameter]; those after the forces may be left out
+        state: State,  # equilibria near there, a lane a frame
+        contacts: int,  # their number
         *,
-        pull: bool = False,
+        pull: bool = False,  # seek forces that pull outwards instead of those that push
     ) -> Explanations:
-        """Fit frames.
-
-        Args:
-            y: readings [frame, taxel] [counts].
-            weight: inverse variances [frame, taxel].
-            start: parameters [frame, parameter]; those after the forces may be left out.
-            state: equilibria near there, a lane a frame.
-            contacts: their number.
-            pull: seek forces that pull outwards instead of those that push.
-        """
+        """Fit frames."""
 
     def steps(
         self,
@@ -225,22 +216,13 @@ class AbstractLoadFitter(abc.ABC):
 
     def screened(
         self,
-        frames: Rows,
-        y: Floats,
-        weight: Floats,
-        start: Floats,
-        contacts: int,
-        to_beat: Floats,
+        frames: Rows,  # of the starting points; a frame may have several [start]
+        y: Floats,  # readings [start, taxel]
+        weight: Floats,  # inverse variances [start, taxel]
+        start: Floats,  # parameters [start, parameter]
+        contacts: int,  # their number
+        to_beat: Floats,  # chi2 of a fit that would be no better than what is known [start]
     ) -> Steps[Rows]:
-        """Starting points of several contacts that are worth a fit, all unless told otherwise.
-
-        Args:
-            frames: of the starting points; a frame may have several [start].
-            y: readings [start, taxel].
-            weight: inverse variances [start, taxel].
-            start: parameters [start, parameter].
-            contacts: their number.
-            to_beat: chi2 of a fit that would be no better than what is known [start].
-        """
+        """Starts of several contacts that are worth a fit, all unless told otherwise."""
         yield "screening"
         return np.arange(len(start))

@@ -21,23 +21,15 @@ _SAME = np.deg2rad(1.0)
 
 
 class AbstractLoadPosterior(abc.ABC):
-    """The posterior of contacts on one skin.
-
-    Args:
-        nodes: which know distances.
-        places: coordinates of a place.
-        volume: of one contact's parameters under their prior.
-        same: distance below which two contacts are the same.
-        mirrors: signs of the coordinates of mirror places [image, coordinate].
-    """
+    """The posterior of contacts on one skin."""
 
     def __init__(
         self,
-        nodes: AbstractNodeSearch,
-        places: int,
-        volume: float,
-        same: float,
-        mirrors: Floats,
+        nodes: AbstractNodeSearch,  # which know distances
+        places: int,  # coordinates of a place
+        volume: float,  # of one contact's parameters under their prior
+        same: float,  # distance below which two contacts are the same
+        mirrors: Floats,  # signs of the coordinates of mirror places [image, coordinate]
     ) -> None:
         self.nodes, self.volume = nodes, volume
         self._places, self._same, self._mirrors = places, same, mirrors

@@ -153,28 +153,19 @@ def _start(loads: Any, node: Any) -> Start:
 
 
 class AbstractNodeSearch(abc.ABC):
-    """The coarse search of one skin: nodes of a table of states under one contact.
-
-    Args:
-        loads: place and force of every node [node, parameter].
-        readings: of every node [node, taxel]; NaN where it has no state.
-        rest: readings at rest [taxel].
-        places: of the table [place, coordinate].
-        signatures: change of readings per newton of a light contact there [place, taxel].
-        levels: nodes of one place, which follow one another.
-        separate: distance below which contacts are one mode, see `distance`.
-    """
+    """The coarse search of one skin: nodes of a table of states under one contact."""
 
     def __init__(
         self,
-        loads: Floats,
-        readings: Floats,
-        rest: Floats,
-        places: Floats,
+        loads: Floats,  # place and force of every node [node, parameter]
+        readings: Floats,  # of every node [node, taxel]; NaN where it has no state
+        rest: Floats,  # readings at rest [taxel]
+        places: Floats,  # of the table [place, coordinate]
+        # change of readings per newton of a light contact there [place, taxel]
         signatures: Floats,
         *,
-        levels: int,
-        separate: float,
+        levels: int,  # nodes of one place, which follow one another
+        separate: float,  # distance below which contacts are one mode, see `distance`
     ) -> None:
         self.loads, self.readings, self.rest = loads, readings, rest
         self.places, self.signatures = places, signatures

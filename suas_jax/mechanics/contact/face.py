@@ -113,6 +113,7 @@ class AbstractContactFace(abc.ABC):
     def with_friction(
         self,
         terms: ContactTerms,  # of contact without friction
+        # displacement of the points of the face by their inputs [m]
         moved: Callable[[Float[Array, "input *point"]], Float[Array, "component *point"]],
         inputs: Float[Array, "input *point"],  # leading axis over the inputs
         grip: Grip | None,  # of friction; None without
@@ -121,8 +122,6 @@ class AbstractContactFace(abc.ABC):
 
         Coulomb's law has no potential, as the bound changes with the pressure. The stiffness is
         that at a given bound, which is symmetric.
-
-        `moved`: displacement of the points of the face by their inputs [m].
         """
         if grip is None:
             return terms
