@@ -38,8 +38,7 @@ _ELEMENTS = 720
 class Film(NamedTuple):
     """The section of the film between two angles."""
 
-    # of the stations [rad]
-    angle: Float[Array, "station #lane"]
+    angle: Float[Array, "station #lane"]  # of the stations [rad]
     # between wall and inner face there, linear in between [m]
     gap: Float[Array, "station lane"]
     # length of the wall per angle, one or one a station [m]

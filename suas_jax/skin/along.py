@@ -18,8 +18,7 @@ class Along(eqx.Module):
 
     # the fractions, from 0 at the left clamp to 1 at the right one
     at: tuple[float, ...] = eqx.field(static=True)
-    # there [place, lane]
-    values: Float[Array, "place #lane"]
+    values: Float[Array, "place #lane"]  # there [place, lane]
     # whether the right half is the mirror image of the left one
     mirrored: bool = eqx.field(static=True, default=False)
 

@@ -98,9 +98,6 @@ DeadLoad: TypeAlias = LineLoad | PadLoad
 class PadLoadPoints(eqx.Module):
     """Dead forces at points of the outer face, the form the pad's mechanics takes loads in."""
 
-    # reference angle [rad]
-    angle: Float[Array, "point #lane"]
-    # reference position along the axis [m]
-    axial: Float[Array, "point #lane"]
-    # Cartesian components [N]
-    force: Float[Array, "3 point #lane"]
+    angle: Float[Array, "point #lane"]  # reference angle [rad]
+    axial: Float[Array, "point #lane"]  # reference position along the axis [m]
+    force: Float[Array, "3 point #lane"]  # Cartesian components [N]

@@ -52,8 +52,7 @@ class Layers(NamedTuple):
 
     # of a layer in the energy per area of the mid-surface [m]
     weight: Float[Array, "layer #lane"]
-    # M = Z + Z^2 / (2R) [m]
-    lever: Float[Array, "layer #lane"]
+    lever: Float[Array, "layer #lane"]  # M = Z + Z^2 / (2R) [m]
     # 1 + Z/R, the length of the fibre along the arc relative to the mid-line
     stretch: Float[Array, "layer #lane"]
     growth: Growth | None = None  # of the membrane; None where it fits its seat

@@ -75,8 +75,7 @@ def _times(a: Array, b: Array) -> Array:
 class Elements(NamedTuple):
     """The elements between stations."""
 
-    # of the stations from the symmetry axis [rad]
-    angles: Float[Array, "station #lane"]
+    angles: Float[Array, "station #lane"]  # of the stations from the symmetry axis [rad]
     section: AbstractSection  # the undeformed membrane
     symmetric: bool  # whether the last station is the crown of a symmetric arch
 

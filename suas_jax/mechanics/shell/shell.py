@@ -87,8 +87,7 @@ class Shell(AbstractPlaneStrain):
     error_shares: ClassVar[tuple[float, ...]] = (6 / 5,)
     law: AbstractLaw  # the membrane's material
     section: AbstractSection  # the undeformed membrane
-    # of the stations from the symmetry axis [rad]
-    angles: Float[Array, "station #lane"]
+    angles: Float[Array, "station #lane"]  # of the stations from the symmetry axis [rad]
     points: LoadPoints  # the line loads as points on the outer face, per width [N/m]
     film_volume: Lanes
     wall: Wall | None

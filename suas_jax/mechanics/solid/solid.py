@@ -64,8 +64,7 @@ class Solid(AbstractPlaneStrain):
     resolves_loads: ClassVar[bool] = True
     law: AbstractLaw  # the membrane's material
     section: AbstractSection  # the undeformed membrane
-    # of the stations from the symmetry axis [rad]
-    angles: Float[Array, "station #lane"]
+    angles: Float[Array, "station #lane"]  # of the stations from the symmetry axis [rad]
     # positions of the stations' nodes, inner face first [m]
     stations: Float[Array, "2 node station lane"]
     # positions of the nodes half-way between stations [m]
