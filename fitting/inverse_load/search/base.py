@@ -232,15 +232,14 @@ class AbstractNodeSearch(abc.ABC):
         other = np.where(close, second * self.levels + row[frame, second], -1)
         return first * self.levels + row[frame, first], other
 
-    def minima(self, y: Floats, weight: Floats, most: int, within: float) -> Rows:
-        """The nodes of the lowest minima of one frame over the skin, best first.
-
-        Args:
-            y: readings [taxel].
-            weight: inverse variances [taxel].
-            most: how many at most.
-            within: chi2, on the table, above its smallest.
-        """
+    def minima(
+        self,
+        y: Floats,  # readings [taxel]
+        weight: Floats,  # inverse variances [taxel]
+        most: int,  # how many at most
+        within: float,  # chi2, on the table, above its smallest
+    ) -> Rows:
+        """The nodes of the lowest minima of one frame over the skin, best first."""
         cost = self.costs(y[None], weight[None]).reshape(-1, self.levels)
         lowest = cost.min(1)
         limit = lowest.min() + within
