@@ -137,7 +137,7 @@ def build_table(skin: Skin) -> LoadTable:
         q = np.moveaxis(np.asarray(state.q), -1, 0)
         columns.append((readings, q, np.asarray(state.pressure)))
     so, q, pressure = (np.stack([c[i] for c in columns], 1) for i in range(3))
-    rest = _solve(skin, np.zeros(1), np.zeros(1), None)[0][:, 0]
+    rest = rest_readings(skin)
     touch = first_contacts(skin, angles, forces[:, -1])
     return LoadTable(angles, forces, so, rest, q, pressure, touch)
 
