@@ -63,8 +63,7 @@ class Budget:
 class Search(Generic[T]):
     """One search, as far as it went.
 
-    Attributes:
-        found: what it found; None before it ended.
+    `found`: what it found; None before it ended.
     """
 
     def __init__(self, steps: Steps[T], budget: Budget) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 # shares this package and must start without JAX.
 _HOMES = {
     "ConfigError": "suas_jax.config",
-    "Float64Error": "suas_jax.runtime.precision",
+    "Float64Error": "suas_jax.runtime.compiled",
     "Loads": "suas_jax.scene.loads",
     "Skin": "suas_jax.scene.skin",
     "Solution": "suas_jax.scene.solve",
@@ -18,7 +18,7 @@ _HOMES = {
     "gradient": "suas_jax.scene.gradient",
     "history_of": "suas_jax.dynamics.history_table",
     "history_sweep": "suas_jax.dynamics.history",
-    "jit": "suas_jax.runtime.jit",
+    "jit": "suas_jax.runtime.compiled",
     "load_jacobian": "suas_jax.scene.forward",
     "load_scene": "suas_jax.config",
     "load_skin": "suas_jax.config",

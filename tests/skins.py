@@ -16,6 +16,8 @@ from suas_jax.equilibrium.balance import Problem, State, Verification, verify
 from suas_jax.equilibrium.equilibrium import Equilibrium, equilibrium
 from suas_jax.equilibrium.outcomes import NAMES
 from suas_jax.mechanics.model import AbstractPlan, Counts
+from suas_jax.mechanics.shell.shell import Shell
+from suas_jax.mechanics.solid.solid import Solid
 from suas_jax.scene.build import build_problem, plan_for
 from suas_jax.scene.program import _program, prepared
 from suas_jax.scene.structure import Structure
@@ -48,6 +50,18 @@ LAWS: dict[str, dict[str, Any]] = {
 }
 
 
+MU, ALPHA = np.array([6.3e5, 0.012e5, -0.1e5]), np.array([1.3, 5.0, -2.0])
+"""Table I: three terms of Ogden's law [Pa]."""
+
+
+def ogden(l1: np.ndarray, l2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cauchy stresses of Table I with the third stress free."""
+    free = sum(m * (l1 * l2) ** -a for m, a in zip(MU, ALPHA, strict=True))
+    first = sum(m * l1**a for m, a in zip(MU, ALPHA, strict=True))
+    second = sum(m * l2**a for m, a in zip(MU, ALPHA, strict=True))
+    return first - free, second - free
+
+
 def reference_rows(name: str) -> list[dict[str, str]]:
     """Rows of a table of an independent program; its header says how good they are."""
     lines = (DATA / name).read_text(encoding="utf-8").splitlines()
@@ -67,6 +81,12 @@ def quick(function: Callable, jit: Callable = eqx.filter_jit) -> Callable:
 
 
 find = quick(equilibrium)
+
+
+@quick
+def inner_displacement(mechanics: Shell | Solid, q: Array, angle: Array) -> Array:
+    """Of the inner face at an angle [m]."""
+    return mechanics.at_angle(q, angle).inner_displacement[:, 0, 0, 0]
 
 
 @quick

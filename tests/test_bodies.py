@@ -43,7 +43,7 @@ from suas_jax.equilibrium.equilibrium import differentiable
 from suas_jax.equilibrium.friction import equilibrium_with_friction
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.equilibrium.validity import room_for_bodies
-from suas_jax.mechanics.contact.state import BodyContact
+from suas_jax.mechanics.contact.face import BodyContact
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.mesh.section import measures
 from suas_jax.numerics.lanes import number

@@ -27,7 +27,7 @@ from suas_jax.config import (
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.equilibrium import equilibrium, smallest_gap
 from suas_jax.equilibrium.equilibrium_path import path
-from suas_jax.mechanics.contact.state import ContactState
+from suas_jax.mechanics.contact.face import ContactState
 from suas_jax.mechanics.contact.term import contact_pressure
 from suas_jax.scene import assessment
 from suas_jax.scene.contact_zone import contact_zone

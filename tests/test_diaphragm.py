@@ -8,20 +8,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from skins import ALPHA, MU, ogden
 
 from suas_jax.constitutive import NeoHookean, Ogden, inflated_diaphragm
 from suas_jax.constitutive.specimens import diaphragm
 
-MU, ALPHA = np.array([6.3e5, 0.012e5, -0.1e5]), np.array([1.3, 5.0, -2.0])
 OGDEN = Ogden(MU, ALPHA)
-
-
-def ogden(l1: np.ndarray, l2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cauchy stresses of Table I with the third stress free."""
-    free = sum(m * (l1 * l2) ** -a for m, a in zip(MU, ALPHA, strict=True))
-    first = sum(m * l1**a for m, a in zip(MU, ALPHA, strict=True))
-    second = sum(m * l2**a for m, a in zip(MU, ALPHA, strict=True))
-    return first - free, second - free
 
 
 def diaphragm_by_shooting(apex: float, R0: float, H: float) -> tuple[float, float, float]:

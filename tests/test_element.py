@@ -5,8 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from suas_jax.numerics.hermite import hermite
-from suas_jax.numerics.quadrature import gauss_legendre, lagrange_slopes
+from suas_jax.numerics.polynomials import gauss_legendre, hermite, lagrange_slopes
 
 XI = np.linspace(0, 1, 11)
 

@@ -14,6 +14,7 @@ from skins import (
     check,
     converged,
     find,
+    inner_displacement,
     line,
     problem_of,
     quick,
@@ -27,7 +28,6 @@ from suas_jax.equilibrium.balance import volume_residual
 from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.equilibrium.outcomes import NAMES
 from suas_jax.mechanics.shell.shape import mirrored
-from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.scene.build import build_problem, plan_for
 
 OGDEN = {
@@ -42,11 +42,6 @@ either_case = pytest.mark.parametrize("case", CASES)
 
 
 # Against independent finite-element solutions of the continuum.
-
-
-@quick
-def inner_displacement(shell: Shell, q: jax.Array, angle: jax.Array) -> jax.Array:
-    return shell.at_angle(q, angle).inner_displacement[:, 0, 0, 0]
 
 
 def force_tolerance(row: dict[str, str]) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
+from skins import ALPHA, MU, ogden
 
 from suas_jax.constitutive import (
     AbstractLaw,
@@ -25,18 +26,9 @@ from suas_jax.constitutive import (
     uniaxial,
 )
 
-MU, ALPHA = np.array([6.3e5, 0.012e5, -0.1e5]), np.array([1.3, 5.0, -2.0])
 OGDEN = Ogden(MU, ALPHA)
 EPDM = (20.7e6, -4.4e6, 77e3)
 YEOH = (0.2e6, -2e3, 50.0)
-
-
-def ogden(l1: np.ndarray, l2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cauchy stresses of Table I with the third stress free."""
-    free = sum(m * (l1 * l2) ** -a for m, a in zip(MU, ALPHA, strict=True))
-    first = sum(m * l1**a for m, a in zip(MU, ALPHA, strict=True))
-    second = sum(m * l2**a for m, a in zip(MU, ALPHA, strict=True))
-    return first - free, second - free
 
 
 def from_invariants(slopes: Callable) -> Callable:

@@ -31,13 +31,12 @@ from fitting.inverse_load.pad.columns import (
     Columns,
     largest_forces,
 )
-from fitting.inverse_load.pad.finer_mesh import force_surplus
 from fitting.inverse_load.pad.fitter import PadFitter
 from fitting.inverse_load.pad.interpolant import PadInterpolant
 from fitting.inverse_load.pad.mirror import mirror_images
 from fitting.inverse_load.pad.spline import TensorSpline
 from fitting.inverse_load.pad.table import PadTable
-from fitting.inverse_load.pad.table_build import PadResolution, build_pad_table
+from fitting.inverse_load.pad.table_build import PadResolution, build_pad_table, force_surplus
 from fitting.inverse_load.report.text import posterior_json
 from fitting.sensor.fit.calibrate import fit_sensor
 from fitting.sensor.logs.data import load_sensor_data

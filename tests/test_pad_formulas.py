@@ -12,7 +12,6 @@ from scipy.optimize import least_squares
 from fitting.inverse_load.check.changed_input import ElectricalFit
 from fitting.inverse_load.pad import stiffening
 from fitting.inverse_load.pad.columns import LEVELS, Column, _reach, grid, largest_forces
-from fitting.inverse_load.pad.finer_mesh import force_surplus
 from fitting.inverse_load.pad.fitter import AskewFitter, PadFitter
 from fitting.inverse_load.pad.input_errors import PadErrors
 from fitting.inverse_load.pad.interpolant import Correction, PadInterpolant, extents
@@ -30,7 +29,7 @@ from fitting.inverse_load.pad.solved import near
 from fitting.inverse_load.pad.spline import SplineBasis, TensorSpline
 from fitting.inverse_load.pad.stiffening import Stiffening
 from fitting.inverse_load.pad.table import PadTable, reciprocal
-from fitting.inverse_load.pad.table_build import _between, edge_of
+from fitting.inverse_load.pad.table_build import _between, edge_of, force_surplus
 from fitting.inverse_load.pad.uneven import (
     PROBES,
     _by_reach,

@@ -11,6 +11,7 @@ from skins import (
     check,
     find,
     half_cylinder,
+    inner_displacement,
     line,
     problem_of,
     quick,
@@ -57,11 +58,6 @@ mirrored = quick(Solid.mirrored)
 to_comparison_mesh = quick(Solid.to_comparison_mesh)
 volume_errors = quick(lambda solid, q: (solid.dilatation(q), solid.volume_change(q)))
 work_and_energy = quick(lambda solid, q: (solid.work(q), solid.strain_energy(q)))
-
-
-@quick
-def inner_displacement(solid: Solid, q: jax.Array, angle: jax.Array) -> jax.Array:
-    return solid.at_angle(q, angle).inner_displacement[:, 0, 0, 0]
 
 
 def random_state(solid: Solid, seed: int = 0) -> jax.Array:

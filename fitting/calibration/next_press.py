@@ -51,8 +51,7 @@ from fitting.sensor.model.constants import (
 from fitting.sensor.model.counts import SensorModel
 from fitting.sensor.shapes.shapes import ShapeSolver
 from suas_jax.config import SkinSpec
-from suas_jax.runtime.compiled import COMPILED
-from suas_jax.runtime.precision import require_float64
+from suas_jax.runtime.compiled import COMPILED, require_float64
 from suas_jax.skin.plain import angles_at
 
 _ARC, _AXIAL = 15, 5  # candidates along the arc and, on pads, along the axis

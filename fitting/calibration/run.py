@@ -48,11 +48,7 @@ class CalibrationOptions:
     place_error: float  # standard deviation of the presses' places, likewise [m]
 
 
-def run_calibration(
-    options: CalibrationOptions,
-    say: Callable[[str], None],
-    progress: Callable[[str], None] = lambda text: None,
-) -> dict[str, Any]:
+def run_calibration(options: CalibrationOptions, say: Callable[[str], None]) -> dict[str, Any]:
     """Calibrate a skin with a person's help.
 
     Returns the report of `suas fit sensor`, with `verification` and the files' names.
@@ -67,27 +63,18 @@ def run_calibration(
     with CalibrationFolder.owned(options.folder, options.skin, options.steps) as folder:
         if folder.open_steps:
             _record(spec, folder, options, say)
-        return _fitted(spec, folder, options, progress)
+        return _fitted(spec, folder, options)
 
 
 def _fitted(
-    spec: SkinSpec,
-    folder: CalibrationFolder,
-    options: CalibrationOptions,
-    progress: Callable[[str], None],
+    spec: SkinSpec, folder: CalibrationFolder, options: CalibrationOptions
 ) -> dict[str, Any]:
     """Fit and verify what is recorded, and write the skin and the page."""
     assert spec.electrodes is not None
     baseline, health = _at_rest(folder, options)
     fitted = [step for step in options.steps if not step.verifies]
     data = load_sensor_data(spec, [folder.log(step) for step in fitted])
-    fit = fit_sensor(
-        data,
-        options.fit,
-        model=options.model,
-        place_error=options.place_error,
-        progress=progress,
-    )
+    fit = fit_sensor(data, options.fit, model=options.model, place_error=options.place_error)
     write_text(options.output, calibrated_skin(options.skin, fit))
     report = sensor_report(fit) | {
         "skin": str(options.skin),
@@ -96,7 +83,6 @@ def _fitted(
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "before": _before(spec, fit.family.names),
     }
-    progress("verifying")
     checks = verify(
         load_skin(options.output),
         baseline,

@@ -64,8 +64,7 @@ def print_report(parts: "Sequence[Part]") -> None:
 def run(program: Callable[[], Any]) -> int:
     """Run the command line, and return its exit status whatever happens.
 
-    Args:
-        program: parses the arguments and runs a command; ends with `SystemExit`.
+    `program`: parses the arguments and runs a command; ends with `SystemExit`.
     """
     _replace_missing_streams()
     if not all(map(str.isprintable, sys.argv)):
@@ -109,8 +108,7 @@ _told: list[str] = []
 def answered(status: str) -> None:
     """Note that a command has said itself what failed, on both outputs.
 
-    Args:
-        status: as its JSON object has it.
+    `status`: as its JSON object has it.
     """
     _told.append(status)
 

@@ -134,8 +134,7 @@ def computing(
 ) -> "Iterator[tuple[Callable[[str], None], Executor | None]]":
     """Set JAX up, and show on a terminal what is being done.
 
-    Yields:
-        A function that shows something else, and what `--workers` names.
+    Yields a function that shows something else, and what `--workers` names.
     """
     with executor(workers, trust_network) as processes, spinner(what) as show:
         from suas_jax.runtime.settings import configure

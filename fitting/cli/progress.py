@@ -14,8 +14,7 @@ _COMPILING = "compiling, once for this kind of scene, about 20 s"
 def spinner(what: str) -> Iterator[Callable[[str], None]]:
     """Show what is being done, with the elapsed time, and that a program is being compiled.
 
-    Yields:
-        A function that shows something else.
+    Yields a function that shows something else.
     """
     if not sys.stderr.isatty():
         yield lambda text: None

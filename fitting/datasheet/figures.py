@@ -124,8 +124,7 @@ def unlike(columns: Float[Array, "coordinate taxel *place"]) -> Array:
 def told(cases: Cases, accuracy: Accuracy, change: Any) -> Float[Array, "coordinate *place"]:
     """What a change of readings [taxel, *place] [counts] is taken for, by the best fit.
 
-    Returns:
-        Changes of the place's coordinates [m] and of the force [N].
+    Returns changes of the place's coordinates [m] and of the force [N].
     """
     columns = weighted(cases, accuracy)
     own = unlike(columns)

@@ -11,7 +11,7 @@ import numpy as np
 
 from fitting.arrays import Floats
 from fitting.datasheet.figures import Accuracy, Cases, Measured, rated_force
-from fitting.datasheet.readings import Readings, far_taxels, taxel_places
+from fitting.datasheet.readings import Readings, far_taxels
 from fitting.datasheet.variants import DEEPER, STEP, WARMER, Variants, why_constant
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
@@ -55,7 +55,7 @@ def measure_pad(
     at = grid(*(np.linspace(*ends) for ends in zip(first, last, places, strict=True)))
     most = MOST * interpolant.largest(*at.T)
     touch = table.first_contact_at(*at.T)
-    taxels = taxel_places(skin)
+    taxels = skin.electrodes.taxels.places
     region = ((at >= taxels.min(0) - 1e-9) & (at <= taxels.max(0) + 1e-9)).all(1)
     region = region if region.any() and between is None else np.ones_like(region)
     rated = rated_force(np.minimum(touch, most)[region]) if force is None else force
@@ -84,7 +84,7 @@ def measure_pad(
         along.coordinates(at[:, 0]) | {"axial_m": at[:, 1]},
         along.outer_arc(at[:, 0]),
         region,
-        far_taxels(skin, taxels, at),
+        far_taxels(skin, at),
         rated,
         Accuracy(noise, float(np.hypot(PAD_MODEL_ERROR, table.reading_error))),
         places,

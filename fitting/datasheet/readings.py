@@ -69,20 +69,15 @@ def _read(skin: Skin, angle: Lanes, force: Lanes) -> Readings:
     return read(skin, Loads.line(angle, force))[0]
 
 
-def taxel_places(skin: Skin) -> Floats:
-    """Angle [rad] and axial position [m] of taxels [taxel, 2]."""
-    own = skin.electrodes.taxels
-    return np.stack([np.asarray(x)[:, 0] for x in (own.angle, own.axial)], 1)
-
-
-def far_taxels(skin: Skin, taxels: Floats, at: Floats) -> np.ndarray:
+def far_taxels(skin: Skin, at: Floats) -> np.ndarray:
     """Taxels that contacts should leave alone [taxel, place].
 
-    Of taxels [taxel, coordinate] and contacts [place, coordinate]; on a section by angle alone.
+    Contacts are [place, coordinate]; on a section they have an angle alone.
     """
     film = float(skin.geometry.thickness[0] + skin.geometry.oil_gap[0])
     size = np.array([float(skin.geometry.mid_size[0]), 1.0])[: at.shape[1]]
-    distance = np.linalg.norm((taxels[:, None] - at) * size, axis=-1)
+    taxels = skin.electrodes.taxels.places[:, None, : at.shape[1]]
+    distance = np.linalg.norm((taxels - at) * size, axis=-1)
     return np.asarray(distance > FAR * film)
 
 

@@ -12,7 +12,6 @@ from fitting.datasheet.readings import (
     far_taxels,
     read_all,
     skins_in_lanes,
-    taxel_places,
 )
 from fitting.datasheet.variants import Variants
 from fitting.force_range.bound import angles_over, first_contacts
@@ -66,7 +65,7 @@ def measure_section(
         at.coordinates(angle),
         at.outer_arc(angle),
         region,
-        far_taxels(free, taxel_places(free)[:, :1], angle[:, None]),
+        far_taxels(free, angle[:, None]),
         rated,
         Accuracy(noise, MODEL_ERROR),
         (places, 1),

@@ -25,7 +25,7 @@ from fitting.datasheet.pad import measure_pad
 from fitting.datasheet.section import measure_section
 from fitting.datasheet.variants import DEEPER, WARMER, Variants, variants_of, why_constant
 from fitting.datasheet.words import PLACED, WORDS, place_text
-from fitting.force_range.inputs import reading_noise
+from fitting.inverse_load.readings import noise_of_readings
 from suas_jax.config import SkinSpec
 from suas_jax.config.inputs import given_inputs
 from suas_jax.config.tolerance import deviation_of
@@ -177,7 +177,7 @@ def data_sheet(
     """
     if spec.electrodes is None:
         raise ValueError("the skin has no [electrodes], so there is nothing to sense")
-    deviation = reading_noise(spec, noise)
+    deviation = noise_of_readings(spec, noise)
     if force is not None and not (np.isfinite(force) and force > 0):
         raise ValueError(f"force = {force}: a force above zero is needed")
     if min(places) < 4:

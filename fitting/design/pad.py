@@ -21,7 +21,7 @@ import numpy as np
 from fitting.arrays import Floats, Rows
 from fitting.datasheet.figures import Accuracy, Cases, figures_at, rated_force
 from fitting.datasheet.pad import ELEMENTS
-from fitting.datasheet.readings import Readings, far_taxels, read, taxel_places
+from fitting.datasheet.readings import Readings, far_taxels, read
 from fitting.datasheet.words import PLACED
 from fitting.design.problem import STEP, Outcome, Problem
 from fitting.design.want import Want
@@ -77,14 +77,14 @@ class PadProblem(Problem):
         spec = want.spec
         assert spec.electrodes is not None  # or there would be no skin
         skin = skin_of(spec, elements=elements, contact=False)
-        taxels, edge = taxel_places(skin), np.array(edge_of(skin, DIAMETER))
+        taxels, edge = skin.electrodes.taxels.places, np.array(edge_of(skin, DIAMETER))
         first, last = taxels.min(0), taxels.max(0)
         if want.angles is not None:
             first[0], last[0] = want.angles
         self.ends = np.clip(first, -edge, edge), np.clip(last, -edge, edge)
         self.grid = want.places, axials
         at = grid(*(np.linspace(*ends) for ends in zip(*self.ends, self.grid, strict=True)))
-        self._far = far_taxels(skin, taxels, at)
+        self._far = far_taxels(skin, at)
         even = spec.geometry.mirrored_along_axis and skin.geometry.symmetric
         self._mirrored = even and bool(np.allclose(-self.ends[0], self.ends[1]))
         self._image = (at < 0) @ [1, 2] if self._mirrored else np.zeros(len(at), int)

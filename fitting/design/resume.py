@@ -3,10 +3,10 @@
 import dataclasses
 import hashlib
 from pathlib import Path
-from typing import Self
+from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, PlainSerializer, PlainValidator, ValidationError
 
 from fitting.arrays import Floats
 from fitting.design.problem import Outcome
@@ -21,51 +21,35 @@ from suas_jax.runtime.content_key import source_digest
 _ASIDE = ("skin", "spec", "starts", "seed", "keep", "front")
 
 
+_Array = Annotated[
+    Any, PlainValidator(lambda rows: np.array(rows, float)), PlainSerializer(np.ndarray.tolist)
+]
+
+
 class _Outcome(BaseModel):
-    model_config = ConfigDict(ser_json_inf_nan="constants")
-
-    values: dict[str, list[float]]
-    slopes: dict[str, list[list[float]]]
+    values: dict[str, _Array]
+    slopes: dict[str, _Array]
     found: bool
-
-    @classmethod
-    def of(cls, outcome: Outcome) -> Self:
-        values, slopes = (
-            {key: x.tolist() for key, x in table.items()} for table in outcome[:2]
-        )
-        return cls(values=values, slopes=slopes, found=outcome.found)
-
-    def read(self) -> Outcome:
-        tables = [
-            {k: np.array(x) for k, x in table.items()} for table in (self.values, self.slopes)
-        ]
-        return Outcome(tables[0], tables[1], self.found)
 
 
 class _Trial(BaseModel):
-    model_config = ConfigDict(ser_json_inf_nan="constants")
-
-    start: list[float]
-    x: list[float]
+    start: _Array
+    x: _Array
     goal: float
     message: str
-    multipliers: list[float]
+    multipliers: _Array
     first: _Outcome
     last: _Outcome
     calls: int
 
     @classmethod
     def of(cls, trial: Trial) -> Self:
-        own = trial._asdict()
-        arrays = {key: own[key].tolist() for key in ("start", "x", "multipliers")}
-        ends = {key: _Outcome.of(own[key]) for key in ("first", "last")}
-        return cls(**own | arrays | ends)
+        ends = {key: getattr(trial, key)._asdict() for key in ("first", "last")}
+        return cls(**trial._asdict() | ends)
 
     def read(self) -> Trial:
-        ends = self.first.read(), self.last.read()
-        arrays = [np.array(x) for x in (self.start, self.x, self.multipliers)]
-        start, x, multipliers = arrays
-        return Trial(start, x, self.goal, self.message, multipliers, *ends, self.calls)
+        ends = {key: Outcome(**dict(getattr(self, key))) for key in ("first", "last")}
+        return Trial(**dict(self) | ends)
 
 
 class _File(BaseModel):

@@ -23,7 +23,6 @@ from fitting.datasheet.readings import (
     picked,
     read,
     skins_in_lanes,
-    taxel_places,
 )
 from fitting.datasheet.variants import Variants, by_changes, variants_of
 from fitting.datasheet.words import PLACED
@@ -167,7 +166,7 @@ class SectionProblem(Problem):
             self.angle,
             np.float64(self.rated),
             np.float64(spec.electrodes.noise),
-            far_taxels(skin, taxel_places(skin)[:, :1], self.angle[:, None]),
+            far_taxels(skin, self.angle[:, None]),
             {} if variants is None else _moved(variants),
             np.float64(norm.ppf(want.units or 0.5)),
         )

@@ -41,10 +41,9 @@ class Selection(NamedTuple):
 class Variances:
     """Variances at places as functions of the taxels' weights.
 
-    Args:
-        columns: slopes of the readings by the place's coordinates and, last, by the force,
-            over the readings' deviations [coordinate, taxel, place].
-        of_force: whether the force's variance is wanted; else the sum of the others.
+    `columns`: slopes of the readings by the place's coordinates and, last, by the force, over
+    the readings' deviations [coordinate, taxel, place]. `of_force`: whether the force's
+    variance is wanted; else the sum of the others.
     """
 
     def __init__(self, columns: Floats, *, of_force: bool) -> None:
@@ -95,8 +94,8 @@ class Variances:
 def select(variances: Variances, keep: int) -> Selection:
     """Choose so many taxels by variances of a figure, finite with all of them.
 
-    Raises:
-        ValueError: there are not more taxels than that, or they are too few to tell the figure.
+    Raises ValueError: there are not more taxels than that, or they are too few to tell the
+    figure.
     """
     count = variances.taxels
     if not 3 <= keep < count:

@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.arrays import Flags, Floats
-from fitting.force_range.inputs import contact_deviation, reading_noise
+from fitting.force_range.inputs import contact_deviation
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import MODEL_ERROR
 from fitting.inverse_load.fit.covariance import inverse
+from fitting.inverse_load.readings import noise_of_readings
 from suas_jax.config import SkinSpec
 from suas_jax.config.input_errors import as_assembled
 from suas_jax.runtime.compiled import COMPILED
@@ -152,7 +153,7 @@ def force_range(
     if angles < 1:
         raise ValueError(f"angles = {angles}: at least one is needed")
     free = skin_of(spec, contact=False)
-    deviation = reading_noise(spec, noise)
+    deviation = noise_of_readings(spec, noise)
     angle = angles_over(free, angles) if angles > 1 else np.zeros(1)
     progress("first contact")
     touch, pressure = first_contacts(free, angle)
@@ -262,9 +263,8 @@ def first_contacts(skin: Skin, angle: Floats) -> tuple[Floats, Floats]:
 def least_errors(jacobian: Floats, weight: Floats) -> Floats:
     """Least standard deviations [parameter, ...] by the bound of Cramer and Rao.
 
-    Args:
-        jacobian: derivatives of the readings [parameter, taxel, ...].
-        weight: inverse variances of the readings [taxel, ...].
+    `jacobian`: derivatives of the readings [parameter, taxel, ...]. `weight`: inverse variances
+    of the readings [taxel, ...].
     """
     information = np.einsum("at...,bt...,t...->ab...", jacobian, jacobian, weight)
     rows = np.moveaxis(information, (0, 1), (-2, -1))

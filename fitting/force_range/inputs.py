@@ -39,15 +39,3 @@ def contact_deviation(spec: SkinSpec, force: float, smallest_gap: SmallestGap) -
     lower = smallest_gap({}, (_BEFORE - _STEP) * force)
     slope = (smallest_gap({}, _BEFORE * force) - lower) / (_STEP * force)
     return math.sqrt(variance) / abs(slope) / force if slope else math.nan
-
-
-def reading_noise(spec: SkinSpec, noise: float | None) -> float:
-    """Standard deviation of a reading of a skin with electrodes, as given or as in its file.
-
-    Raises ValueError: it makes no sense.
-    """
-    assert spec.electrodes is not None
-    deviation = spec.electrodes.noise if noise is None else noise
-    if not (math.isfinite(deviation) and deviation >= 0):
-        raise ValueError(f"noise = {deviation}: zero or more counts are needed")
-    return deviation

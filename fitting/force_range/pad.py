@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 from fitting.arrays import Floats
 from fitting.force_range.bound import LADDER, TOLD, least_errors
-from fitting.force_range.inputs import reading_noise
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
+from fitting.inverse_load.pad.columns import grid
 from fitting.inverse_load.pad.interpolant import MOST, PadInterpolant
 from fitting.inverse_load.pad.parts import table_of_pad
 from fitting.inverse_load.pad.table import PadTable
+from fitting.inverse_load.readings import noise_of_readings
 from suas_jax.config import SkinSpec
 from suas_jax.sensing.converter import Converter
 
@@ -146,11 +147,10 @@ def pad_force_range(
             f"diameter = {diameter:g} m: a length above zero and below a quarter of the pad's "
             "width is needed"
         )
-    deviation = reading_noise(spec, noise)
+    deviation = noise_of_readings(spec, noise)
     skin, table = table_of_pad(spec, diameter, progress, workers)
     progress("what the taxels tell")
-    own = skin.electrodes.taxels
-    taxels = np.stack([np.asarray(x)[:, 0] for x in (own.angle, own.axial)], 1)
+    taxels = skin.electrodes.taxels.places
     along = ContactPlaces(spec.geometry, skin.geometry)
     return range_from_table(table, along, taxels, places, deviation)
 
@@ -168,7 +168,7 @@ def range_from_table(
         for x, n in zip((table.angle, table.axial), places, strict=True)
     )
     interpolant = PadInterpolant(table)
-    at = np.stack([x.reshape(-1) for x in np.meshgrid(angle, axial, indexing="ij")], 1)
+    at = grid(angle, axial)
     most = MOST * interpolant.largest(*at.T)
     touch = table.first_contact_at(*at.T)
     known = touch < _NEVER

@@ -14,13 +14,9 @@ _DOTS_PER_INCH = 110
 def page(package: str, template: str, **values: Any) -> str:
     """Fill in a template that extends `page.html.j2`.
 
-    Args:
-        package: where the template lies, such as "fitting.calibration".
-        template: its file.
-        values: by the names that it has for them; all of these must be given.
-
-    Raises:
-        jinja2.UndefinedError: a value is missing.
+    `package`: where the template lies, such as "fitting.calibration". `template`: its file.
+    `values`: by the names that it has for them; all of these must be given.
+    Raises jinja2.UndefinedError: a value is missing.
     """
     loaders = [jinja2.PackageLoader(name, "") for name in (package, "fitting.report")]
     environment = jinja2.Environment(

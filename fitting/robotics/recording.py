@@ -56,7 +56,6 @@ class Recording:
         rest: Floats | None = None,
         estimator: LoadEstimator | None = None,
         skin_file: Path | None = None,  # attached, where it is a TOML file
-        more: Mapping[str, str] | None = None,  # further facts, by name
     ) -> None:
         require_mcap()
         from mcap_ros2.writer import Writer
@@ -72,7 +71,7 @@ class Recording:
         self._schemas = {
             name: self._writer.register_msgdef(name, text) for name, text in DEFINITIONS.items()
         }
-        facts = _CONVENTIONS | _thresholds(estimator) | dict(more or {})
+        facts = _CONVENTIONS | _thresholds(estimator)
         self._writer.add_metadata("suas", facts)
         if skin_file is not None and skin_file.suffix.lower() == ".toml":
             content = read_bytes(skin_file, _MOST_SKIN)

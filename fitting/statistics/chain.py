@@ -145,14 +145,10 @@ class Posterior:
 def constants_report(
     constants: np.ndarray,  # samples, SI units, shape [n, p]
     names: Sequence[str],
-    quantiles: Sequence[float],
+    quantiles: Sequence[float],  # ends of the 95 %, of the 68 % interval, median, ascending [%]
     tree: Callable[[Any], dict[str, Any]],  # puts one value a constant under its name
 ) -> dict[str, Any]:
-    """Samples of constants [n, p], SI units, in numbers, for JSON.
-
-    `quantiles`: ends of the 95 %, of the 68 % interval, and the median, ascending [%]. `tree`:
-    puts one value a constant under its name.
-    """
+    """Samples of constants in numbers, for JSON."""
     low95, low, middle, high, high95 = np.percentile(constants, quantiles, axis=0)
     covariance = np.atleast_2d(np.cov(constants.T))
     return {

@@ -83,13 +83,11 @@ def misfit(
     *,
     known_noise: bool,  # the residuals are in units of the known noise
     exact: float = 0.0,  # residuals below this are rounding and have no pattern
+    # residuals [n] and their derivatives by the constants [n, p] of tests in which smooth
+    # patterns are looked for, on a scale that is smooth along the test itself
     smooth: Sequence[tuple[np.ndarray, np.ndarray]] = (),
 ) -> Misfit:
-    """Judge residuals.
-
-    `smooth`: residuals [n] and their derivatives by the constants [n, p] of tests in which
-    smooth patterns are looked for, on a scale that is smooth along the test itself.
-    """
+    """Judge residuals."""
     everything = np.concatenate(paths)
     count = len(everything)
     dof = count - constants
@@ -227,18 +225,15 @@ def _basis(columns: np.ndarray, tolerance: float = 1e-10) -> tuple[np.ndarray, i
 
 
 def information_criteria(
-    square: float,
-    count: int,
-    constants: int,
+    square: float,  # Σ r²
+    count: int,  # number of readings N
+    constants: int,  # number of fitted constants p
     *,
-    known_noise: bool,
-    effective: float | None = None,
+    known_noise: bool,  # −2 log L = n Σ r²/N; else n log(Σ r²/N), the noise one parameter more
+    effective: float | None = None,  # number n of independent readings; None for all
 ) -> tuple[float, float]:
     """AICc and BIC of a least-squares fit, up to a constant of the data.
 
-    `square`: Σ r². `count`: number of readings N. `constants`: number of fitted constants p.
-    `known_noise`: −2 log L = n Σ r²/N; else n log(Σ r²/N), the noise one parameter more.
-    `effective`: number n of independent readings; None for all.
     Returns AICc = −2 log L + 2k + 2k(k + 1)/(n − k − 1) (infinite for n ≤ k + 1) and BIC = −2
     log L + k log n.
     """

@@ -92,14 +92,12 @@ def uncertainty(
     known_noise: bool,  # the residuals are in units of the known noise
     inflation: float = 1.0,  # factor on the standard errors, from `diagnostics.Misfit`
     held: Sequence[str] = (),  # constants that stopped at a bound; they are taken as known
+    # standard deviation of each residual up to a common factor, where it is not the same for
+    # all, shape [n]. The covariance is then that of the estimate under this noise, A
+    # diag(ratio²) Aᵀ with A = (JᵀJ)⁻¹Jᵀ
     noise_ratio: np.ndarray | None = None,
 ) -> Uncertainty:
-    """Judge what the data say about the constants at a minimum.
-
-    `noise_ratio`: standard deviation of each residual up to a common factor, where it is not
-    the same for all, shape [n]. The covariance is then that of the estimate under this noise, A
-    diag(ratio²) Aᵀ with A = (JᵀJ)⁻¹Jᵀ.
-    """
+    """Judge what the data say about the constants at a minimum."""
     r, J = (np.asarray(x) for x in sensitivity(residuals, jnp.asarray(constants)))
     used = residuals.used
     kept = np.array([name not in held for name in residuals.names])

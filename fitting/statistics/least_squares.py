@@ -50,30 +50,27 @@ class Minima(NamedTuple):
         return int(np.sum(close & self.converged))
 
 
-def minimise(
-    residuals: AbstractResiduals, starts: Float[np.ndarray, "starts p"], best: int = BEST
-) -> Minima:
-    """Minimise ½ Σ r² from many starting points, of which the best go on to their minima.
+def minimise(residuals: AbstractResiduals, starts: Float[np.ndarray, "starts p"]) -> Minima:
+    """Minimise ½ Σ r² from many starting points, of which the `BEST` go on to their minima.
 
-    `starts`: unconstrained parameters to start from. `best`: how many of them go on.
+    `starts`: unconstrained parameters to start from.
     Returns the starts that went on, best first. Nothing raises: a start that fails has infinite
     cost and is not converged.
     """
-    if len(starts) > best:
-        starts = minimise_one_by_one(residuals, starts, _ROUGH).theta[:best]
+    if len(starts) > BEST:
+        starts = minimise_one_by_one(residuals, starts, _ROUGH).theta[:BEST]
     return minimise_one_by_one(residuals, starts, _EVALUATIONS)
 
 
 def solved_by_scipy(
-    at: Linearised,
+    at: Linearised,  # residuals [n] and their derivatives [n, p] at parameters [p]
     start: np.ndarray,  # parameters to start from [p]
+    # residual that stands for one that is not a number, flat there
     impossible: float = _IMPOSSIBLE,
     **options: Any,
 ) -> Any:
     """SciPy's least squares of residuals that come with their derivatives.
 
-    `at`: residuals [n] and their derivatives [n, p] at parameters [p]. `impossible`: residual
-    that stands for one that is not a number, flat there.
     Returns SciPy's result; `fun` and `jac` are the residuals and derivatives at its end.
     """
     kept = _kept(at, impossible)
@@ -100,13 +97,9 @@ def compressed(r: np.ndarray, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     With J = Q R they are Q^T r and, last, the length of what of r no step changes.
 
-    Args:
-        r: residuals [n].
-        J: their derivatives [n, p].
-
-    Returns:
-        As many residuals as parameters and one more, and their derivatives; those given where
-        they are hardly more or no numbers.
+    `r`: residuals [n]. `J`: their derivatives [n, p].
+    Returns as many residuals as parameters and one more, and their derivatives; those given
+    where they are hardly more or no numbers.
     """
     n, p = J.shape
     if n <= 2 * p or not (np.all(np.isfinite(r)) and np.all(np.isfinite(J))):

@@ -8,7 +8,7 @@ import numpy as np
 from fitting.arrays import Floats
 from fitting.inverse_load.estimate.place import ContactPlaces
 from suas_jax.config import GeometrySpec
-from suas_jax.runtime.jit import jit
+from suas_jax.runtime.compiled import jit
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.plain import plain_geometry
 

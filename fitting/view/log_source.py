@@ -19,11 +19,7 @@ _CHARTED = 1.0  # between two additions to the charts [s]
 
 
 class LogSource:
-    """A log on a timeline; loads are estimated in the background, or given.
-
-    `estimator`: finds the loads; None where `estimates` has them, or nobody does. `estimates`:
-    of the log's frames, where they are known.
-    """
+    """A log on a timeline; loads are estimated in the background, or given."""
 
     def __init__(
         self,
@@ -31,7 +27,9 @@ class LogSource:
         pictures: ReadingsPictures,  # of its skin
         title: str,  # what the page calls it
         *,
+        # finds the loads; None where `estimates` has them, or nobody does
         estimator: LogEstimator | None = None,
+        # of the log's frames, where they are known
         estimates: Sequence[LoadEstimate] | None = None,
     ) -> None:
         self._readings, self._pictures, self._estimator = readings, pictures, estimator

@@ -27,10 +27,8 @@ def neighbours(
 ) -> list[list[int]]:
     """Indices of every taxel's neighbours.
 
-    Args:
-        names: module and number of the taxels.
-        places: of the taxels on the wall [m], whose nearest are neighbours; where one is
-            unknown, those of a module with the nearest numbers.
+    `names`: module and number of the taxels. `places`: of the taxels on the wall [m], whose
+    nearest are neighbours; where one is unknown, those of a module with the nearest numbers.
     """
     if places is not None and all(name in places for name in names):
         at = np.array([places[name] for name in names])

@@ -27,9 +27,8 @@ class DeviceClock:
     A clock of few bits starts again at zero, and some jump. What a clock says is believed while
     it agrees with the frame counter or with the host's clock; otherwise it has jumped.
 
-    Args:
-        modulus: the clock starts again after this [s]; None if unknown, then a usual one is
-            recognised.
+    `modulus`: the clock starts again after this [s]; None if unknown, then a usual one is
+    recognised.
     """
 
     def __init__(self, modulus: float | None) -> None:

@@ -62,13 +62,7 @@ class _Chunk(NamedTuple):
 
 
 class Stream:
-    """Readings from an open source, until `stop` is set.
-
-    Attributes:
-        stop: set it to end the stream; what has arrived by then is still delivered.
-        reconnects: how often a lost link came back.
-        lost_link: whether the link is lost now.
-    """
+    """Readings from an open source, until `stop` is set: what has arrived is delivered."""
 
     def __init__(
         self,
@@ -85,8 +79,8 @@ class Stream:
         resumed: bool = False,  # the readings continue an earlier recording
     ) -> None:
         self.stop = threading.Event()
-        self.reconnects = 0
-        self.lost_link = False
+        self.reconnects = 0  # how often a lost link came back
+        self.lost_link = False  # whether the link is lost now
         self._source = source
         self._decode = decode
         self._format = format_name

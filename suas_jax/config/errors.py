@@ -77,10 +77,10 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
     return folded[close[0]] if close else None
 
 
-def listed(words: Iterable[str], last: str = "or") -> str:
+def listed(words: Iterable[str]) -> str:
     """Join words for a sentence: ``a``, ``a or b``, ``a, b or c``."""
     every = list(words)
-    return f" {last} ".join(part for part in (", ".join(every[:-1]), *every[-1:]) if part)
+    return " or ".join(part for part in (", ".join(every[:-1]), *every[-1:]) if part)
 
 
 def unknown(word: str, known: Iterable[str], what: str, *, quoted: bool = False) -> str:

@@ -30,8 +30,7 @@ FILE_RULES = {"units_required": True}
 class PlacedError(ValueError):
     """One entry of a list, or one key of a table, is wrong.
 
-    Attributes:
-        place: index of the entry from zero, or the key.
+    `place`: index of the entry from zero, or the key.
     """
 
     def __init__(self, place: int | str, message: str):
@@ -70,9 +69,8 @@ def quantity(
 ) -> Quantity:
     """Build the validator of a quantity, which may carry its uncertainty.
 
-    Returns:
-        A validator that yields the SI value, an `UncertainQuantity` where a deviation is
-        stated, or raises ValueError with what is allowed.
+    Returns a validator that yields the SI value, an `UncertainQuantity` where a deviation is
+    stated, or raises ValueError with what is allowed.
     """
 
     def limit(value: float) -> str:

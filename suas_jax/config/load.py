@@ -75,9 +75,8 @@ def scene_from_dict(
 def located(mistake: Mistake, path: str | os.PathLike[str]) -> Mistake:
     """A mistake that a skin's or a scene's numbers show, with the file that has the key.
 
-    Args:
-        mistake: found after loading, when no specification knows its file.
-        path: the skin or scene that was loaded.
+    `mistake`: found after loading, when no specification knows its file. `path`: the skin or
+    scene that was loaded.
     """
     draft = _scene_draft(read_toml(path), Path(path).parent, os.fspath(path))
     return mistake._replace(file=draft.file_of(mistake.key))

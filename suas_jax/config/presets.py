@@ -62,8 +62,7 @@ def expand_shore(material: Mapping[str, Any]) -> tuple[dict[str, Any], list[tupl
 
     It is known to a factor of 1.5, which the modulus carries as its deviation.
 
-    Returns:
-        The expanded [material] table, and pairs of key and advice of what is wrong with it.
+    Returns the expanded [material] table, and pairs of key and advice of what is wrong with it.
     """
     found = _SHORE.fullmatch(str(material["shore"]).strip())
     hardness = float(found.group(1)) if found else 0.0

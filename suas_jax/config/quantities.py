@@ -164,14 +164,10 @@ def _expected(kind: Dimension, number: str = "1") -> str:
 def to_si(value: object, dimension: DimensionName, *, bare_numbers: bool = False) -> float:
     """Read a value of a TOML file or of Python, in SI units (angles in radians).
 
-    Args:
-        value: text with a unit, or a number.
-        dimension: the kind of quantity that is expected.
-        bare_numbers: accept a number without a unit as an SI value, as Python code holds them;
-            files must state the unit. Pure numbers need none anywhere.
-
-    Raises:
-        ValueError: the value is not a finite quantity of that kind; says what is expected.
+    `value`: text with a unit, or a number. `dimension`: the kind of quantity that is expected.
+    `bare_numbers`: accept a number without a unit as an SI value, as Python code holds them;
+    files must state the unit. Pure numbers need none anywhere.
+    Raises ValueError: the value is not a finite quantity of that kind; says what is expected.
     """
     kind = DIMENSIONS[dimension]
     if isinstance(value, str):

@@ -142,8 +142,7 @@ class CalibrationSpec(Spec):
     def offsets_of(self, taxels: int) -> tuple[float, ...]:
         """Offsets of so many taxels [counts]; zeros where none were found.
 
-        Raises:
-            ValueError: they are of another number of taxels.
+        Raises ValueError: they are of another number of taxels.
         """
         if self.offsets and len(self.offsets) != taxels:
             raise ValueError(

@@ -120,10 +120,8 @@ def deviation_of(value: object) -> float | None:
 def text_of(value: float, unit: float, name: str) -> str | float:
     """A value as a file has it, to twelve digits, with its deviation where it carries one.
 
-    Args:
-        value: in SI units.
-        unit: size of the unit that it is written in.
-        name: of that unit; "" for a number, which without a deviation stays one.
+    `value`: in SI units. `unit`: size of the unit that it is written in. `name`: of that unit;
+    "" for a number, which without a deviation stays one.
     """
     deviation = deviation_of(value)
     if deviation is None and not name:

@@ -88,9 +88,7 @@ def _depth(tables: Any) -> int:
 def missing_file(file: str, named_in: str = "") -> str | None:
     """Say why a path is not a file, with the nearest one beside it; None if it is one.
 
-    Args:
-        file: the path.
-        named_in: the file that names it, which it can't have been meant to be.
+    `named_in`: the file that names it, which it can't have been meant to be.
     """
     path = Path(file)
     try:

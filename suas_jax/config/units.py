@@ -125,8 +125,7 @@ class Unit(NamedTuple):
 def find_unit(text: str) -> Unit | None:
     """Look a unit expression such as ``"kN/m^3"`` up; None if it isn't one.
 
-    Args:
-        text: the expression; empty for a pure number.
+    `text`: the expression; empty for a pure number.
     """
     if not text:
         return Unit(1.0, _registry().dimensionless.dimensionality)

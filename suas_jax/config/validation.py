@@ -81,8 +81,7 @@ def choose_specification(
 ) -> tuple[type[SpecT] | None, list[Finding]]:
     """Choose the specification that a table's ``law`` or ``kind`` (`discriminator`) names.
 
-    Returns:
-        The specification and no findings, or None and what is wrong with the key.
+    Returns the specification and no findings, or None and what is wrong with the key.
     """
     path = f"{key}.{discriminator}"
     quoted = listed(show(name) for name in choices)

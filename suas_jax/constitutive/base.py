@@ -92,12 +92,9 @@ class AbstractLaw(eqx.Module):
 def constant(value: ArrayLike) -> Float[Array, "..."]:
     """Convert a law's constant to a floating-point array, keeping a narrower float type.
 
-    Args:
-        value: a number, an array, or a traced value, in SI units.
-
-    Returns:
-        The same value as a JAX array that is floating-point and strongly typed, so that
-        a law built from Python numbers and one built from arrays share compiled programs.
+    `value`: a number, an array, or a traced value, in SI units.
+    Returns the same value as a JAX array that is floating-point and strongly typed, so that a
+    law built from Python numbers and one built from arrays share compiled programs.
     """
     return jnp.asarray(value, dtype=jnp.result_type(value, float))
 
@@ -105,11 +102,8 @@ def constant(value: ArrayLike) -> Float[Array, "..."]:
 def constants(values: Constants) -> Float[Array, " terms *lanes"]:
     """Convert a series of constants to an array whose leading axis counts the terms.
 
-    Args:
-        values: a number (one term), a sequence of numbers or traced values, or an array.
-
-    Returns:
-        Array [terms, *lanes].
+    `values`: a number (one term), a sequence of numbers or traced values, or an array.
+    Returns an array [terms, *lanes].
     """
     if isinstance(values, Sequence):
         if not values:

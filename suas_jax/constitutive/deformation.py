@@ -44,11 +44,8 @@ class AbstractDeformation(eqx.Module):
     def power_sum_minus_3(self, alpha: ArrayLike) -> Float[Array, "..."]:
         """λ₁^α + λ₂^α + λ₃^α − 3.
 
-        Args:
-            alpha: the exponent, of a shape that broadcasts against the deformation.
-
-        Returns:
-            Array of the broadcast shape.
+        `alpha`: the exponent, of a shape that broadcasts against the deformation.
+        Returns an array of the broadcast shape.
         """
 
     def power_sums_minus_3(self, alphas: Sequence[ArrayLike]) -> list[Float[Array, "..."]]:

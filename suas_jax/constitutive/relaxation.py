@@ -52,15 +52,14 @@ class PronySeries(eqx.Module):
     def relaxed(
         self,
         elapsed: Float[Array, " n"],  # time since the row before [s], shape [n]; zero is a step
+        # where another history begins: the material is at rest before, and the row is reached
+        # by a step, or held since `elapsed`, shape [n]
         begins: Bool[Array, " n"],
         history: Float[Array, "n k"],  # S₀, shape [n, k]
     ) -> Float[Array, "n k"]:
         """Convolve stress histories, ∫ G(t − s) dS₀(s), with G.
 
         Exact for stresses that change linearly between the given times.
-
-        `begins`: where another history begins: the material is at rest before, and the row is
-        reached by a step, or held since `elapsed`, shape [n].
         """
 
         def advance(

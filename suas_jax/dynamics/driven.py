@@ -65,13 +65,9 @@ class Step(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class AbstractDriven(abc.ABC):
-    """A skin on a mesh, some of whose numbers change.
+    """A skin on a mesh, some of whose numbers change."""
 
-    Attributes:
-        series: how the material's stress fades.
-    """
-
-    series: PronySeries
+    series: PronySeries  # how the material's stress fades
 
     @property
     def no_travels(self) -> Travels:
@@ -100,10 +96,8 @@ class AbstractDriven(abc.ABC):
     ) -> tuple[Equilibrium, Travels]:
         """The equilibrium at the end of a step.
 
-        Args:
-            start: from which the path begins.
-            travels: of bodies that are pressed by forces, to begin with.
-            step: what changes.
+        `start`: from which the path begins. `travels`: of bodies that are pressed by forces, to
+        begin with. `step`: what changes.
         """
         past = step.past.seen(self.series, step.length)
         problem = self.answering(step.values, travels, past)
@@ -269,13 +263,11 @@ def _under_forces(
     forces: Any,  # what an equilibrium says of them
     start: State,  # for the first travels
     wanted: Array,  # forces [N]
+    # travels to begin with, and those of an equilibrium nearby
     expected: tuple[Travels, Travels],
     first: float,  # travel of a body that has not touched yet [m]
 ) -> tuple[Equilibrium, Travels]:
-    """Travels at which bodies carry given forces; those without a force are at first touch.
-
-    `expected`: travels to begin with, and those of an equilibrium nearby.
-    """
+    """Travels at which bodies carry given forces; those without a force are at first touch."""
     travels, before = expected
     known = jnp.all((before.length > 0) | (wanted <= 0))
     loaded = wanted > 0

@@ -27,8 +27,7 @@ from suas_jax.mechanics.model import AbstractPlan, Counts
 from suas_jax.mechanics.pad.model import PadMesh
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.mesh.section import measures
-from suas_jax.runtime.compiled import COMPILED
-from suas_jax.runtime.precision import require_float64
+from suas_jax.runtime.compiled import COMPILED, require_float64
 from suas_jax.scene.build import plan_for
 from suas_jax.scene.curve import total_force
 from suas_jax.scene.program import inputs_of

@@ -47,20 +47,15 @@ def _whole(skin: DrivenSkin, moves: DrivenSkin, now: Moving) -> Moving:
 
 @eqx.filter_jit
 def film_at_rest(
-    scene: Structure,
-    plan: AbstractPlan,
-    inputs: Inputs,
-    time: Array,
-    values: Values,
-    scale: Array,
-    outside: Array,
+    scene: Structure,  # with the instantaneous response of its material
+    plan: AbstractPlan,  # mesh of the whole section
+    inputs: Inputs,  # the scene's numbers
+    time: Array,  # [s]
+    values: Values,  # without loads
+    scale: Array,  # displacement that counts [m]
+    outside: Array,  # added mass of a pad's water, see `pad.outside_of`
 ) -> Moving:
-    """A skin that has always been at rest, before it moves.
-
-    `scene`: with the instantaneous response of its material. `plan`: mesh of the whole section.
-    `inputs`: the scene's numbers. `time`: [s]. `values`: without loads. `scale`: displacement
-    that counts [m]. `outside`: added mass of a pad's water, see `pad.outside_of`.
-    """
+    """A skin that has always been at rest, before it moves."""
     skin = DrivenSkin.of(scene, moving_part(scene.scene, plan), inputs, values)
     rest = begun(skin, time, values)
     moving = MovingSkin.of(skin, outside)

@@ -33,7 +33,7 @@ from suas_jax.equilibrium.balance import (
 )
 from suas_jax.equilibrium.equilibrium import differentiable
 from suas_jax.mechanics.base import AbstractMechanics
-from suas_jax.mechanics.contact.state import BodyContact, ContactState
+from suas_jax.mechanics.contact.face import BodyContact, ContactState
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.bordered_solve import BorderedVector, solve_bordered
 from suas_jax.skin.body import Body

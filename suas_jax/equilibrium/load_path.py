@@ -138,18 +138,17 @@ def follow(
     stepping: LoadStepping,
     pressure_given: Bool[Array, ""] | None = None,  # see `balance.residual`
     *,
+    # whether the start may be close enough for Newton's method as it is
     near: Bool[Array, "..."] | bool,
     finished: Bool[Array, " lane"] | None = None,  # lanes that stay where they are
+    # where paths begin anew under given loads; None for the undeformed state
     rest: BorderedVector | None = None,
     rest_level: Lanes | float = 0.0,  # its load level
+    # lanes that start at the target's own equilibrium without the wall: the wall comes in
+    # softly there
     through: Bool[Array, " lane"] | None = None,
 ) -> Found:
-    """Follow the path, to the wall and against it if the membrane has one, and under bodies.
-
-    `near`: whether the start may be close enough for Newton's method as it is. `rest`: where
-    paths begin anew under given loads; None for the undeformed state. `through`: lanes that
-    start at the target's own equilibrium without the wall: the wall comes in softly there.
-    """
+    """Follow the path, to the wall and against it if the membrane has one, and under bodies."""
     if not problem.mechanics.touches:
         stepping = dataclasses.replace(stepping, finished=finished)
         return step_to(problem, y, start, target, stepping, pressure_given)
@@ -189,14 +188,12 @@ def _to_the_wall(
     done: Bool[Array, " lane"],  # lanes that stay where they are
     stepping: LoadStepping,
     pressure_given: Bool[Array, ""] | None,  # see `balance.residual`
+    # where paths begin once more, and at which level; see `follow`
     anew: tuple[BorderedVector, Lanes] | None = None,
+    # logarithm of the stiffness, as a share of the wall's own, of attempts
     attempt: Lanes | float = 0.0,
 ) -> Found:
-    """Attempt, load and stiffen: one loop for all lanes, whatever their phase.
-
-    `anew`: where paths begin once more, and at which level; see `follow`. `attempt`: logarithm
-    of the stiffness, as a share of the wall's own, of attempts.
-    """
+    """Attempt, load and stiffen: one loop for all lanes, whatever their phase."""
     if anew is None:
         border = None if begin.y.border is None else 0 * begin.level
         anew = BorderedVector(problem.mechanics.rest(), border), 0 * begin.level

@@ -121,8 +121,7 @@ def _grid(problem: Problem, state: State, shown: State) -> _Grid:
 def plot_pad_surface(solution: Solution) -> Figure:
     """Draw the gap and the displacement of a pad over the unrolled wall, and its shape.
 
-    Args:
-        solution: a solution in three dimensions.
+    `solution`: a solution in three dimensions.
     """
     face, outer, height, angle = (np.asarray(x)[..., 0] for x in solution.read(_grid))
     parts = scene_parts(solution.scene, solution.inputs)

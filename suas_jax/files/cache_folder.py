@@ -36,11 +36,9 @@ class CacheFolder:
     them; `settled` takes it back. The next process that finds the marker of one that ended
     discards what it names, so nothing crashes twice.
 
-    Args:
-        folder: where the entries lie; made with mode 0700 when first needed.
-        most_bytes: size of all entries together.
-        key_file: file of the authentication key; made with mode 0600 when first needed. By
-            default in the user's state folder, apart from every cache.
+    `folder`: where the entries lie; made with mode 0700 when first needed. `most_bytes`: size
+    of all entries together. `key_file`: file of the authentication key; made with mode 0600
+    when first needed. By default in the user's state folder, apart from every cache.
     """
 
     def __init__(

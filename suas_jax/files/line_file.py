@@ -29,35 +29,27 @@ class LineWriteError(OSError):
 
 
 class LineFile:
-    """A file that is open for appending; made by `create`, `reopen` or `open`.
-
-    Attributes:
-        path: of the file that takes the lines now.
-        size: of it [bytes].
-        beside: files that the lines went on in, one after the other.
-        report: called with a sentence when they do.
-    """
+    """A file that is open for appending; made by `create`, `reopen` or `open`."""
 
     def __init__(self, path: Path, descriptor: int) -> None:
+        # files that the lines went on in, one after the other; a sentence says so when they do
         self.beside: tuple[Path, ...] = ()
         self.report: Callable[[str], None] = lambda sentence: None
         self._hold(path, descriptor)
 
     def _hold(self, path: Path, descriptor: int) -> None:
-        self.path, self._descriptor = path, descriptor
+        self.path, self._descriptor = path, descriptor  # that takes the lines now
         self._place = Path(os.path.realpath(path))
         facts = os.fstat(descriptor)
-        self.size = facts.st_size
+        self.size = facts.st_size  # [bytes]
         self._placed = stat.S_ISREG(facts.st_mode)  # a pipe can't be lost
 
     @classmethod
     def create(cls, path: Path, text: str, *, overwrite: bool) -> Self:
         """Begin a file with some lines.
 
-        Raises:
-            FileExistsError: there is one that isn't empty, and `overwrite` is not set.
-            OwnedError: another program is writing it.
-            OSError: it can't be written.
+        Raises FileExistsError: there is one that isn't empty, and `overwrite` is not set.
+        Raises OwnedError: another program is writing it. Raises OSError: it can't be written.
         """
         with owned(path):
             if path.exists() and not path.stat().st_size:

@@ -26,13 +26,9 @@ def opened(
 ) -> Iterator[BinaryIO]:
     """Open a regular file, or a link to one, for reading, without ever waiting for it.
 
-    Args:
-        path: the file.
-        most_bytes: the size that is still read.
-        remember: it is an input of the command that runs, which no output may replace.
-
-    Raises:
-        OSError: it can't be opened, is not a regular file, or is larger.
+    `most_bytes`: the size that is still read. `remember`: it is an input of the command that
+    runs, which no output may replace.
+    Raises OSError: it can't be opened, is not a regular file, or is larger.
     """
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
     name = os.fspath(path)

@@ -26,11 +26,9 @@ def check_output(path: Path, *, overwrite: bool = False) -> None:
     An empty file may be; another where the user allows it (`overwrite`), here and when it is
     written.
 
-    Raises:
-        FileExistsError: it exists, is not empty, and `overwrite` is not set.
-        OwnedError: another process writes it.
-        ValueError: it is an input of the command that runs, or can't be a file.
-        OSError: its folder is missing, or it is a directory.
+    Raises FileExistsError: it exists, is not empty, and `overwrite` is not set. Raises
+    OwnedError: another process writes it. Raises ValueError: it is an input of the command that
+    runs, or can't be a file. Raises OSError: its folder is missing, or it is a directory.
     """
     if not path.name or "\0" in str(path):
         raise ValueError(f'"{path}": is not the name of a file')
@@ -109,10 +107,8 @@ def drafted(path: Path) -> Iterator[Path]:
 def publish(draft: Path, path: Path, *, replace: bool) -> None:
     """Move a draft from `drafted` to its place, in one step; `replace` one that isn't empty.
 
-    Raises:
-        FileExistsError: there is one, and `replace` is not set.
-        OwnedError: another process writes the one that is there.
-        OSError: it can't be moved.
+    Raises FileExistsError: there is one, and `replace` is not set. Raises OwnedError: another
+    process writes the one that is there. Raises OSError: it can't be moved.
     """
     place = Path(os.path.realpath(path))
     with contextlib.suppress(FileNotFoundError):

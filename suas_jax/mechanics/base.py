@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
-from suas_jax.mechanics.contact.state import BodyContact, ContactState, Strip
+from suas_jax.mechanics.contact.face import BodyContact, ContactState, Strip
 from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.shape import AbstractShape
 from suas_jax.numerics.array_types import Lanes, StationVector
@@ -71,36 +71,28 @@ class AbstractMechanics(eqx.Module):
     Methods take a state: its unknowns `q`, of the part that is discretised or, to be shown, of
     the whole membrane; the net pressure on the inner face, oil less external [Pa]; and the
     dimensionless `factor` on all dead loads and on the travel of bodies. A `body` is placed.
-
-    Attributes:
-        per_width: whether energies, forces and volumes are per unit of width; else they
-            are totals.
-        corrected: whether what is reported has the first-order effect of the omitted energy.
-        law: the membrane's material.
-        section: the undeformed membrane across its axis.
-        film_volume: volume of the undeformed oil film per width [m^2].
-        wall: what holds the inner face; None where the membrane passes through it.
-        growth: free size of the membrane over that of its seat; None where it fits.
-        bodies: what is pressed on the outer face.
-        omitted_margin: share of the first-order effect of what is left out that the rest rarely
-            exceeds; for plane strain from a study of random scenes, see docs/errors_method.md.
-        omitted_floor: relative error that may remain where first-order effects cancel by
-            chance.
-        omitted_at_wall: relative error that remains where the wall carries all of the loads,
-            less where it carries a share of them.
     """
 
+    # whether energies, forces and volumes are per unit of width; else they are totals
     per_width: ClassVar[bool]
+    # whether what is reported has the first-order effect of the omitted energy
     corrected: ClassVar[bool] = False
+    # share of the first-order effect of what is left out that the rest rarely exceeds; for
+    # plane strain from a study of random scenes, see docs/errors_method.md
     omitted_margin: ClassVar[float] = 0.2
+    # relative error that may remain where first-order effects cancel by chance
     omitted_floor: ClassVar[float] = 5e-5
+    # relative error that remains where the wall carries all of the loads, less where it carries
+    # a share of them
     omitted_at_wall: ClassVar[float] = 0.0
-    law: eqx.AbstractVar[AbstractLaw]
-    section: eqx.AbstractVar[AbstractSection]
-    film_volume: eqx.AbstractVar[Lanes]
+    law: eqx.AbstractVar[AbstractLaw]  # the membrane's material
+    section: eqx.AbstractVar[AbstractSection]  # the undeformed membrane across its axis
+    film_volume: eqx.AbstractVar[Lanes]  # volume of the undeformed oil film per width [m^2]
+    # what holds the inner face; None where the membrane passes through it
     wall: eqx.AbstractVar[Wall | None]
+    # free size of the membrane over that of its seat; None where it fits
     growth: eqx.AbstractVar[Growth | None]
-    bodies: eqx.AbstractVar[tuple[Body, ...]]
+    bodies: eqx.AbstractVar[tuple[Body, ...]]  # what is pressed on the outer face
 
     @property
     @abc.abstractmethod

@@ -14,13 +14,9 @@ from suas_jax.skin.geometry import SkinGeometry
 
 
 class AbstractFace(eqx.Module):
-    """An inner face, ready to be asked for gaps.
+    """An inner face, ready to be asked for gaps."""
 
-    Attributes:
-        varies_along_axis: whether the gap depends on the axial position.
-    """
-
-    varies_along_axis: ClassVar[bool]
+    varies_along_axis: ClassVar[bool]  # whether the gap depends on the axial position
 
     def gaps(
         self, rays: Sequence[tuple[Array, Array]], geometry: SkinGeometry
@@ -30,9 +26,8 @@ class AbstractFace(eqx.Module):
         Not all in one array: a reduction over them would cost the compiled program several
         times what the look-ups do.
 
-        Args:
-            rays: angles [rad] and axial positions [m] of the taxels, a pair a ray.
-            geometry: says where the wall is.
+        `rays`: angles [rad] and axial positions [m] of the taxels, a pair a ray. `geometry`:
+        says where the wall is.
         """
         return [self.height(angle, axial) + geometry.gap(angle, axial) for angle, axial in rays]
 
@@ -42,10 +37,7 @@ class AbstractFace(eqx.Module):
     ) -> Float[Array, "ray lane"]:
         """Height of the inner face over the undeformed one along rays [m].
 
-        Args:
-            angle: of the rays [rad].
-            axial: their positions along the axis, from the middle [m].
-
-        Returns:
-            The heights; NaN where a ray meets the face more than once.
+        `angle`: of the rays [rad]. `axial`: their positions along the axis, from the middle
+        [m].
+        Returns the heights; NaN where a ray meets the face more than once.
         """

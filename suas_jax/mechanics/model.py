@@ -24,14 +24,10 @@ Counts = tuple[int, ...]
 
 
 class AbstractPlan(eqx.Module):
-    """A mesh as plain numbers, made once for a scene; its shapes decide what is compiled.
+    """A mesh as plain numbers, made once for a scene; its shapes decide what is compiled."""
 
-    Attributes:
-        dimension: of the model, 2 in plane strain.
-        solves_long: whether a solve takes about as long as optimising its program.
-    """
-
-    dimension: ClassVar[int]
+    dimension: ClassVar[int]  # of the model, 2 in plane strain
+    # whether a solve takes about as long as optimising its program
     solves_long: ClassVar[bool] = False
 
     @property
@@ -72,14 +68,10 @@ class AbstractPlan(eqx.Module):
 
 
 class AbstractArcPlan(AbstractPlan):
-    """A mesh of the section, by its stations along the arc.
-
-    Attributes:
-        arc: where the elements lie along the arc.
-    """
+    """A mesh of the section, by its stations along the arc."""
 
     dimension: ClassVar[int] = 2
-    arc: eqx.AbstractVar[MeshPlan]
+    arc: eqx.AbstractVar[MeshPlan]  # where the elements lie along the arc
 
     @property
     def symmetric(self) -> bool:
@@ -105,20 +97,14 @@ class Meshes(NamedTuple):
 
 
 class AbstractModel(abc.ABC):
-    """A discretised membrane as `[solve] model` names it.
+    """A discretised membrane as `[solve] model` names it."""
 
-    Attributes:
-        dimension: of the scenes that it solves, 2 in plane strain.
-        name: in scenes and reports.
-        setting: key of [solve] that gives the mesh.
-        for_curves: whether `auto` takes it where another model's error is too large for a
-            curve; one that would take minutes has to be asked for by its name.
-    """
-
-    dimension: ClassVar[int]
+    dimension: ClassVar[int]  # of the scenes that it solves, 2 in plane strain
+    # whether `auto` takes it where another model's error is too large for a curve; one that
+    # would take minutes has to be asked for by its name
     for_curves: ClassVar[bool] = True
-    name: ClassVar[str]
-    setting: ClassVar[str]
+    name: ClassVar[str]  # in scenes and reports
+    setting: ClassVar[str]  # key of [solve] that gives the mesh
 
     @abc.abstractmethod
     def first(self, scene: SceneSpec) -> Counts:
@@ -132,9 +118,8 @@ class AbstractModel(abc.ABC):
     def finer(self, counts: Counts, excess: tuple[float, ...]) -> Counts | None:
         """The mesh to try next, or None where the limit is reached.
 
-        Args:
-            counts: size of the mesh that was too coarse.
-            excess: its estimated error by each comparison mesh, over the one that is allowed.
+        `counts`: size of the mesh that was too coarse. `excess`: its estimated error by each
+        comparison mesh, over the one that is allowed.
         """
 
     def coarser(self, counts: Counts) -> Counts:
@@ -159,34 +144,22 @@ class AbstractModel(abc.ABC):
     @abc.abstractmethod
     def build(
         self,
-        plan: AbstractPlan,
-        geometry: SkinGeometry,
-        law: AbstractLaw,
-        loads: Sequence[Any],
-        bodies: Sequence[Body] = (),
+        plan: AbstractPlan,  # a mesh of this model
+        geometry: SkinGeometry,  # dimensions, with a lane axis
+        law: AbstractLaw,  # material, its constants with a lane axis
+        loads: Sequence[Any],  # dead forces on the outer face
+        bodies: Sequence[Body] = (),  # that are pressed on it
     ) -> AbstractMechanics:
-        """The mechanics on a mesh.
-
-        Args:
-            plan: a mesh of this model.
-            geometry: dimensions, with a lane axis.
-            law: material, its constants with a lane axis.
-            loads: dead forces on the outer face.
-            bodies: that are pressed on it.
-        """
+        """The mechanics on a mesh."""
 
     def carried(
         self, q: np.ndarray, origin: AbstractPlan, target: AbstractPlan
     ) -> np.ndarray | None:
         """A state of one mesh on another one, as a start for Newton's method.
 
-        Args:
-            q: its unknowns.
-            origin: the mesh that it belongs to.
-            target: the other one, of the same scene.
-
-        Returns:
-            The unknowns there; None where a start gains too little.
+        `q`: its unknowns. `origin`: the mesh that it belongs to. `target`: the other one, of
+        the same scene.
+        Returns the unknowns there; None where a start gains too little.
         """
         del q, origin, target
         return None

@@ -15,8 +15,7 @@ from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import FibreStretch, HeldFibre
 from suas_jax.constitutive.stability import drucker_modulus
 from suas_jax.mechanics.base import AbstractMechanics, Displacements, Profile
-from suas_jax.mechanics.contact.face import AbstractContactFace
-from suas_jax.mechanics.contact.state import BodyContact
+from suas_jax.mechanics.contact.face import AbstractContactFace, BodyContact
 from suas_jax.mechanics.section_face import INTERVALS, NormalFace, normal_face
 from suas_jax.mechanics.shape import AbstractShape
 from suas_jax.numerics.array_types import Lanes, StationVector
@@ -122,13 +121,11 @@ class SectionShape(AbstractShape):
 class AbstractPlaneStrain(AbstractMechanics):
     """A membrane in plane strain; sums are per unit of width.
 
-    Attributes:
-        resolves_loads: whether stretches of the outer face diverge under line loads on finer
-            meshes.
-        angles: of the stations from the symmetry axis [rad].
+    `angles`: of the stations from the symmetry axis [rad].
     """
 
     per_width: ClassVar[bool] = True
+    # whether stretches of the outer face diverge under line loads on finer meshes
     resolves_loads: ClassVar[bool] = False
     angles: eqx.AbstractVar[Float[Array, "station #lane"]]
 
@@ -141,21 +138,15 @@ class AbstractPlaneStrain(AbstractMechanics):
     def profile(self, q: StationVector, samples: int) -> Profile:
         """The deformed section at evenly spaced points of every element.
 
-        Args:
-            q: unknowns of the whole arc.
-            samples: intervals an element is divided in.
+        `q`: unknowns of the whole arc. `samples`: intervals an element is divided in.
         """
 
     @abc.abstractmethod
     def at_angle(self, q: StationVector, angle: Lanes) -> Displacements:
         """How the section moves at one reference angle per lane.
 
-        Args:
-            q: unknowns.
-            angle: from the symmetry axis, within the discretised arc [rad].
-
-        Returns:
-            Displacements [2, 1, 1, lane].
+        `q`: unknowns. `angle`: from the symmetry axis, within the discretised arc [rad].
+        Returns displacements [2, 1, 1, lane].
         """
 
     @abc.abstractmethod

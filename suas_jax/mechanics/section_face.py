@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 
 from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.face import AbstractFace
-from suas_jax.numerics.newton_polynomial import polynomial, power_coefficients
+from suas_jax.numerics.polynomials import polynomial, power_coefficients
 from suas_jax.skin.section import AbstractSection
 
 # Intervals an element is sampled in, the degree of its polynomial.

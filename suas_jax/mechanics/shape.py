@@ -22,12 +22,9 @@ class Extreme(NamedTuple):
 
 
 class AbstractShape(eqx.Module):
-    """A deformed membrane, sampled; every answer is smooth in the state.
+    """A deformed membrane, sampled; every answer is smooth in the state."""
 
-    Attributes:
-        samples: with the inner face's and the mid-surface's displacement, components leading.
-    """
-
+    # with the inner face's and the mid-surface's displacement, components leading
     samples: eqx.AbstractVar[Any]
 
     @staticmethod

@@ -9,7 +9,7 @@ from jaxtyping import Array
 
 from suas_jax.mesh.pad_plan import PadPlan
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.numerics.polynomials import gauss_legendre
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
 

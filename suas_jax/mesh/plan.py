@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from suas_jax.mesh.grading import Density, distinct, rounded, stations_between
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.numerics.polynomials import gauss_legendre
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad, LoadPoints
 from suas_jax.skin.section import AbstractSection

@@ -19,13 +19,11 @@ def plan_section(
     elements: int,  # along the whole arc
     decay: float,  # length over which boundary layers fade, as an angle [rad]
     local: tuple[float, float] | None = None,  # see `plan_mesh`
+    # angle from where each body comes in to the material that it touches, in the order of the
+    # file [rad]; none for nowhere
     slid: Sequence[float] = (),
 ) -> MeshPlan:
-    """Mesh of the whole arc for the line loads of a scene.
-
-    `slid`: angle from where each body comes in to the material that it touches, in the order of
-    the file [rad]; none for nowhere.
-    """
+    """Mesh of the whole arc for the line loads of a scene."""
     spread = [load.spread is not None for load in scene.loads if isinstance(load, LineLoadSpec)]
     found = measures(scene)
     numbers = found.angles

@@ -129,12 +129,10 @@ def _halves(left: Array, right: Array, fill: Array) -> Array:
 
 def factorise(
     diagonal: Float[Array, "station lane row column"],  # blocks on the diagonal
+    # block i couples the equations of station i to the unknowns of i + 1
     upper: Float[Array, "element lane row column"],
 ) -> Factors:
-    """Factorise symmetric block-tridiagonal systems.
-
-    `upper`: block i couples the equations of station i to the unknowns of i + 1.
-    """
+    """Factorise symmetric block-tridiagonal systems."""
     stations, lanes, n, _ = diagonal.shape
     half = stations // 2
     zero = jnp.zeros((), diagonal.dtype)

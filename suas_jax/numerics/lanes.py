@@ -102,6 +102,7 @@ def in_halves(call: Callable[..., Result], *arguments: Any) -> Result:
 
 
 def for_some(
+    # takes and returns pytrees of arrays that end in a lane axis
     solve: Callable[[Arguments], Result],
     arguments: Arguments,  # of `solve`; a lane axis of length one is shared by all lanes
     needed: Bool[Array, " lane"],  # which lanes
@@ -111,8 +112,6 @@ def for_some(
     """Call a function of lanes for those that need it: the others cost nothing.
 
     Without derivatives in reverse mode.
-
-    `solve`: takes and returns pytrees of arrays that end in a lane axis.
     """
     lanes = needed.shape[-1]
     order, count = jnp.argsort(~needed), jnp.sum(needed)

@@ -38,11 +38,7 @@ class KeptProgram(NamedTuple):
 
 
 class ProgramStore:
-    """Programs in a folder.
-
-    Args:
-        folder: where they are kept.
-    """
+    """Programs kept in a folder."""
 
     def __init__(self, folder: CacheFolder) -> None:
         self._folder = folder

@@ -16,8 +16,7 @@ _ROOT = Path(__file__).parents[2]
 def model_names(package: str) -> list[str]:
     """Names of the models of a package, in alphabetical order. Nothing is imported.
 
-    Args:
-        package: dotted name of the folder, such as ``suas_jax.config.laws``.
+    `package`: dotted name of the folder, such as ``suas_jax.config.laws``.
     """
     folder = _ROOT.joinpath(*package.split("."))
     found = pkgutil.iter_modules([str(folder)])

@@ -12,7 +12,7 @@ from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import smallest_gap
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.equilibrium.validity import force_balance, validity
-from suas_jax.mechanics.contact.state import BodyContact
+from suas_jax.mechanics.contact.face import BodyContact
 from suas_jax.mechanics.model import Meshes
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.scene.build import problem_of
@@ -54,8 +54,7 @@ def assess(
     is judged on a part, the state is assembled on the whole as well, which also gives the
     first-order effect of what the mechanics leaves out.
 
-    Returns:
-        What is observed, the state on the whole membrane, and the one that is observed.
+    Returns what is observed, the state on the whole membrane, and the one that is observed.
     """
     problem, state = solved, found
     if meshes.solved.symmetric:

@@ -6,7 +6,7 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from suas_jax.mechanics.contact.state import BodyContact, ContactState, Strip
+from suas_jax.mechanics.contact.face import BodyContact, ContactState, Strip
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.skin.body import Body
 from suas_jax.skin.circle import Circle

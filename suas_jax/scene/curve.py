@@ -96,10 +96,8 @@ class Curve:
     ) -> tuple[list[dict[str, Any]], State]:
         """Reports and states at levels that no rest is among, with or without the wall.
 
-        Args:
-            levels: in the order to visit.
-            start: where to start; None at rest.
-            wall: whether it is there; without it the first state beyond it is repeated.
+        `levels`: in the order to visit. `start`: where to start; None at rest. `wall`: whether
+        it is there; without it the first state beyond it is repeated.
         """
         known = at_rest(self.meshes.solved) if start is None else start
         static, once = Structure(self.scene, wall=wall), len(levels) <= _FEW

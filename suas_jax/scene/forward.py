@@ -28,8 +28,7 @@ from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.bordered_solve import BorderedVector
 from suas_jax.numerics.lanes import by_lane, in_chunks, in_halves, lane_count, on_cpu
-from suas_jax.runtime.compiled import COMPILED
-from suas_jax.runtime.precision import require_float64
+from suas_jax.runtime.compiled import COMPILED, require_float64
 from suas_jax.scene.error_estimate import bounded
 from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import Skin

@@ -16,8 +16,7 @@ from suas_jax.config.errors import nearest
 from suas_jax.equilibrium.balance import State, unknowns_of
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.mechanics.model import AbstractPlan
-from suas_jax.runtime.compiled import COMPILED
-from suas_jax.runtime.precision import require_float64
+from suas_jax.runtime.compiled import COMPILED, require_float64
 from suas_jax.scene.build import problem_of
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts

@@ -86,16 +86,11 @@ class IndentationCurve(NamedTuple):
     def follow(
         self,
         depths: np.ndarray,
-        counts: tuple[int, ...],
+        counts: tuple[int, ...],  # size of the mesh
+        # states near the solutions, instead of those before them
         starts: Sequence[State] | None = None,
     ) -> list[Point]:
-        """Solutions at given travels [m] on one mesh, each from the one before.
-
-        Args:
-            depths: the travels.
-            counts: size of the mesh.
-            starts: states near the solutions, instead of those before them.
-        """
+        """Solutions at given travels [m] on one mesh, each from the one before."""
         points: list[Point] = []
         start = None
         for k, depth in enumerate(depths):

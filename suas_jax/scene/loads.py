@@ -11,8 +11,8 @@ from jaxtyping import Array, ArrayLike, Float
 
 from suas_jax.config import SceneSpec, continuous_inputs
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.numerics.quadrature import gauss_legendre
-from suas_jax.runtime.precision import require_float64
+from suas_jax.numerics.polynomials import gauss_legendre
+from suas_jax.runtime.compiled import require_float64
 from suas_jax.scene.parts import SceneParts, scene_parts
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad, LoadPoints
@@ -128,8 +128,8 @@ class Loads(eqx.Module):
 
 def _rows(x: ArrayLike) -> Array:
     """Numbers as [load, lane]; those that are known without a program of JAX's."""
-    if isinstance(x, jax.Array):
-        return jnp.atleast_2d(x.astype(float))
+    if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(x)):
+        return jnp.atleast_2d(jnp.asarray(x, float))
     return jnp.asarray(np.atleast_2d(np.asarray(x, float)))
 
 

@@ -82,9 +82,8 @@ def skin_parts(spec: SkinSpec, inputs: Mapping[str, ArrayLike]) -> SkinParts:
     A circle's few numbers need no program; the curves of other sections are made by one that
     is kept between runs.
 
-    Args:
-        spec: says which classes; its numbers are not used where `inputs` has them.
-        inputs: SI values by TOML path, see `suas_jax.config.continuous_inputs`.
+    `spec`: says which classes; its numbers are not used where `inputs` has them. `inputs`: SI
+    values by TOML path, see `suas_jax.config.continuous_inputs`.
     """
     traced = any(isinstance(x, jax.core.Tracer) for x in inputs.values())
     if traced or not charted(spec.geometry):

@@ -90,9 +90,8 @@ def run_program(
     Where nothing acts on the skin the report is that of the undeformed skin. Bodies that are
     pressed by a force take the travel at which they carry it, unless the inputs give it.
 
-    Returns:
-        What is observed; the equilibrium, the state to report and that of the part solved; how
-        it was found.
+    Returns what is observed; the equilibrium, the state to report and that of the part solved;
+    how it was found.
     """
     if unloaded(static.scene):
         driven = driven_by_force(static.scene)

@@ -21,7 +21,7 @@ from suas_jax.equilibrium.balance import Problem
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.mesh.pad_plan import Footprint, PadPlan, plan_pad
-from suas_jax.runtime.precision import require_float64
+from suas_jax.runtime.compiled import require_float64
 from suas_jax.scene.loads import Loads
 from suas_jax.scene.parts import skin_parts
 from suas_jax.sensing.electrodes import Electrodes

@@ -16,8 +16,7 @@ from suas_jax.equilibrium.buckling import stress_effect
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.numerics.lanes import number
-from suas_jax.runtime.compiled import COMPILED
-from suas_jax.runtime.precision import require_float64
+from suas_jax.runtime.compiled import COMPILED, require_float64
 from suas_jax.scene.build import build_problem, decay_angle
 from suas_jax.scene.choice import Attempt, Tried, choose
 from suas_jax.scene.program import inputs_of, meshes_of, prepared, run_program, structure_of
@@ -40,8 +39,7 @@ def _effect(
 def rest_of(scene: SceneSpec, found: Attempt, *, once: bool) -> dict[str, Any]:
     """Solve a scene without its loads, on the mesh that it was solved on.
 
-    Returns:
-        The keys of `REST_KEYS`; a rest that was not found is unstable, and has no more.
+    Returns the keys of `REST_KEYS`; a rest that was not found is unstable, and has no more.
     """
     idle = with_solve(scene, oil_pressure=None)
     plan, meshes, inputs, start = prepared(idle, found.plan.model, found.plan.counts)
@@ -194,11 +192,9 @@ def report_with(
 ) -> dict[str, Any] | None:
     """What a solution's scene reports with other numbers; None where no solution was found.
 
-    Args:
-        solution: of the scene; nothing is compiled anew.
-        inputs: SI values by TOML path that replace the scene's own.
-        judged: whether errors are wanted, on the solution's own mesh; without them it is the
-            smallest mesh that was tried.
+    `solution`: of the scene; nothing is compiled anew. `inputs`: SI values by TOML path that
+    replace the scene's own. `judged`: whether errors are wanted, on the solution's own mesh;
+    without them it is the smallest mesh that was tried.
     """
     scene = solution.scene
     plan, start = (solution.plan, solution.part) if judged else solution.coarsest

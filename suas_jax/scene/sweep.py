@@ -13,7 +13,7 @@ from suas_jax.config import SceneSpec, with_inputs, with_solve
 from suas_jax.files.writing import write_text
 from suas_jax.mechanics.model import AbstractPlan, Counts
 from suas_jax.mechanics.registry import MODELS
-from suas_jax.runtime.precision import require_float64
+from suas_jax.runtime.compiled import require_float64
 from suas_jax.scene.curve import Curve, SwayedCurve, total_force
 from suas_jax.scene.indentation import IndentationCurve
 from suas_jax.scene.sway import can_sway

@@ -6,8 +6,7 @@ from jaxtyping import Array, ArrayLike, Float
 from numpy.typing import NDArray
 
 from suas_jax.config import SkinSpec, continuous_inputs
-from suas_jax.runtime.jit import jit
-from suas_jax.runtime.precision import require_float64
+from suas_jax.runtime.compiled import jit, require_float64
 from suas_jax.scene.parts import skin_parts
 from suas_jax.sensing.electrodes import Electrodes
 
@@ -20,42 +19,34 @@ def _even_film(electrodes: Electrodes, so: Float[Array, "taxel frame"]) -> Array
 class TaxelFilm:
     """Where the taxels of a skin are, what they read at rest, and the gap that counts mean.
 
-    Args:
-        spec: a skin, or a scene, with [electrodes].
-        rest: readings at rest [taxel] [counts], as a baseline has them; those of the model
-            where not given or NaN.
-
-    Attributes:
-        module: that carries a taxel [taxel].
-        number: of a taxel in its module, from 1 [taxel].
-        angle: of the taxels, as scenes state it [taxel, rad].
-        section_angle: the same as sections define it, see `suas_jax.skin.section`.
-        axial: from the middle of the skin [taxel, m].
-        diameter: [taxel, m].
-        positions: x towards growing angles, y to the crown, z along the axis [taxel, 3, m].
-        rest: readings at rest [taxel, counts].
-        rest_gap: of the film at rest [taxel, m].
-
-    Raises:
-        ValueError: the skin has no electrodes.
-        Float64Error: float64 is off.
+    Raises ValueError: the skin has no electrodes. Raises Float64Error: float64 is off.
     """
 
-    def __init__(self, spec: SkinSpec, rest: NDArray[np.float64] | None = None) -> None:
+    def __init__(
+        self,
+        spec: SkinSpec,  # a skin, or a scene, with [electrodes]
+        # readings at rest [taxel] [counts], as a baseline has them; those of the model where
+        # not given or NaN
+        rest: NDArray[np.float64] | None = None,
+    ) -> None:
         require_float64()
         parts = skin_parts(spec, continuous_inputs(spec))
         if parts.electrodes is None:
             raise ValueError("the skin has no [electrodes], so there are no taxels")
         self._electrodes = parts.electrodes
         taxels, geometry = parts.electrodes.taxels, parts.geometry
+        # which module carries a taxel, and its number there, from 1 [taxel]
         self.module, self.number = list(taxels.module), list(taxels.number)
         angle = geometry.section.given_angle(taxels.angle)
         gap = geometry.gap(taxels.angle, taxels.axial)
+        # as scenes state angles and as sections define them [rad]; from the middle [m] [taxel]
         self.angle, self.section_angle, self.axial, self.diameter = (
             np.asarray(x)[:, 0] for x in (angle, taxels.angle, taxels.axial, taxels.diameter)
         )
         height = parts.electrodes.height
+        # x towards growing angles, y to the crown, z along the axis [taxel, 3] [m]
         self.positions = np.asarray(taxels.positions(geometry, height))
+        # of the film at rest [taxel] [m]
         self.rest_gap = np.broadcast_to(np.asarray(gap)[..., 0], self.angle.shape)
         self._model_rest = self.rest_under(self.rest_gap)
         given = np.full(self.angle.shape, np.nan) if rest is None else rest

@@ -81,10 +81,7 @@ def on_the_way(scene: SceneSpec, state: State, share: float) -> State:
 
     A factor scales all that acts, so this needs bodies alone that are not dragged.
 
-    Args:
-        scene: the scene.
-        state: its equilibrium at travels.
-        share: of those that are wanted.
+    `state`: its equilibrium at travels. `share`: of those that are wanted.
     """
     if share <= 0 or any(load.kind != "body" or any(load.dragged) for load in scene.loads):
         return state
@@ -124,12 +121,9 @@ class _Search(NamedTuple):
         x: np.ndarray,
         step: np.ndarray,
         ends: tuple[np.ndarray, np.ndarray],
-        halve: bool,
+        halve: bool,  # take the middle of these where both are known
     ) -> np.ndarray:
-        """A step no longer than what is trusted, between those known to be too far.
-
-        `halve`: take the middle of these where both are known.
-        """
+        """A step no longer than what is trusted, between those known to be too far."""
         most = np.array([_ACROSS if d.across else LONGEST for d in self.driven])
         new, (low, high) = x + np.clip(step, -most, most), ends
         outside = halve | (new <= low) | (new >= high)

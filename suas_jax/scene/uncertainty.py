@@ -32,9 +32,8 @@ _EXTREMES = {"_angle_deg": 1.0, "_axial_m": 1e-3, "_arc_m": 1e-3}
 def uncertainty(solution: Solution, errors: InputErrors) -> dict[str, float]:
     """Standard deviations of what a converged solution reports, by its inputs' errors.
 
-    Returns:
-        In the units of the keys, by path of the quantity in the report, such as
-        ``oil_pressure_Pa`` or ``taxels.3.so``; NaN where a changed skin has no solution.
+    Returns values in the units of the keys, by path of the quantity in the report, such as
+    ``oil_pressure_Pa`` or ``taxels.3.so``; NaN where a changed skin has no solution.
     """
     known = continuous_inputs(solution.scene)
     own = dict(_quantities(report_with(solution, {}) or {}))

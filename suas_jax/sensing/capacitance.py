@@ -38,42 +38,28 @@ class Dielectric(NamedTuple):
 
 
 class AbstractCapacitance(eqx.Module):
-    """A model of the capacitance of electrodes under a deformed membrane.
+    """A model of the capacitance of electrodes under a deformed membrane."""
 
-    Attributes:
-        guarded: whether the wall around an electrode has its potential.
-    """
-
-    guarded: ClassVar[bool] = True
+    guarded: ClassVar[bool] = True  # whether the wall around an electrode has its potential
 
     def check(self, electrodes: ElectrodesSpec, oil_gap: float) -> None:
         """Refuse electrodes that the model has no value for.
 
-        Args:
-            electrodes: the table that names the model.
-            oil_gap: of the skin at rest [m].
-
-        Raises:
-            ValueError: names the key, its value and what is allowed.
+        `electrodes`: the table that names the model. `oil_gap`: of the skin at rest [m].
+        Raises ValueError: names the key, its value and what is allowed.
         """
         del electrodes, oil_gap
 
     @abc.abstractmethod
     def capacitance(
         self,
+        # between electrode and inner face at the footprint's places [m], positive
         gaps: Sequence[TaxelValues],
-        footprint: Footprint,
-        taxels: Taxels,
-        between: Dielectric,
+        footprint: Footprint,  # those places and their weights
+        taxels: Taxels,  # size and place of every electrode
+        between: Dielectric,  # what lies between them and the membrane
     ) -> Float[Array, "taxel lane"]:
-        """Capacitance of every taxel, stray left out [F].
-
-        Args:
-            gaps: between electrode and inner face at the footprint's places [m], positive.
-            footprint: those places and their weights.
-            taxels: size and place of every electrode.
-            between: what lies between them and the membrane.
-        """
+        """Capacitance of every taxel, stray left out [F]."""
 
     @abc.abstractmethod
     def even_gap(
@@ -81,10 +67,8 @@ class AbstractCapacitance(eqx.Module):
     ) -> Float[Array, "taxel lane"]:
         """Gap of the even film that has a capacitance [m]; not above zero for a closed one.
 
-        Args:
-            capacitance: without stray [F], positive.
-            taxels: size and place of every electrode.
-            between: what lies between them and the membrane.
+        `capacitance`: without stray [F], positive. `taxels`: size and place of every electrode.
+        `between`: what lies between them and the membrane.
         """
 
 
@@ -108,9 +92,7 @@ class AbstractFilmFormula(AbstractCapacitance):
     ) -> Float[Array, "*shape lane"]:
         """Capacitance per area of electrode [F/m^2].
 
-        Args:
-            gap: between electrode and inner face [m], positive.
-            between: what lies there.
+        `gap`: between electrode and inner face [m], positive. `between`: what lies there.
         """
         film = self.thickness(gap, between.wall_curvature) / between.permittivity
         return VACUUM_PERMITTIVITY / (film + between.layers)

@@ -72,15 +72,13 @@ class Converter:
 
     def sample(
         self,
+        # [frame, taxel] [F]; NaN where membrane and electrode touch, a short circuit that reads
+        # full scale
         capacitance: NDArray[np.float64],
         time: NDArray[np.float64],  # of the frames, ascending [s]
         random: np.random.Generator,  # source of noise and drift
     ) -> Sample:
-        """Simulate readings.
-
-        `capacitance`: [frame, taxel] [F]; NaN where membrane and electrode touch, a short
-        circuit that reads full scale.
-        """
+        """Simulate readings."""
         frames, taxels = capacitance.shape
         continuous = self.counts(capacitance)
         rates = self.drift * random.standard_normal(taxels)

@@ -135,13 +135,11 @@ def electrodes_of(
     spec: SkinSpec,  # says which layout and formula
     numbers: Mapping[str, Any],  # SI values by TOML path
     geometry: SkinGeometry,
+    # logarithm of the volume that the oil has grown to by warmth, since it had the permittivity
+    # of the file; None where it has not
     warmed: Lanes | None = None,
 ) -> Electrodes | None:
-    """Electrodes of a skin from its numbers by TOML path; None if nothing is sensed.
-
-    `warmed`: logarithm of the volume that the oil has grown to by warmth, since it had the
-    permittivity of the file; None where it has not.
-    """
+    """Electrodes of a skin from its numbers by TOML path; None if nothing is sensed."""
     if spec.electrodes is None:
         return None
 

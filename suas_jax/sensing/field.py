@@ -25,7 +25,7 @@ from suas_jax.mechanics.section import section_of
 from suas_jax.mechanics.section_face import NormalFace, height_at
 from suas_jax.numerics.array_types import StationVector
 from suas_jax.numerics.block_tridiagonal import BlockTridiagonal
-from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.numerics.polynomials import gauss_legendre
 from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY
 from suas_jax.sensing.electrodes import Electrodes
 from suas_jax.skin.geometry import SkinGeometry
@@ -38,8 +38,7 @@ _ELEMENTS = 720
 class Film(NamedTuple):
     """The section of the film between two angles."""
 
-    # of the stations [rad]
-    angle: Float[Array, "station #lane"]
+    angle: Float[Array, "station #lane"]  # of the stations [rad]
     # between wall and inner face there, linear in between [m]
     gap: Float[Array, "station lane"]
     # length of the wall per angle, one or one a station [m]

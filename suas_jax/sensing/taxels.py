@@ -96,14 +96,16 @@ def module_places() -> Float[np.ndarray, "place 2"]:
 class Taxels(eqx.Module):
     """Round electrodes on the wall."""
 
-    # of the centres, from the symmetry axis [rad]
-    angle: Float[Array, "taxel #lane"]
-    # of the centres, from mid-width [m]
-    axial: Float[Array, "taxel #lane"]
-    # [m]
-    diameter: Float[Array, "taxel #lane"]
+    angle: Float[Array, "taxel #lane"]  # of the centres, from the symmetry axis [rad]
+    axial: Float[Array, "taxel #lane"]  # of the centres, from mid-width [m]
+    diameter: Float[Array, "taxel #lane"]  # [m]
     module: tuple[int, ...] = eqx.field(static=True)  # which module a taxel belongs to, from 0
     number: tuple[int, ...] = eqx.field(static=True)  # of the taxel in its module, from 1
+
+    @property
+    def places(self) -> Float[np.ndarray, "taxel 2"]:
+        """Angle [rad] and axial position [m] of the centres, where known."""
+        return np.stack([np.asarray(x)[:, 0] for x in (self.angle, self.axial)], 1)
 
     @property
     def area(self) -> Float[Array, "taxel #lane"]:

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from suas_jax.acquisition.baseline import Baseline
 from suas_jax.config import SceneSpec, continuous_inputs
 from suas_jax.dynamics.driven import responding
-from suas_jax.runtime.compiled import COMPILED
-from suas_jax.runtime.jit import jit
+from suas_jax.runtime.compiled import COMPILED, jit
 from suas_jax.runtime.settings import configure
 from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import SPREAD_POINTS, Loads, loads_of

@@ -34,8 +34,8 @@ def true_loads(
 ) -> Columns:
     """Columns `load_0_force_N`, `load_0_angle_deg` and their like, by name [frame].
 
-    Raises:
-        NotKnownInputsError: a load has no such columns: a pressure, a spread load, a rectangle.
+    Raises NotKnownInputsError: a load has no such columns: a pressure, a spread load, a
+    rectangle.
     """
     columns: Columns = {}
     flat = scene.geometry.dimension == 2

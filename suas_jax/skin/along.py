@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.numerics.newton_polynomial import polynomial
+from suas_jax.numerics.polynomials import polynomial
 
 
 class Along(eqx.Module):
@@ -18,8 +18,7 @@ class Along(eqx.Module):
 
     # the fractions, from 0 at the left clamp to 1 at the right one
     at: tuple[float, ...] = eqx.field(static=True)
-    # there [place, lane]
-    values: Float[Array, "place #lane"]
+    values: Float[Array, "place #lane"]  # there [place, lane]
     # whether the right half is the mirror image of the left one
     mirrored: bool = eqx.field(static=True, default=False)
 

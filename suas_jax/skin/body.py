@@ -61,14 +61,12 @@ class Body(eqx.Module):
         cls,
         spec: BodyLoadSpec,  # says which shape
         section: AbstractSection,  # what it is pressed on
+        # angle of the reference point [rad], and on a pad its axial position [m]
         places: tuple[Lanes, Lanes | None],
         value: Callable[[str], Lanes],  # gives the body's numbers by key, with a lane axis [SI]
         law: AbstractPressureGap,  # of its contact
     ) -> "Body":
-        """A body of a scene.
-
-        `places`: angle of the reference point [rad], and on a pad its axial position [m].
-        """
+        """A body of a scene."""
         angle, axial = places
         shape = shape_of(spec, value, flat=axial is None)
         direction = section.direction(angle)

@@ -27,8 +27,7 @@ class AbstractShape(eqx.Module):
     def height(self, across: Float[Array, "component *point"]) -> Float[Array, "*point"]:
         """Height of the surface over its tip [m]; infinite beside the body.
 
-        Args:
-            across: coordinates across the approach.
+        `across`: coordinates across the approach.
         """
 
     def straight_distance(
@@ -62,13 +61,9 @@ class AbstractShape(eqx.Module):
 
 
 class AbstractRound(AbstractShape):
-    """A surface with a round tip.
+    """A surface with a round tip."""
 
-    Attributes:
-        radius: of the tip [m].
-    """
-
-    radius: eqx.AbstractVar[Lanes]
+    radius: eqx.AbstractVar[Lanes]  # of the tip [m]
 
     @property
     def centre(self) -> Lanes:

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.numerics.newton_polynomial import polynomial, power_coefficients
+from suas_jax.numerics.polynomials import polynomial, power_coefficients
 from suas_jax.skin.along import Along
 from suas_jax.skin.section import (
     INVERSE_STEPS,
@@ -50,9 +50,8 @@ class AbstractCurve(eqx.Module):
     def of(cls, spec: Any, value: Callable[[str], Lanes]) -> "AbstractCurve":
         """The curve of a [geometry] table.
 
-        Args:
-            spec: the table; its numbers are not used.
-            value: gives them by key, with a lane axis [SI].
+        `spec`: the table; its numbers are not used. `value`: gives them by key, with a lane
+        axis [SI].
         """
 
     @abc.abstractmethod
@@ -75,13 +74,9 @@ class AbstractCurve(eqx.Module):
 
 
 class AbstractArc(AbstractCurve):
-    """A curve by the angle of scenes, alike on both sides of the crown.
+    """A curve by the angle of scenes, alike on both sides of the crown."""
 
-    Attributes:
-        last: angle of the right clamp [rad].
-    """
-
-    last: eqx.AbstractVar[Lanes]
+    last: eqx.AbstractVar[Lanes]  # angle of the right clamp [rad]
 
     def edges(self) -> Float[Array, "edge lane"]:
         """The clamps [rad]."""

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array
 
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.numerics.polynomials import gauss_legendre
 from suas_jax.skin.along import Along, Sheet
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection

@@ -80,7 +80,5 @@ class LoadPoints(eqx.Module):
 
     # one where a point lies in an element, else zero
     select: Float[Array, "element point #lane"]
-    # local coordinate in that element, 0 to 1
-    xi: Float[Array, "point #lane"]
-    # Cartesian components per width [N/m]
-    force: Float[Array, "2 point #lane"]
+    xi: Float[Array, "point #lane"]  # local coordinate in that element, 0 to 1
+    force: Float[Array, "2 point #lane"]  # Cartesian components per width [N/m]

@@ -16,13 +16,9 @@ from suas_jax.numerics.array_types import Lanes
 
 
 class AbstractOil(eqx.Module):
-    """An oil film; its constants are the keys of its [oil] table, with a lane axis.
+    """An oil film; its constants are the keys of its [oil] table, with a lane axis."""
 
-    Attributes:
-        spec: the model's declaration.
-    """
-
-    spec: ClassVar[type[OilSpec]]
+    spec: ClassVar[type[OilSpec]]  # the model's declaration
 
     @property
     def trapped(self) -> bool:
@@ -38,17 +34,14 @@ class AbstractOil(eqx.Module):
     def expansion(self, pressure: Lanes, film_volume: Lanes) -> Lanes:
         """Change of the film's volume that a pressure demands [m^2 per width].
 
-        Args:
-            pressure: oil pressure above ambient [Pa].
-            film_volume: volume of the undeformed film per width [m^2].
+        `pressure`: oil pressure above ambient [Pa]. `film_volume`: volume of the undeformed
+        film per width [m^2].
         """
 
     def warmed(self, growth: Lanes, warmth: Lanes) -> tuple[Self, Lanes]:
         """The oil at another temperature, and the logarithm of its volume over what it was.
 
-        Args:
-            growth: that logarithm for oil alone.
-            warmth: absolute temperature over what it was.
+        `growth`: that logarithm for oil alone. `warmth`: absolute temperature over what it was.
         """
         del warmth
         return self, growth

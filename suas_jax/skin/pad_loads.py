@@ -39,14 +39,11 @@ class PadLoad(eqx.Module):
         cls,
         spec: LineLoadSpec | PatchLoadSpec,  # says which shape and kind of direction
         angle: Lanes,  # of its centre, as sections define it [rad]
+        # gives the load's numbers by key (``axial``, ``size.0`` ...), with a lane axis [SI]
         value: Callable[[str], Lanes],
         width: ArrayLike,  # of the pad, the length of a line that states none [m]
     ) -> "PadLoad":
-        """A load of a scene.
-
-        `value`: gives the load's numbers by key (``axial``, ``size.0`` ...), with a lane axis
-        [SI].
-        """
+        """A load of a scene."""
 
         def given(name: str) -> Lanes | None:
             return None if getattr(spec, name, None) is None else value(name)
@@ -101,9 +98,6 @@ DeadLoad: TypeAlias = LineLoad | PadLoad
 class PadLoadPoints(eqx.Module):
     """Dead forces at points of the outer face, the form the pad's mechanics takes loads in."""
 
-    # reference angle [rad]
-    angle: Float[Array, "point #lane"]
-    # reference position along the axis [m]
-    axial: Float[Array, "point #lane"]
-    # Cartesian components [N]
-    force: Float[Array, "3 point #lane"]
+    angle: Float[Array, "point #lane"]  # reference angle [rad]
+    axial: Float[Array, "point #lane"]  # reference position along the axis [m]
+    force: Float[Array, "3 point #lane"]  # Cartesian components [N]

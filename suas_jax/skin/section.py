@@ -51,13 +51,10 @@ class AbstractSection(eqx.Module):
     """The undeformed section of a membrane; the kinds are files of `suas_jax.skin.sections`.
 
     Every method takes angles [*shape, lane] as the module defines them.
-
-    Attributes:
-        mean_thickness: of the membrane [m].
-        half_angle: angle of the right clamped edge [rad]; the left one has its negative.
     """
 
-    mean_thickness: eqx.AbstractVar[Lanes]
+    mean_thickness: eqx.AbstractVar[Lanes]  # of the membrane [m]
+    # angle of the right clamped edge [rad]; the left one has its negative
     half_angle: eqx.AbstractVar[Lanes]
 
     @property
@@ -139,9 +136,8 @@ class AbstractSection(eqx.Module):
     def foot(self, position: Float[Array, "2 *shape"], near: Array) -> tuple[Array, Array]:
         """Angle of the normal through a place, and the height over the inner face there [m].
 
-        Args:
-            position: x and y first, coordinates along the axis don't matter.
-            near: angle to start from.
+        `position`: x and y first, coordinates along the axis don't matter. `near`: angle to
+        start from.
         """
 
     def moved(self, angle: Array, length: Array, height: Array) -> Array:
@@ -150,10 +146,8 @@ class AbstractSection(eqx.Module):
         The line is as much longer than the mid-line as the normal turns. Curvatures jump;
         Newton's method takes that where a quadrature would not.
 
-        Args:
-            angle: where to start.
-            length: signed, along the line [m].
-            height: of the line over the mid-line [m].
+        `angle`: where to start. `length`: signed, along the line [m]. `height`: of the line
+        over the mid-line [m].
         """
         start = self.direction(angle)
 

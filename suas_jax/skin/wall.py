@@ -36,16 +36,14 @@ class AbstractPressureGap(eqx.Module):
     def energy(self, gap: Array) -> Array:
         """Energy per area of the undeformed inner face [J/m^2], zero while the gap is open.
 
-        Args:
-            gap: distance from the wall's surface, negative inside it, lanes last [m].
+        `gap`: distance from the wall's surface, negative inside it, lanes last [m].
         """
 
     @abc.abstractmethod
     def softened(self, factor: Array) -> "AbstractPressureGap":
         """A law that no part of is stiffer than a share of the rigid limit.
 
-        Args:
-            factor: that share; 1 is the law itself.
+        `factor`: that share; 1 is the law itself.
         """
 
 
@@ -141,12 +139,10 @@ class Wall(eqx.Module):
         cls,
         geometry: SkinGeometry,
         modulus: Lanes,  # small-strain shear modulus of its membrane [Pa]
+        # thickness [m] and stiffness [Pa] of a soft layer, if there is one
         layer: tuple[Lanes, Lanes] | None = None,
     ) -> "Wall":
-        """The wall of a skin.
-
-        `layer`: thickness [m] and stiffness [Pa] of a soft layer, if there is one.
-        """
+        """The wall of a skin."""
         rigid = RigidLimit.of(modulus, geometry.thickness)
         return cls(geometry, rigid if layer is None else SoftLayer(*layer, rigid))
 

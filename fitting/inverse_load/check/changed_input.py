@@ -38,17 +38,14 @@ _STEP = 0.01  # relative, for slopes
 
 
 class AbstractInputFit(abc.ABC):
-    """Fits of single contacts at other values of one input.
-
-    Args:
-        estimator: of the skin.
-        y: channels as the file's skin has them [frame, channel].
-        weight: their inverse variances [frame, channel].
-        fit: the contacts with the file's numbers.
-    """
+    """Fits of single contacts at other values of one input."""
 
     def __init__(
-        self, estimator: LoadEstimator, y: Floats, weight: Floats, fit: Explanations
+        self,
+        estimator: LoadEstimator,  # of the skin
+        y: Floats,  # channels as the file's skin has them [frame, channel]
+        weight: Floats,  # their inverse variances [frame, channel]
+        fit: Explanations,  # the contacts with the file's numbers
     ) -> None:
         self._estimator, self._y, self._weight, self._fit = estimator, y, weight, fit
         self._lost = fit.chi2 + _LOST
@@ -60,8 +57,7 @@ class AbstractInputFit(abc.ABC):
     def best(self, gained: Gain) -> Gain:
         """The change of an input that explains most, and what it takes off chi2.
 
-        Args:
-            gained: what its change would do to first order, relative too.
+        `gained`: what its change would do to first order, relative too.
         """
         if self._falls_on(gained):
             return gained._replace(chi2=0.0)

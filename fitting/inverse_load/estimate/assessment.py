@@ -44,22 +44,15 @@ class LoadAssessment:
 
     def estimates(
         self,
-        best: Explanations,
-        others: Sequence[Alternative | None],
-        full_scale: Flags,
+        best: Explanations,  # their explanations
+        others: Sequence[Alternative | None],  # their second modes
+        full_scale: Flags,  # taxels that read full scale [frame, taxel]
+        # covariance from the errors that all frames share, as wide as `best`'s information
+        # [frame, parameter, parameter]
         systematic: Floats | None = None,
-        motion: Floats | None = None,
+        motion: Floats | None = None,  # covariance from what may be motion, likewise
     ) -> list[LoadEstimate]:
-        """Estimates of frames that something touches.
-
-        Args:
-            best: their explanations.
-            others: their second modes.
-            full_scale: taxels that read full scale [frame, taxel].
-            systematic: covariance from the errors that all frames share, as wide as `best`'s
-                information [frame, parameter, parameter].
-            motion: covariance from what may be motion, likewise.
-        """
+        """Estimates of frames that something touches."""
         poor = best.p_value(self._per_contact) < POOR
         covariance = covariance_of(best, self._per_contact)
         if motion is not None:

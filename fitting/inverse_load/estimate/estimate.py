@@ -181,8 +181,7 @@ class LoadEstimate:
     # of the readings at rest that was taken off, mean and largest over the taxels [counts];
     # None where none is followed
     drift: tuple[float, float] | None = None
-    # that is over with this frame; None where none is
-    tap: Tap | None = None
+    tap: Tap | None = None  # that is over with this frame; None where none is
 
     @property
     def status_text(self) -> str:

@@ -41,8 +41,7 @@ class Detection(NamedTuple):
 class AbstractDetector(abc.ABC):
     """The test for one skin.
 
-    Args:
-        signatures: change of readings under a light contact [place, taxel].
+    `signatures`: change of readings under a light contact [place, taxel].
     """
 
     def __init__(self, signatures: Floats) -> None:
@@ -60,21 +59,17 @@ class AbstractDetector(abc.ABC):
     ) -> tuple[Floats, Floats]:
         """Length and area of the patterns, L and A above [frame].
 
-        Args:
-            weight: inverse variance [frame, taxel].
-            size: of the patterns, scaled by the noise [frame, place].
-            shared: what errors of the inputs take from the patterns' products: the sum of
-                products of its rows [frame, row, place]; None without errors.
+        `weight`: inverse variance [frame, taxel]. `size`: of the patterns, scaled by the noise
+        [frame, place]. `shared`: what errors of the inputs take from the patterns' products:
+        the sum of products of its rows [frame, row, place]; None without errors.
         """
 
     def test(self, change: Floats, weight: Floats, errors: Floats | None = None) -> Detection:
         """Test frames.
 
-        Args:
-            change: readings less those at rest [frame, taxel]; anything where not used.
-            weight: inverse variance, zero where not used [frame, taxel].
-            errors: change of the readings at rest by errors of the inputs, one standard
-                deviation each [error, taxel].
+        `change`: readings less those at rest [frame, taxel]; anything where not used. `weight`:
+        inverse variance, zero where not used [frame, taxel]. `errors`: change of the readings
+        at rest by errors of the inputs, one standard deviation each [error, taxel].
         """
         change, shared = np.where(weight > 0, change, 0.0), None
         kind = self._patterns.dtype

@@ -133,25 +133,16 @@ def widened(values: Floats, *sizes: int) -> Floats:
 
 
 class AbstractLoadFitter(abc.ABC):
-    """Least squares for any number of frames, on one skin.
+    """Least squares for any number of frames, on one skin."""
 
-    Attributes:
-        parameters: of a contact.
-        live: whether frames come one by one.
-        alone: whether frames that one contact leaves in doubt are fitted one by one.
-        edge: largest coordinates of a contact's place [coordinate].
-        limit_error: of the force of first contact, relative.
-        little_gap: that a membrane near the wall leaves [m]; nothing is told by it where zero.
-        beside: names of `Explanations.beside`.
-    """
-
-    parameters: ContactParameters
-    live: bool
-    alone: bool = False
-    edge: Floats
-    limit_error: float
+    parameters: ContactParameters  # of a contact
+    live: bool  # whether frames come one by one
+    alone: bool = False  # whether frames that one contact leaves in doubt are fitted one by one
+    edge: Floats  # largest coordinates of a contact's place [coordinate]
+    limit_error: float  # of the force of first contact, relative
+    # that a membrane near the wall leaves [m]; nothing is told by it where zero
     little_gap: float = 0.0
-    beside: tuple[str, ...]
+    beside: tuple[str, ...]  # names of `Explanations.beside`
 
     @property
     def per_contact(self) -> int:
@@ -161,24 +152,15 @@ class AbstractLoadFitter(abc.ABC):
     @abc.abstractmethod
     def fit(
         self,
-        y: Floats,
-        weight: Floats,
-        start: Floats,
-        state: State,
-        contacts: int,
+        y: Floats,  # readings [frame, taxel] [counts]
+        weight: Floats,  # inverse variances [frame, taxel]
+        start: Floats,  # parameters [frame, parameter]; those after the forces may be left out
+        state: State,  # equilibria near there, a lane a frame
+        contacts: int,  # their number
         *,
-        pull: bool = False,
+        pull: bool = False,  # seek forces that pull outwards instead of those that push
     ) -> Explanations:
-        """Fit frames.
-
-        Args:
-            y: readings [frame, taxel] [counts].
-            weight: inverse variances [frame, taxel].
-            start: parameters [frame, parameter]; those after the forces may be left out.
-            state: equilibria near there, a lane a frame.
-            contacts: their number.
-            pull: seek forces that pull outwards instead of those that push.
-        """
+        """Fit frames."""
 
     def steps(
         self,
@@ -212,49 +194,35 @@ class AbstractLoadFitter(abc.ABC):
     def first_contact(self, places: Floats, extents: Floats) -> Floats:
         """Force at which the membrane under single contacts reaches the wall [contact] [N].
 
-        Args:
-            places: of the contacts [contact, coordinate].
-            extents: what is estimated beside their parameters [contact, quantity].
+        `places`: of the contacts [contact, coordinate]. `extents`: what is estimated beside
+        their parameters [contact, quantity].
         """
 
     def left_to_shape(self, y: Floats, best: Explanations, more: Floats) -> Flags:
         """Frames of one contact that leave no more than its model of wide ones leaves out.
 
-        Args:
-            y: readings [frame, taxel].
-            best: explanations of them.
-            more: what one more contact would take off chi2 [frame].
+        `y`: readings [frame, taxel]. `best`: explanations of them. `more`: what one more
+        contact would take off chi2 [frame].
         """
         return np.zeros(len(best), bool)
 
     def pairs_for_wide(self, y: Floats, best: Explanations) -> tuple[Rows, Explanations]:
         """Frames of one wide contact, and two contacts beside one another in its place.
 
-        Args:
-            y: readings [frame, taxel].
-            best: explanations of them.
+        `y`: readings [frame, taxel]. `best`: explanations of them.
         """
         none = np.zeros(0, np.intp)
         return none, best.rows(none)
 
     def screened(
         self,
-        frames: Rows,
-        y: Floats,
-        weight: Floats,
-        start: Floats,
-        contacts: int,
-        to_beat: Floats,
+        frames: Rows,  # of the starting points; a frame may have several [start]
+        y: Floats,  # readings [start, taxel]
+        weight: Floats,  # inverse variances [start, taxel]
+        start: Floats,  # parameters [start, parameter]
+        contacts: int,  # their number
+        to_beat: Floats,  # chi2 of a fit that would be no better than what is known [start]
     ) -> Steps[Rows]:
-        """Starting points of several contacts that are worth a fit, all unless told otherwise.
-
-        Args:
-            frames: of the starting points; a frame may have several [start].
-            y: readings [start, taxel].
-            weight: inverse variances [start, taxel].
-            start: parameters [start, parameter].
-            contacts: their number.
-            to_beat: chi2 of a fit that would be no better than what is known [start].
-        """
+        """Starts of several contacts that are worth a fit, all unless told otherwise."""
         yield "screening"
         return np.arange(len(start))

@@ -21,23 +21,15 @@ _SAME = np.deg2rad(1.0)
 
 
 class AbstractLoadPosterior(abc.ABC):
-    """The posterior of contacts on one skin.
-
-    Args:
-        nodes: which know distances.
-        places: coordinates of a place.
-        volume: of one contact's parameters under their prior.
-        same: distance below which two contacts are the same.
-        mirrors: signs of the coordinates of mirror places [image, coordinate].
-    """
+    """The posterior of contacts on one skin."""
 
     def __init__(
         self,
-        nodes: AbstractNodeSearch,
-        places: int,
-        volume: float,
-        same: float,
-        mirrors: Floats,
+        nodes: AbstractNodeSearch,  # which know distances
+        places: int,  # coordinates of a place
+        volume: float,  # of one contact's parameters under their prior
+        same: float,  # distance below which two contacts are the same
+        mirrors: Floats,  # signs of the coordinates of mirror places [image, coordinate]
     ) -> None:
         self.nodes, self.volume = nodes, volume
         self._places, self._same, self._mirrors = places, same, mirrors
@@ -46,9 +38,7 @@ class AbstractLoadPosterior(abc.ABC):
     def log_probability(self, y: Floats, mode: Explanations) -> LogProbability | NumpyBatch:
         """The posterior of as many contacts as a mode has, but for a constant.
 
-        Args:
-            y: readings as the model has them [channel].
-            mode: a fit of them.
+        `y`: readings as the model has them [channel]. `mode`: a fit of them.
         """
 
     def places(self, parameters: Floats, contacts: int) -> Floats:

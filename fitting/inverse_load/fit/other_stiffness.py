@@ -30,13 +30,9 @@ _NONE = 1e-12  # stands for no force, and no deviation of it
 
 
 class AbstractSectionErrors(AbstractSystematicErrors):
-    """Errors that all frames share, on a skin in plane strain.
+    """Errors that all frames share, on a skin in plane strain."""
 
-    Attributes:
-        of_membrane: which of them change what the membrane answers, and no reading else.
-    """
-
-    of_membrane: Flags
+    of_membrane: Flags  # which of them change what the membrane answers, and no reading else
 
     def of_loads(self, found: ErrorsOfFrames, best: Explanations, per_contact: int) -> Floats:
         """See the base class; as if the errors of the membrane were large."""

@@ -44,25 +44,19 @@ class ErrorsOfFrames(NamedTuple):
 
 
 class AbstractSystematicErrors(abc.ABC):
-    """Errors that all frames share, on one skin.
+    """Errors that all frames share, on one skin."""
 
-    Attributes:
-        names: of the errors.
-        rest: change of the readings at rest by each error [error, channel]; zero where
-            readings count from a baseline.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # of the errors
+    # change of the readings at rest by each error [error, channel]; zero where readings count
+    # from a baseline
     rest: Floats
 
     @abc.abstractmethod
     def slopes(self, best: Explanations, per_contact: int, contacts: int) -> Floats:
         """Change of readings by one standard deviation of each error [frame, error, channel].
 
-        Args:
-            best: explanations of frames.
-            per_contact: parameters of a contact.
-            contacts: their number, the same in all frames.
+        `best`: explanations of frames. `per_contact`: parameters of a contact. `contacts`:
+        their number, the same in all frames.
         """
 
     def unexplained(self, best: Explanations, per_contact: int) -> Floats | None:
@@ -72,10 +66,8 @@ class AbstractSystematicErrors(abc.ABC):
     def of(self, best: Explanations, residual: Floats, per_contact: int) -> ErrorsOfFrames:
         """What frames of one number of contacts say about the errors.
 
-        Args:
-            best: their explanations.
-            residual: readings less the model's [frame, channel]; anything where not used.
-            per_contact: parameters of a contact.
+        `best`: their explanations. `residual`: readings less the model's [frame, channel];
+        anything where not used. `per_contact`: parameters of a contact.
         """
         count = int(best.contacts[0])
         width = per_contact * count
@@ -101,10 +93,8 @@ class AbstractSystematicErrors(abc.ABC):
     def of_loads(self, found: ErrorsOfFrames, best: Explanations, per_contact: int) -> Floats:
         """Covariances of the parameters of frames of one number of contacts.
 
-        Args:
-            found: what the frames say about the errors.
-            best: their explanations.
-            per_contact: parameters of a contact.
+        `found`: what the frames say about the errors. `best`: their explanations.
+        `per_contact`: parameters of a contact.
         """
         # Where errors were fitted with the loads, none is left to shift them.
         shift = np.where(best.absorbed[:, None], 0.0, found.likely)
@@ -114,10 +104,8 @@ class AbstractSystematicErrors(abc.ABC):
     def covariance(self, best: Explanations, y: Floats, per_contact: int) -> Floats:
         """Covariances of the parameters by the errors, padded as the information is.
 
-        Args:
-            best: explanations of frames.
-            y: their readings [frame, channel].
-            per_contact: parameters of a contact.
+        `best`: explanations of frames. `y`: their readings [frame, channel]. `per_contact`:
+        parameters of a contact.
         """
         total = np.full(best.information.shape, np.nan)
         for frames in _alike(best.contacts):

@@ -31,30 +31,18 @@ class _Track:
 
 @dataclass
 class LoadFilter:
-    """Follows contacts over time.
+    """Follows contacts over time."""
 
-    Args:
-        angle_density: spectral density of the angle's acceleration [rad^2/s^3].
-        force_density: of the force's [N^2/s^3].
-        axial_density: of the axial position's [m^2/s^3].
-        arc_density: of the arc length's, where that is estimated [m^2/s^3].
-    """
-
-    angle_density: float = 1.0
-    force_density: float = 400.0
-    axial_density: float = 3.5e-3
-    arc_density: float = 3.5e-3
+    angle_density: float = 1.0  # spectral density of the angle's acceleration [rad^2/s^3]
+    force_density: float = 400.0  # of the force's [N^2/s^3]
+    axial_density: float = 3.5e-3  # of the axial position's [m^2/s^3]
+    arc_density: float = 3.5e-3  # of the arc length's, where that is estimated [m^2/s^3]
 
     def __post_init__(self) -> None:
         self._tracks: list[_Track] = []
 
     def feed(self, time: float, estimate: LoadEstimate) -> list[Contact]:
-        """Take a frame's estimate, return the filtered contacts.
-
-        Args:
-            time: of the frame [s].
-            estimate: what was estimated from it alone.
-        """
+        """Take a frame's time [s] and own estimate; return the filtered contacts."""
         if estimate.contact is None or estimate.status == "coarse":
             return []  # too little is known of this frame; tracks go on at the next
         free, tracks, filtered = list(self._tracks), [], []

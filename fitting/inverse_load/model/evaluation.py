@@ -16,7 +16,7 @@ from suas_jax.equilibrium.balance import verify
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import State, differentiable, equilibrium
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.numerics.polynomials import gauss_legendre
 from suas_jax.scene.error_estimate import bounded
 from suas_jax.scene.loads import SPREAD_POINTS, Loads
 from suas_jax.scene.skin import Skin

@@ -164,8 +164,7 @@ def pad_parts(
     kind: dict[str, Any] = {"live": live, "most_contacts": most_contacts}
     fitter = PadFitter(skin, interpolant, told, **kind, aside=aside)
     nodes = PadNodeSearch(middle, radius)
-    own = skin.electrodes.taxels
-    places = np.stack([np.asarray(x)[:, 0] for x in (own.angle, own.axial)], 1)
+    places = skin.electrodes.taxels.places
     detector = PadDetector(nodes.signatures, (len(middle.angle), len(middle.axial)))
     a, z = 0.3 * fitter.edge[0], 0.3 * fitter.edge[1]
     force = 0.3 * float(middle.cap.min())

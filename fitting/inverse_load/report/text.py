@@ -11,15 +11,16 @@ from fitting.inverse_load.frame_posterior import LoadMode
 from suas_jax.acquisition.terminal import new_console
 
 _DEGREES = 180 / np.pi
-# A quantity's key in JSON and its factor from SI units, then the text's from JSON and unit.
+# A quantity's key in JSON and its factor from SI units, then the text's from JSON, its unit and
+# its decimals beside a standard deviation.
 _SHOWN = {
-    "angle": ("angle_deg", _DEGREES, 1.0, "°"),
-    "arc": ("arc_m", 1.0, 1e3, " mm along the arc"),
-    "axial": ("axial_m", 1.0, 1e3, " mm"),
-    "force": ("force_N", 1.0, 1.0, " N"),
-    "diameter": ("diameter_m", 1.0, 1e3, " mm wide"),
-    "direction": ("direction_deg", _DEGREES, 1.0, "° off radial"),
-    "tilt": ("tilt_deg", _DEGREES, 1.0, "° along the axis"),
+    "angle": ("angle_deg", _DEGREES, 1.0, "°", 2),
+    "arc": ("arc_m", 1.0, 1e3, " mm along the arc", 2),
+    "axial": ("axial_m", 1.0, 1e3, " mm", 2),
+    "force": ("force_N", 1.0, 1.0, " N", 3),
+    "diameter": ("diameter_m", 1.0, 1e3, " mm wide", 1),
+    "direction": ("direction_deg", _DEGREES, 1.0, "° off radial", 1),
+    "tilt": ("tilt_deg", _DEGREES, 1.0, "° along the axis", 1),
 }
 
 
@@ -114,11 +115,9 @@ def contact_text(contact: Contact) -> str:
         if contact.by_arc and contact.arc is not None:
             place = f"{1e3 * contact.arc:.1f} mm along the arc"
         return f"{place}, {axial}{contact.force:.2f} N (no error known)"
-    sigma = {name: contact.deviation(name) for name in contact.names}
-    parts = place_texts(contact)
-    parts.append(f"{contact.force:.3f} ± {sigma['force']:.3f} N")
+    parts = [*place_texts(contact), _told(contact, "force")]
     if contact.diameter is not None:
-        parts.append(f"⌀ {1e3 * contact.diameter:.1f} ± {1e3 * sigma['diameter']:.1f} mm")
+        parts.append("⌀ " + _told(contact, "diameter").removesuffix(" wide"))
     if contact.spread is not None:
         length, error = contact.spread
         parts.append(f"over {1e3 * length:.1f} ± {1e3 * error:.1f} mm")
@@ -130,25 +129,23 @@ def contact_text(contact: Contact) -> str:
         for way, pull in (("arc", contact.arc_force), ("axis", contact.axial_force)):
             if pull is not None:
                 parts.append(f"{pull[0]:.2f} ± {pull[1]:.2f} N along the {way}")
-    if contact.direction is not None:
-        turn, error = np.rad2deg(contact.direction), np.rad2deg(sigma["direction"])
-        parts.append(f"{turn:.1f} ± {error:.1f}° off radial")
-    if contact.tilt is not None:
-        turn, error = np.rad2deg(contact.tilt), np.rad2deg(sigma["tilt"])
-        parts.append(f"{turn:.1f} ± {error:.1f}° along the axis")
+    parts += [_told(contact, name) for name in contact.names if name in ("direction", "tilt")]
     return ", ".join(parts)
 
 
 def place_texts(contact: Contact) -> list[str]:
     """Coordinates of a contact with their standard deviations."""
-    sigma = {name: contact.deviation(name) for name in contact.names}
-    if contact.by_arc and contact.arc is not None:
-        parts = [f"{1e3 * contact.arc:.2f} ± {1e3 * sigma['arc']:.2f} mm along the arc"]
-    else:
-        parts = [f"{np.rad2deg(contact.angle):.2f} ± {np.rad2deg(sigma['angle']):.2f}°"]
-    if contact.axial is not None:
-        parts.append(f"{1e3 * contact.axial:.2f} ± {1e3 * sigma['axial']:.2f} mm")
-    return parts
+    names = ("angle", "arc", "axial")
+    return [_told(contact, name) for name in contact.names if name in names]
+
+
+def _told(contact: Contact, name: str) -> str:
+    """A quantity with its standard deviation and its unit."""
+    _, to_json, to_text, unit, digits = _SHOWN[name]
+    value, sigma = (
+        to_json * to_text * x for x in (getattr(contact, name), contact.deviation(name))
+    )
+    return f"{value:.{digits}f} ± {sigma:.{digits}f}{unit}"
 
 
 def print_table(time: Floats, estimates: Sequence[LoadEstimate]) -> None:
@@ -197,7 +194,7 @@ def _load(mode: LoadMode, contact: int) -> dict[str, Any]:
     rows = range(contact, len(mode.parameters), mode.contacts)
     load: dict[str, Any] = {}
     for quantity, row in zip(mode.names, rows, strict=True):
-        name, scale, _, _ = _SHOWN[quantity]
+        name, scale, *_ = _SHOWN[quantity]
         if mode.chain is None:
             load[name] = {"mean": scale * float(mode.told(quantity, mode.parameters[row]))}
             continue
@@ -218,7 +215,7 @@ def posterior_lines(modes: list[LoadMode]) -> list[str]:
         for k in range(mode.contacts):
             parts = []
             for quantity, value in zip(mode.names, _load(mode, k).values(), strict=True):
-                _, _, scale, unit = _SHOWN[quantity]
+                _, _, scale, unit, _ = _SHOWN[quantity]
                 text = f"{scale * value['mean']:.4g}"
                 if "interval_95" in value:
                     low, high = (scale * x for x in value["interval_95"])

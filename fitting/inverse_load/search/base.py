@@ -153,28 +153,19 @@ def _start(loads: Any, node: Any) -> Start:
 
 
 class AbstractNodeSearch(abc.ABC):
-    """The coarse search of one skin: nodes of a table of states under one contact.
-
-    Args:
-        loads: place and force of every node [node, parameter].
-        readings: of every node [node, taxel]; NaN where it has no state.
-        rest: readings at rest [taxel].
-        places: of the table [place, coordinate].
-        signatures: change of readings per newton of a light contact there [place, taxel].
-        levels: nodes of one place, which follow one another.
-        separate: distance below which contacts are one mode, see `distance`.
-    """
+    """The coarse search of one skin: nodes of a table of states under one contact."""
 
     def __init__(
         self,
-        loads: Floats,
-        readings: Floats,
-        rest: Floats,
-        places: Floats,
+        loads: Floats,  # place and force of every node [node, parameter]
+        readings: Floats,  # of every node [node, taxel]; NaN where it has no state
+        rest: Floats,  # readings at rest [taxel]
+        places: Floats,  # of the table [place, coordinate]
+        # change of readings per newton of a light contact there [place, taxel]
         signatures: Floats,
         *,
-        levels: int,
-        separate: float,
+        levels: int,  # nodes of one place, which follow one another
+        separate: float,  # distance below which contacts are one mode, see `distance`
     ) -> None:
         self.loads, self.readings, self.rest = loads, readings, rest
         self.places, self.signatures = places, signatures
@@ -201,13 +192,10 @@ class AbstractNodeSearch(abc.ABC):
     def score(self, change: Floats, weight: Floats) -> tuple[Floats, Floats]:
         """How well light contacts at all places explain a change of readings.
 
-        Args:
-            change: of the readings, zero where not used [frame, taxel].
-            weight: inverse variances, likewise [frame, taxel].
-
-        Returns:
-            s^T W change and s^T W s of the signatures s [frame, place]: of the force that
-            explains most, and of what chi2 falls by.
+        `change`: of the readings, zero where not used [frame, taxel]. `weight`: inverse
+        variances, likewise [frame, taxel].
+        Returns s^T W change and s^T W s of the signatures s [frame, place]: of the force that
+        explains most, and of what chi2 falls by.
         """
         along = (weight * change).astype(np.float32) @ self._light.T
         size = weight.astype(np.float32) @ self._light_squares.T
@@ -216,9 +204,8 @@ class AbstractNodeSearch(abc.ABC):
     def within(self, rows: Floats, weight: Floats) -> Floats:
         """Sum of (s^T W r)^2 over rows r, of the signatures s at all places [frame, place].
 
-        Args:
-            rows: changes of the readings [frame, row, taxel].
-            weight: inverse variances [frame, taxel].
+        `rows`: changes of the readings [frame, row, taxel]. `weight`: inverse variances [frame,
+        taxel].
         """
         weighted = (rows * weight[:, None]).astype(np.float32)
         return np.asarray(((weighted @ self._light.T) ** 2).sum(1), float)
@@ -245,15 +232,14 @@ class AbstractNodeSearch(abc.ABC):
         other = np.where(close, second * self.levels + row[frame, second], -1)
         return first * self.levels + row[frame, first], other
 
-    def minima(self, y: Floats, weight: Floats, most: int, within: float) -> Rows:
-        """The nodes of the lowest minima of one frame over the skin, best first.
-
-        Args:
-            y: readings [taxel].
-            weight: inverse variances [taxel].
-            most: how many at most.
-            within: chi2, on the table, above its smallest.
-        """
+    def minima(
+        self,
+        y: Floats,  # readings [taxel]
+        weight: Floats,  # inverse variances [taxel]
+        most: int,  # how many at most
+        within: float,  # chi2, on the table, above its smallest
+    ) -> Rows:
+        """The nodes of the lowest minima of one frame over the skin, best first."""
         cost = self.costs(y[None], weight[None]).reshape(-1, self.levels)
         lowest = cost.min(1)
         limit = lowest.min() + within

@@ -23,7 +23,7 @@ from fitting.material.data.columns import (
 )
 from fitting.material.data.errors import DataError, said_of
 from fitting.material.data.layout import STATISTICS, TableLayout
-from suas_jax.config.errors import listed, nearest
+from suas_jax.config.errors import unknown
 from suas_jax.config.quantities import parse_quantity
 
 # Sizes within a line of text, and those of TA Instruments: length, width, thickness.
@@ -190,9 +190,7 @@ def given_sizes(file: str, specimen: Mapping[str, str]) -> dict[str, float]:
     specimen = {size_of(name) or name: text for name, text in specimen.items()}
     for name in specimen:
         if name not in SIZES:
-            near = nearest(name, SIZES)
-            hint = f'did you mean "{near}"? ' if near else ""
-            raise DataError(f"--specimen {name}: unknown size; {hint}allowed: {listed(SIZES)}")
+            raise DataError(f"--specimen {name}: {unknown(name, SIZES, 'size')}")
     return {k: _parsed(file, k, text, f"--specimen {k}") for k, text in specimen.items()}
 
 

@@ -104,9 +104,8 @@ def nodes_of(travel: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
     The readings are a polynomial of the travel's root through Chebyshev's points, which follows
     a contact that begins at a point.
 
-    Args:
-        travel: of each reading [m], shape [n].
-        most: up to so many different travels are solved as they are.
+    `travel`: of each reading [m], shape [n]. `most`: up to so many different travels are solved
+    as they are.
     """
     levels, lane = np.unique(travel, return_inverse=True)
     if len(levels) <= most:

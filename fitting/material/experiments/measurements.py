@@ -16,7 +16,7 @@ import numpy as np
 
 from fitting.material.data.errors import DataError
 from fitting.material.experiments.prediction import AbstractExperiment, Homogeneous, padded
-from suas_jax.config.errors import listed, nearest
+from suas_jax.config.errors import unknown
 
 MODES = (
     *("uniaxial", "equibiaxial", "pure_shear", "biaxial", "biaxial_difference"),
@@ -174,11 +174,9 @@ class Dataset(abc.ABC):
 def mode_named(name: str) -> str:
     """The kind of test that a name means. Raises DataError: there is no such kind."""
     known = _ALIASES.get(name, name)
-    if known in MODES:
-        return known
-    near = nearest(name, MODES)
-    hint = f'did you mean "{near}"? ' if near else ""
-    raise DataError(f"--data {name}: unknown mode; {hint}allowed: {listed(MODES)}")
+    if known not in MODES:
+        raise DataError(f"--data {name}: {unknown(name, MODES, 'mode')}")
+    return known
 
 
 def joined(sets: Sequence[Kind]) -> Kind:

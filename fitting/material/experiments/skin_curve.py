@@ -54,11 +54,6 @@ class SkinCurve(AbstractExperiment):
     channel: Int[Array, " n"]
     scene: Structure = eqx.field(static=True)  # skin and loads
 
-    @property
-    def equilibria(self) -> int:
-        """Equilibria that one prediction takes."""
-        return len(self.level)
-
     def predict(self, law: AbstractLaw) -> Float[Array, " n"]:
         """Readings, SI units; NaN where there is no equilibrium."""
         return self._between(self.solved(law)[0])

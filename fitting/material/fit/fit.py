@@ -30,7 +30,7 @@ from fitting.material.laws.parameters import Family
 from fitting.material.laws.registry import family
 from fitting.statistics.identifiability import uncertainty
 from fitting.statistics.least_squares import Minima
-from suas_jax.runtime.precision import require_float64
+from suas_jax.runtime.compiled import require_float64
 
 _STARTS_IN_BOX = 5
 _ZEROS = {"slack", "force offset"}  # shown by a curve, which something else may explain, too

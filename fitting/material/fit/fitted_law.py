@@ -83,12 +83,12 @@ class FittedLaw:
         difference = np.asarray(predicted - residuals.value)
         return [difference[place] for place in self.problem.places]
 
-    def half_widths(self, level: float = 0.95) -> list[np.ndarray]:
-        """Half widths of the intervals of the predicted readings of each data set [SI]."""
+    def half_widths(self) -> list[np.ndarray]:
+        """Half widths of the 95 % intervals of the predicted readings of each data set [SI]."""
         residuals = self.problem.residuals
         _, J = sensitivity(residuals, jnp.asarray(self.constants))
         deviation = self.uncertainty.spread_of(np.asarray(jax.vmap(residuals.misfit, 1, 1)(J)))
-        half = self.uncertainty.quantile(level) * deviation
+        half = self.uncertainty.quantile(0.95) * deviation
         return [half[place] for place in self.problem.places]
 
 

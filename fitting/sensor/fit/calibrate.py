@@ -56,7 +56,7 @@ from fitting.sensor.model.constants import (
 )
 from fitting.sensor.shapes.shapes import Shapes, ShapeSolver
 from suas_jax.acquisition.baseline import Baseline
-from suas_jax.runtime.precision import require_float64
+from suas_jax.runtime.compiled import require_float64
 from suas_jax.skin.plain import angles_at, plain_geometry
 
 _ROUNDS = 8

@@ -189,10 +189,7 @@ def shared_error(found: Floats, covariance: Floats, own: float) -> tuple[float, 
     Errors are m + u_k with m, u_k ~ N(0, s^2). Given all n of them m is their sum over n + 1,
     with the variance s^2 / (n + 1).
 
-    Args:
-        found: the errors [n].
-        covariance: theirs [n, n].
-        own: s.
+    `found`: the errors [n]. `covariance`: theirs [n, n]. `own`: s.
     """
     count = len(found) + 1
     variance = own**2 / count + covariance.sum() / count**2

@@ -164,30 +164,25 @@ def named(spec: SkinSpec, name: str) -> SensorConstant:
     own = ALIASES.get(name.strip(), name.strip())
     assert spec.electrodes is not None
     gap, permittivity = spec.geometry.mean_gap, spec.oil.relative_permittivity or 2.0
-    if own == PERMITTIVITY:
-        return SensorConstant(own, "1", permittivity)
     if own in (GAP, THICKNESS) and not isinstance(getattr(spec.geometry, own), float):
         raise ValueError(
             f"--fit {name}: geometry.{own} is a table, not one number that can be found; "
             "write its mean as one length, fit other constants, or all with --fit as-built"
         )
-    if own == GAP:
-        return SensorConstant(own, "m", gap)
-    if own == SCALE:
-        return SensorConstant(own, "F", spec.electrodes.lsb)
-    if own == STRAY:
+    known: dict[str, tuple[Any, ...]] = {
+        PERMITTIVITY: ("1", permittivity),
+        GAP: ("m", gap),
+        SCALE: ("F", spec.electrodes.lsb),
         # Of the order of a taxel's own capacitance.
-        return SensorConstant(own, "F", _VACUUM * permittivity * _DIAMETER**2 / gap, False, 0.0)
-    if own == LAYERS:
-        return SensorConstant(own, "m", gap / permittivity, False, 0.0)
-    if own == FILL:
-        return SensorConstant(own, "1", _SMALL_FILL, False)
-    if own == MOUNTING:
-        return SensorConstant(own, "1", _SMALL_MOUNTING, False)
-    if own == THICKNESS:
-        return SensorConstant(own, "m", spec.geometry.mean_thickness)
-    if own == STIFFNESS:
-        return SensorConstant(own, "1", 1.0)
+        STRAY: ("F", _VACUUM * permittivity * _DIAMETER**2 / gap, False, 0.0),
+        LAYERS: ("m", gap / permittivity, False, 0.0),
+        FILL: ("1", _SMALL_FILL, False),
+        MOUNTING: ("1", _SMALL_MOUNTING, False),
+        THICKNESS: ("m", spec.geometry.mean_thickness),
+        STIFFNESS: ("1", 1.0),
+    }
+    if own in known:
+        return SensorConstant(own, *known[own])
     inputs = continuous_inputs(spec)
     if own.startswith(("geometry.thickness.value.", "geometry.oil_gap.value.")):
         return SensorConstant(own, "m", inputs[own])

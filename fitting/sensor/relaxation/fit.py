@@ -25,7 +25,7 @@ from fitting.statistics.least_squares import solved_by_scipy
 from suas_jax.config.inelastic import RelaxationSpec
 from suas_jax.config.input_errors import DEFAULTS, STIFFNESS
 from suas_jax.constitutive.relaxation import PronySeries
-from suas_jax.runtime.precision import require_float64
+from suas_jax.runtime.compiled import require_float64
 
 _MOST_TERMS = 2
 _FIRST = 0.2  # gamma to start from

@@ -5,7 +5,6 @@ known the force is found: Newton's method, with the derivative that the equilibr
 """
 
 import dataclasses
-from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -46,11 +45,7 @@ class Deformed:
 
 
 def deform(
-    loads: KnownLoads,
-    geometry: SkinGeometry,
-    law: AbstractLaw,
-    oil: AbstractOil,
-    progress: Callable[[int], None] = lambda done: None,
+    loads: KnownLoads, geometry: SkinGeometry, law: AbstractLaw, oil: AbstractOil
 ) -> Deformed:
     """Find the shape of the membrane in every state.
 
@@ -67,7 +62,6 @@ def deform(
     for begin in range(0, count, size):
         index = np.minimum(np.arange(begin, begin + size), count - 1)
         parts.append(_solve(press.take(index), loads.take(index), geometry, law, oil))
-        progress(min(begin + size, count))
     force = np.concatenate([f for f, _ in parts], -1)[:, :count]
     found = [r for _, r in parts]
 

@@ -73,17 +73,15 @@ def repeated(readings: Iterable[Reading]) -> Iterator[Reading]:
 
 
 class Device:
-    """A device on a pseudo-terminal; `played` is what it has sent so far.
-
-    Args:
-        format_name: frame format, a key of `ENCODERS`.
-        faults: what goes wrong.
-        link: symbolic link to keep pointing at the pseudo-terminal, whose own name changes
-            when it is plugged in again.
-    """
+    """A device on a pseudo-terminal; `played` is what it has sent so far."""
 
     def __init__(
-        self, format_name: str, faults: Faults | None = None, link: Path | None = None
+        self,
+        format_name: str,  # frame format, a key of `ENCODERS`
+        faults: Faults | None = None,  # what goes wrong
+        # symbolic link to keep pointing at the pseudo-terminal, whose own name changes when it
+        # is plugged in again
+        link: Path | None = None,
     ) -> None:
         self.played = Played()
         self._encode = encoder(format_name)
@@ -230,8 +228,7 @@ class Device:
 class LiveOptions:
     """How to play.
 
-    Raises:
-        ValueError: an unknown format, or a speed that is none.
+    Raises ValueError: an unknown format, or a speed that is none.
     """
 
     format_name: str = "text"  # frame format, as `suas log --format` takes it, or text-checked

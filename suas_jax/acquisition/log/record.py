@@ -3,7 +3,7 @@
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,10 +26,7 @@ FLAG_COLUMNS = (*Flags._fields, RAW_CLOCK)
 def write_reading(log: LogWriter, judged: Judged, began: float = 0.0) -> None:
     """Add a reading to a log, which is made as wide as it needs to be.
 
-    Args:
-        log: the log.
-        judged: the reading.
-        began: host time at which the log's own begins [s].
+    `began`: host time at which the log's own begins [s].
     """
     reading = judged.reading
     if log.taxels is not None and len(reading.counts) > log.taxels:
@@ -54,9 +51,8 @@ def record(
 ) -> dict[str, Any]:
     """Write every reading of a stream to a log until it is stopped.
 
-    Returns:
-        What was recorded and what is missing, see `totals`; `beside` names the files that the
-        log went on in where its own was lost, `stopped` says that the disk is full.
+    Returns what was recorded and what is missing, see `totals`; `beside` names the files that
+    the log went on in where its own was lost, `stopped` says that the disk is full.
     """
     stopped = None
     batches = stream.batches()
@@ -93,13 +89,12 @@ def record_port(
     *,
     duration: float,  # [s]
     report: Callable[[str], None],  # see `Stream`
-    header: Mapping[str, str] | None = None,  # of the log; None for what every log has
 ) -> dict[str, Any]:
     """Record an open port to a new log for some time; returns what `record` does."""
     started = time.monotonic()
     try:
         columns = FLAG_COLUMNS + decode.extra_columns
-        log = LogWriter(path, header or log_header(), flags=columns)
+        log = LogWriter(path, log_header(), flags=columns)
     except BaseException:
         source.close()
         raise
@@ -139,10 +134,10 @@ _REFRESH = 0.25  # between two tables [s]
 
 
 class View(LiveTerminal):
-    """Messages on stderr; on a terminal (or `live`) also a table of rates and losses."""
+    """Messages on stderr; on a terminal also a table of rates and losses."""
 
-    def __init__(self, title: str, live: bool | None = None) -> None:
-        super().__init__(sys.stderr.isatty() if live is None else live, _REFRESH)
+    def __init__(self, title: str) -> None:
+        super().__init__(sys.stderr.isatty(), _REFRESH)
         self._title = title
         self._history: deque[tuple[float, int, int]] = deque()
 

@@ -24,18 +24,9 @@ class LogWriter:
     program has deleted, moved or replaced it by then, all of it is copied to
     `NAME.beside1.csv`, and the log goes on there.
 
-    Attributes:
-        rows: handed over so far.
-        unwritten: rows among them that a full disk left no room for.
-        elapsed: since the log's `start_time` when this recording began [s].
-        resumed: whether the log had rows before this recording.
-        notes: what was found at the end of the log that is appended to, in words.
-
-    Raises:
-        FileExistsError: the file exists, and neither `overwrite` nor `append` is set.
-        LogFileError: it can't be appended to.
-        OwnedError: another process is writing it.
-        OSError: it can't be written.
+    Raises FileExistsError: the file exists, and neither `overwrite` nor `append` is set;
+    LogFileError: it can't be appended to; OwnedError: another process is writing it; OSError:
+    it can't be written.
     """
 
     def __init__(
@@ -63,9 +54,10 @@ class LogWriter:
         for key, value in header.items():
             if ":" in key or "\n" in key or "\n" in value or "\r" in value:
                 raise ValueError(f"log header {key!r}: {value!r} does not fit on one line")
-        self.rows = self.unwritten = 0
-        self.elapsed = 0.0
-        self.resumed = False
+        self.rows = self.unwritten = 0  # handed over, and those that a full disk left out
+        self.elapsed = 0.0  # since the log's `start_time` when this recording began [s]
+        self.resumed = False  # whether the log had rows before this recording
+        # what was found at the end of the log that is appended to, in words
         self.notes: tuple[str, ...] = ()
         self._report = report
         self._earlier_beside: tuple[Path, ...] = ()

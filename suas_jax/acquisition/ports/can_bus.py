@@ -18,13 +18,9 @@ _MOST_AT_ONCE = 512
 class CanSource:
     """An open CAN bus, see `Source`.
 
-    Args:
-        name: `socketcan:can0`, `slcan:/dev/ttyACM0`; without a prefix, a device file or URL is
-            taken for slcan, any other name for socketcan.
-        baud: of an slcan adapter's serial line.
-
-    Raises:
-        PortError: it can't be opened, or python-can is not installed.
+    `name`: `socketcan:can0`, `slcan:/dev/ttyACM0`; without a prefix, a device file or URL is
+    taken for slcan, any other name for socketcan. `baud`: of an slcan adapter's serial line.
+    Raises PortError: it can't be opened, or python-can is not installed.
     """
 
     is_network = False

@@ -104,12 +104,8 @@ class UsbIdentity:
 class SerialSource:
     """An open port.
 
-    Args:
-        name: device file, pyserial URL or VID:PID[:SERIAL].
-        baud: bits per second.
-
-    Raises:
-        PortError: it can't be opened.
+    `name`: device file, pyserial URL or VID:PID[:SERIAL]. `baud`: bits per second.
+    Raises PortError: it can't be opened.
     """
 
     def __init__(self, name: str, baud: int) -> None:

@@ -32,13 +32,11 @@ class Gap(NamedTuple):
 
 
 def expanded(
+    # function whose value at a point depends on the inputs at that point alone
     gap: Callable[[Float[Array, "input *point"]], Float[Array, "*point"]],
     inputs: Float[Array, "input *point"],  # leading axis over the inputs
 ) -> Gap:
-    """Differentiate a gap twice by its inputs, each point on its own.
-
-    `gap`: function whose value at a point depends on the inputs at that point alone.
-    """
+    """Differentiate a gap twice by its inputs, each point on its own."""
     unit = jnp.eye(inputs.shape[0], dtype=inputs.dtype)
     unit = unit.reshape(*unit.shape, *(1,) * (inputs.ndim - 1))
 

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from suas_jax.mechanics.contact.state import BodyContact, ContactState
+from suas_jax.mechanics.contact.face import BodyContact, ContactState
 from suas_jax.mechanics.contact.term import by_travel
 from suas_jax.mechanics.pad.contact_points import RULES, ContactPoints, Kinds, Rule, Side
 from suas_jax.mechanics.pad.faces import face_displacement

@@ -32,7 +32,7 @@ from suas_jax.constitutive.deformation import InPlaneStrain
 from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.pad.mid_surface import Rest, Scalar, Surface, Vector, components, total
 from suas_jax.numerics.jet import second_order
-from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.numerics.polynomials import gauss_legendre
 from suas_jax.numerics.staging import staged
 from suas_jax.skin.prestress import Growth
 
@@ -52,8 +52,7 @@ class Layers(NamedTuple):
 
     # of a layer in the energy per area of the mid-surface [m]
     weight: Float[Array, "layer #lane"]
-    # M = Z + Z^2 / (2R) [m]
-    lever: Float[Array, "layer #lane"]
+    lever: Float[Array, "layer #lane"]  # M = Z + Z^2 / (2R) [m]
     # 1 + Z/R, the length of the fibre along the arc relative to the mid-line
     stretch: Float[Array, "layer #lane"]
     growth: Growth | None = None  # of the membrane; None where it fits its seat

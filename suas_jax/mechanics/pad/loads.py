@@ -69,12 +69,10 @@ def spots(
     net: Net,
     section: AbstractSection,  # the undeformed membrane across the axis
     at: tuple[Array, Array],  # reference angles [rad] and axial positions [m]
+    # orders of differentiation by arc length and along the axis
     kinds: tuple[tuple[int, int], ...] = ((0, 0), (1, 0), (0, 1)),
 ) -> Spots:
-    """Find places on the pad.
-
-    `kinds`: orders of differentiation by arc length and along the axis.
-    """
+    """Find places on the pad."""
     (i, along), (k, axially) = _directions(net, section, at)
     shapes = []
     for n, m in kinds:

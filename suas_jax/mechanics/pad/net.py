@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.numerics.bspline import SplineAxis, bernstein
-from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.numerics.polynomials import gauss_legendre
 from suas_jax.skin.section import AbstractSection, outward
 
 # Signs of Cartesian components in the crown's mirror, and in a plane across the axis.

@@ -63,14 +63,11 @@ class Sums(NamedTuple):
 
 
 class AbstractLane(abc.ABC):
-    """One lane of a pad; arrays without lanes, inputs with a lane axis of length one.
+    """One lane of a pad; arrays without lanes, inputs with a lane axis of length one."""
 
-    Attributes:
-        kinds_of_derivative: that energies depend on, by arc length and along the axis.
-        pairs: of kinds that the tangent couples: each once, and each kind with itself.
-    """
-
+    # that energies depend on, by arc length and along the axis
     kinds_of_derivative: ClassVar[Kinds]
+    # of kinds that the tangent couples: each once, and each kind with itself
     pairs: ClassVar[Kinds]
 
     def __init__(self, parts: LaneParts) -> None:
@@ -191,9 +188,8 @@ class AbstractLane(abc.ABC):
     def _at_level(self, x: Array, index: int) -> Array:
         """Components of one level among all unknowns, the others zero.
 
-        Args:
-            x: components of a vector, leading.
-            index: of the level: 0 has the inner face, -1 the outer one. A shell has one level.
+        `x`: components of a vector, leading. `index`: of the level: 0 has the inner face, -1
+        the outer one. A shell has one level.
         """
         return jnp.pad(x, [self._room(index), *((0, 0) for _ in x.shape[1:])])
 

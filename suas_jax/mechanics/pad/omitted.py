@@ -32,7 +32,7 @@ from suas_jax.mechanics.shell.omitted import (
     CLAMP_NORMAL_SHEAR,
     SHEAR,
 )
-from suas_jax.numerics.quadrature import lagrange_slopes
+from suas_jax.numerics.polynomials import lagrange_slopes
 from suas_jax.skin.prestress import Growth
 
 _LOAD_NORMAL, _LOAD_MOMENT = 1 / 12, 1 / 4
@@ -113,16 +113,13 @@ def with_sides_swapped(x: Array) -> Array:
 
 def _clamp(
     edge: list[Array],  # resultants and thickness in the elements along the edge
+    # direction across the edge, which end, and lengths of the elements across it and along it
     at_end: tuple[int, int, Array, Array],
     elements: Elements,  # all of them, with their Gauss points
+    # membrane force over thickness of one that keeps its free thickness there [Pa]
     grown: Array | float,
 ) -> Array:
-    """Integral along a clamped edge, times the shear modulus.
-
-    `at_end`: direction across the edge, which end, and lengths of the elements across it and
-    along it. `grown`: membrane force over thickness of one that keeps its free thickness there
-    [Pa].
-    """
+    """Integral along a clamped edge, times the shear modulus."""
     (way, index, length, beside), xi, weights = at_end, elements.xi, elements.weights
     side = 1.0 if index == 0 else -1.0
     fit = np.stack([weights, 12 * weights * (xi - 0.5)])

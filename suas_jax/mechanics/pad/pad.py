@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.base import AbstractMechanics, Assembly, Displacements
-from suas_jax.mechanics.contact.state import BodyContact, ContactState
+from suas_jax.mechanics.contact.face import BodyContact, ContactState
 from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.pad.contact import ContactFace
 from suas_jax.mechanics.pad.faces import Faces

@@ -53,6 +53,7 @@ def _halved(x: Float[Array, " breakpoint"]) -> Array:
 
 
 def _nearest(
+    # Bernstein coefficients by component from the stations' values
     given: Float[Array, "width 4 element station"],
     wanted: Float[Array, "width 4 element station"],  # coefficients on the other elements
     axis: SplineAxis,  # the splines on the other elements
@@ -60,10 +61,7 @@ def _nearest(
     *,
     finer: bool,  # whether the other elements are halves of the given ones; else pairs of them
 ) -> Float[Array, "width wanted given"]:
-    """Stations' values on other elements from those on the given ones, by least squares.
-
-    `given`: Bernstein coefficients by component from the stations' values.
-    """
+    """Stations' values on other elements from those on the given ones, by least squares."""
     halves = np.array([_SPLIT, _SPLIT[::-1, ::-1]])
 
     def split(x: Float[Array, "width 4 element station"]) -> Array:

@@ -37,13 +37,11 @@ def upper_bands(
     tables: Tables,  # constants, those of `both_ways` of the pairs
     pairs: Sequence[tuple[int, int]],  # of kinds of derivatives
     orders: Sequence[int],  # of differentiation along the stations, by kind
+    # second derivatives of a density by each pair, times powers of the lengths across
     blocks: Float[Array, "pair width width gauss gauss long across"],
     lengths: Float[Array, " long"],  # of the elements along the stations [m]
 ) -> Upper:
-    """Sum the elements.
-
-    `blocks`: second derivatives of a density by each pair, times powers of the lengths across.
-    """
+    """Sum the elements."""
     topology = net.topology
     mixed = np.array([k for k, (left, right) in enumerate(pairs) if left != right])
     every = both_ways(pairs)
@@ -103,14 +101,12 @@ def no_blocks(net: Net) -> Blocks:
 def add_blocks(
     net: Net,
     sum_so_far: Blocks,  # the matrix
+    # index along the stations and across of every place
     element: tuple[Int[Array, " place"], Int[Array, " place"]],
+    # by `SLOTS` along the stations, row and column across, components
     blocks: Float[Array, "slot place 4 4 3 3"],
 ) -> Blocks:
-    """Add elements' blocks to a matrix.
-
-    `element`: index along the stations and across of every place. `blocks`: by `SLOTS` along
-    the stations, row and column across, components.
-    """
+    """Add elements' blocks to a matrix."""
     topology = net.topology
     control = jnp.asarray(topology.long.first)[element[0]] + ROWS[:, None]
     station = jnp.asarray(topology.across.station_of)[element[1]]

@@ -20,7 +20,7 @@ from suas_jax.mechanics.pad.net import ElementVector
 from suas_jax.mechanics.pad.net_lane import AbstractLane, Kinds, Sums
 from suas_jax.mechanics.pad_solid import inner_volume, points
 from suas_jax.mechanics.pad_solid.thickness import Thickness, shapes_at, thickness
-from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.numerics.polynomials import gauss_legendre
 from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Obstacle, Wall
 

@@ -51,15 +51,13 @@ class Geometry(NamedTuple):
 
 def geometry(
     section: AbstractSection,  # across the axis; its mean where the thickness varies along it
+    # how much further the outer face lies out, over angle and axial position [m]
     relief: Callable[[Array, Array], Array | float],
     place: Sequence[Array],  # angles [rad] and axial positions [m]
+    # eta of the points through the thickness, and their weights
     through: tuple[np.ndarray, np.ndarray],
 ) -> Geometry:
-    """Map of the undeformed membrane.
-
-    `relief`: how much further the outer face lies out, over angle and axial position [m].
-    `through`: eta of the points through the thickness, and their weights.
-    """
+    """Map of the undeformed membrane."""
     angle, axial = place
     at, eta = section.frame(angle), jnp.asarray(through[0])[:, None]
 
@@ -233,12 +231,10 @@ def _second_of_volume(F: Array, inverse: Array) -> Array:
 def at_points(
     shapes: Float[np.ndarray, "value eta"],  # of the displacement through the thickness
     slopes: Float[np.ndarray, "value eta"],  # their derivatives by eta
+    # by kind of derivative and value through the thickness
     values: Float[Array, "kind value 3 place"],
 ) -> Float[Array, "3 3 eta place"]:
-    """Displacement by the coordinates at the points [coordinate, component].
-
-    `values`: by kind of derivative and value through the thickness.
-    """
+    """Displacement by the coordinates at the points [coordinate, component]."""
     return jnp.stack(
         [
             jnp.einsum("ve,vcp->cep", shapes if kind else slopes, values[kind])

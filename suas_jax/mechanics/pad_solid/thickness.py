@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.polynomial import Legendre, Polynomial
 
-from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.numerics.polynomials import gauss_legendre
 
 
 class Thickness(NamedTuple):

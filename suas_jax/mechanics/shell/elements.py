@@ -17,8 +17,7 @@ from jaxtyping import Array, Float
 
 from suas_jax.numerics.array_types import Diagonal, Lanes, OffDiagonal, StationVector
 from suas_jax.numerics.block_tridiagonal import product
-from suas_jax.numerics.hermite import hermite
-from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.numerics.polynomials import gauss_legendre, hermite
 from suas_jax.skin.section import AbstractSection, Frame, tangent
 
 EndMatrices = Float[Array, "4 4 end #lane"]
@@ -76,8 +75,7 @@ def _times(a: Array, b: Array) -> Array:
 class Elements(NamedTuple):
     """The elements between stations."""
 
-    # of the stations from the symmetry axis [rad]
-    angles: Float[Array, "station #lane"]
+    angles: Float[Array, "station #lane"]  # of the stations from the symmetry axis [rad]
     section: AbstractSection  # the undeformed membrane
     symmetric: bool  # whether the last station is the crown of a symmetric arch
 

@@ -30,7 +30,7 @@ from suas_jax.constitutive.deformation import (
 )
 from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.shell.points import Moments
-from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.numerics.polynomials import gauss_legendre
 from suas_jax.skin.prestress import Growth
 
 

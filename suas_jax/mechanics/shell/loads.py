@@ -10,8 +10,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.numerics.hermite import hermite
 from suas_jax.numerics.jet import second_order
+from suas_jax.numerics.polynomials import hermite
 from suas_jax.skin.loads import LoadPoints
 from suas_jax.skin.section import AbstractSection
 

@@ -33,7 +33,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from suas_jax.mechanics.contact.state import Strip
+from suas_jax.mechanics.contact.face import Strip
 from suas_jax.mechanics.shell.contact import ContactFace
 from suas_jax.mechanics.shell.points import Moments, Points, mix
 from suas_jax.numerics.array_types import Lanes
@@ -150,6 +150,7 @@ def thinning(normal: Array, moment: Array, thickness: Array, modulus: Lanes) -> 
 
 def strip(
     face: ContactFace,
+    # current curvature of the mid-line at its points [1/m]
     bend: Float[Array, "point element lane"],
     body: PlacedBody,
     modulus: Lanes,  # small-strain shear modulus [Pa]
@@ -165,8 +166,6 @@ def strip(
     and its largest pressure is 2 f / (pi a). A zone in which the shell lies flat ends in line
     forces. They are spread over about the thickness, and the zone reaches a quarter of it
     further: both from the solid.
-
-    `bend`: current curvature of the mid-line at its points [1/m].
     """
     share = face.shares(face.inputs)
     force = jnp.sum(share, (0, 1))

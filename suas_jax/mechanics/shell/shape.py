@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.shell.points import kinematics, mix
 from suas_jax.numerics.array_types import Lanes, StationVector
-from suas_jax.numerics.hermite import hermite
+from suas_jax.numerics.polynomials import hermite
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection, Frame
 
@@ -96,13 +96,11 @@ def reach(
 def recovered(
     line: MidLine,  # the mid-line
     section: AbstractSection,
+    # strain energy per area of the mid-surface, from the two strains [J/m^2]
     energy: Callable[[Array, Array], Array],
     growth: Growth | None,  # of the membrane; None where it fits its seat
 ) -> Profile:
-    """The section around a mid-line, its normals staying normal.
-
-    `energy`: strain energy per area of the mid-surface, from the two strains [J/m^2].
-    """
+    """The section around a mid-line, its normals staying normal."""
     n, k, thickness = line.at.normal, line.at.curvature, line.at.thickness
     ((x1, y1), (x2, y2)), stretch, curvature = kinematics(line.u1, line.u2, line.at)
     size, curl = x1**2 + y1**2, x2 * y1 - y2 * x1

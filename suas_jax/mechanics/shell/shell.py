@@ -28,7 +28,7 @@ from jaxtyping import Array, Float
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.base import Assembly, Displacements, Profile, largest
-from suas_jax.mechanics.contact.state import ContactState, Strip
+from suas_jax.mechanics.contact.face import ContactState, Strip
 from suas_jax.mechanics.contact.term import by_travel
 from suas_jax.mechanics.section import AbstractPlaneStrain
 from suas_jax.mechanics.shell.contact import ContactFace
@@ -87,8 +87,7 @@ class Shell(AbstractPlaneStrain):
     error_shares: ClassVar[tuple[float, ...]] = (6 / 5,)
     law: AbstractLaw  # the membrane's material
     section: AbstractSection  # the undeformed membrane
-    # of the stations from the symmetry axis [rad]
-    angles: Float[Array, "station #lane"]
+    angles: Float[Array, "station #lane"]  # of the stations from the symmetry axis [rad]
     points: LoadPoints  # the line loads as points on the outer face, per width [N/m]
     film_volume: Lanes
     wall: Wall | None

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.numerics.polynomials import gauss_legendre
 
 Values = TypeVar("Values", np.ndarray, Array)
 

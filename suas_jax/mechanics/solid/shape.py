@@ -14,7 +14,7 @@ from suas_jax.mechanics.solid.element import NODES, located, node_weights, quadr
 from suas_jax.mechanics.solid.layout import Layout
 from suas_jax.mechanics.solid.points import free_strain
 from suas_jax.numerics.array_types import StationVector
-from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.numerics.polynomials import gauss_legendre
 from suas_jax.skin.prestress import Growth
 
 Nodes = Float[Array, "9 2 layer element lane"]
@@ -235,12 +235,10 @@ def _joined_modes(
     p: Float[Array, "3 layer element lane"],  # pressure modes
     axis: int,  # along which elements lie side by side
     mode: int,  # the one that is linear along it
+    # of a pair's length that its first element has
     share: Float[Array, "layer 1 1"] | float = 0.5,
 ) -> Float[Array, "3 layer element lane"]:
-    """Best linear fit to the pressures of pairs of elements, side by side along an axis.
-
-    `share`: of a pair's length that its first element has.
-    """
+    """Best linear fit to the pressures of pairs of elements, side by side along an axis."""
     index = [slice(None)] * 4
     first, second = (p[(*index[:axis], slice(i, None, 2))] for i in range(2))
     rest = 1 - share

@@ -22,12 +22,11 @@ from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import PlaneStrain
 from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.base import Assembly, Displacements, Profile, largest
-from suas_jax.mechanics.contact.state import ContactState
+from suas_jax.mechanics.contact.face import ContactState
 from suas_jax.mechanics.contact.term import by_travel
 from suas_jax.mechanics.section import AbstractPlaneStrain
-from suas_jax.mechanics.solid.contact import ContactFace
 from suas_jax.mechanics.solid.element import TABLES, mixed
-from suas_jax.mechanics.solid.face_forces import enclosed_volume, follower, load_vector
+from suas_jax.mechanics.solid.faces import ContactFace, enclosed_volume, follower, load_vector
 from suas_jax.mechanics.solid.layout import FaceValues, Layout, NodeValues
 from suas_jax.mechanics.solid.points import (
     Grid,
@@ -65,8 +64,7 @@ class Solid(AbstractPlaneStrain):
     resolves_loads: ClassVar[bool] = True
     law: AbstractLaw  # the membrane's material
     section: AbstractSection  # the undeformed membrane
-    # of the stations from the symmetry axis [rad]
-    angles: Float[Array, "station #lane"]
+    angles: Float[Array, "station #lane"]  # of the stations from the symmetry axis [rad]
     # positions of the stations' nodes, inner face first [m]
     stations: Float[Array, "2 node station lane"]
     # positions of the nodes half-way between stations [m]

@@ -1,0 +1,96 @@
+"""Polynomials: quadrature that is exact for them, and functions by their values."""
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+
+def gauss_legendre(
+    n: int, lower: float = 0.0, upper: float = 1.0
+) -> tuple[Float[np.ndarray, " {n}"], Float[np.ndarray, " {n}"]]:
+    """Points and weights that integrate polynomials up to degree 2n - 1 exactly.
+
+    Returns points in ascending order and their weights, which sum to ``upper - lower``.
+    """
+    points, weights = np.polynomial.legendre.leggauss(n)
+    half = (upper - lower) / 2
+    return lower + half * (points + 1), half * weights
+
+
+def lagrange_slopes(points: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:
+    """Derivatives at points of the polynomial through values there [point, value].
+
+    `points`: all different.
+    """
+    n = len(points)
+    apart = points[:, None] - points + np.eye(n)
+    weight = 1 / np.prod(apart, 1)  # barycentric
+    slope = weight / weight[:, None] / apart
+    return slope - np.diag(np.sum(slope, 1))  # those of a constant are zero
+
+
+def power_coefficients(
+    t: Float[Array, "sample *shape"], values: Float[Array, "sample *shape"]
+) -> Float[Array, "power *shape"]:
+    """Coefficients in ascending powers of the polynomial through samples.
+
+    Newton's divided differences, then Horner's scheme on polynomials.
+
+    `t`: where the samples are, all different. `values`: of the function there.
+    """
+    # Whole columns at a time: one by one, XLA computes each again for all that is made of it.
+    n = t.shape[0]
+    newton, column = [values[0]], values
+    for order in range(1, n):
+        column = (column[1:] - column[:-1]) / (t[order:] - t[:-order])
+        newton.append(column[0])
+    powers = newton[-1][None]
+    for i in range(n - 2, -1, -1):
+        powers = jnp.concatenate([newton[i][None], powers]) - t[i] * jnp.concatenate(
+            [powers, jnp.zeros_like(powers[:1])]
+        )
+    return powers
+
+
+def polynomial(powers: Sequence[Array], t: Array) -> Array:
+    """Value of a polynomial by Horner's scheme.
+
+    `powers`: coefficients in ascending powers. `t`: where.
+    """
+    value = powers[-1]
+    for power in powers[-2::-1]:
+        value = value * t + power
+    return value
+
+
+# Coefficients of the four cubic shape functions in ascending powers of xi.
+_HERMITE = np.array(
+    [[1.0, 0.0, -3.0, 2.0], [0.0, 1.0, -2.0, 1.0], [0.0, 0.0, 3.0, -2.0], [0.0, 0.0, -1.0, 1.0]]
+)
+
+
+def hermite(
+    xi: Float[Array | np.ndarray, "*points"], derivative: int = 0
+) -> list[Float[Array | np.ndarray, "*points"]]:
+    """The cubic Hermite shape functions, or a derivative by xi, at points in [0, 1].
+
+    A function on an element of length L is ``N_0 v_0 + L N_1 s_0 + N_2 v_1 + L N_3 s_1`` with
+    the values v and the slopes s (per unit length) at its two stations: continuous with its
+    first derivative, as the bending energy of a thin shell asks.
+
+    `xi`: local coordinate, 0 at the left station and 1 at the right one. `derivative`: order of
+    differentiation, 0 to 3.
+    Returns values for left value, left slope, right value, right slope; each shaped like xi.
+    """
+    shapes = []
+    for row in _HERMITE:
+        polynomial = np.polynomial.Polynomial(row)
+        for _ in range(derivative):
+            polynomial = polynomial.deriv()
+        value = 0.0 * xi
+        for c in polynomial.coef[::-1]:
+            value = value * xi + float(c)
+        shapes.append(value)
+    return shapes
