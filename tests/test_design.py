@@ -15,7 +15,7 @@ from fitting.design.front import front
 from fitting.design.problem import Outcome
 from fitting.design.problem import Problem as DesignProblem
 from fitting.design.resume import KeptSearches
-from fitting.design.search import Found, search
+from fitting.design.search import Found, Trial, search
 from fitting.design.section import bound_of_units
 from fitting.design.want import Front, Limit, Variable, Want, load_want
 from suas_jax.config import ConfigError, continuous_inputs, load_skin
@@ -126,6 +126,14 @@ def test_a_design_goes_on_from_the_searches_that_ended(tmp_path: Path) -> None:
     assert (found.prices, found.calls) == (expected.prices, expected.calls)
     searched(nothing)
     assert not nothing.asked
+    # A search that found nothing is kept, too.
+    lost = Outcome({"a": np.array([np.inf])}, {"a": np.array([[np.nan]])}, False)
+    start, empty = np.array([0.3, 0.4]), np.zeros(0)
+    KeptSearches(file).add(rest.want, Trial(start, start, np.inf, "lost", empty, lost, lost, 1))
+    known = KeptSearches(file).known(rest.want, start)
+    assert known is not None
+    assert known.goal == np.inf
+    np.testing.assert_array_equal(known.last.slopes["a"], lost.slopes["a"])
     # Another goal has searches of its own.
     other = dataclasses.replace(rest.want, maximise=True)
     assert KeptSearches(file).known(rest.want, rest.want.start) is not None

@@ -33,6 +33,8 @@ class _Outcome(BaseModel):
 
 
 class _Trial(BaseModel):
+    model_config = ConfigDict(ser_json_inf_nan="constants")
+
     start: _Array
     x: _Array
     goal: float
