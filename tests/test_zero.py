@@ -89,7 +89,7 @@ def test_places_of_presses_are_told_as_scenes_tell_them() -> None:
         ("500 g", "FORCE at PLACE"),
         ("500 V at 0 deg", "force"),
         ("-5 N at 0 deg", "above zero"),
-        ("5 N at 95 deg", "beyond the clamps"),
+        ("5 N at 95 deg", "beyond the clamps of the skin, at -90 deg and 90 deg"),
         ("5 N at 0 deg, 20 mm", "no place along the axis"),
     ],
 )

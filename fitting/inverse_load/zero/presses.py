@@ -18,7 +18,7 @@ from fitting.inverse_load.zero.zero import KnownPress
 from suas_jax.config import GeometrySpec, parse_quantity
 from suas_jax.config.quantities import DimensionName
 from suas_jax.config.tolerance import deviation_of, is_uncertain_text, parse_uncertain
-from suas_jax.skin.plain import angles_at, plain_geometry
+from suas_jax.skin.plain import angles_at, clamped_edge, plain_geometry
 
 FORCE_ERROR = 2e-3
 """Standard deviation of a known force that states none, relative: of a kitchen scale."""
@@ -83,7 +83,10 @@ def known_press(text: str, geometry: GeometrySpec, diameter: float | None = None
     name, section = "arc" if by_arc else "angle", plain_geometry(geometry).section
     angle, beside = angles_at(geometry, name, np.array([at, at + _NEAR])).tolist()
     if not abs(angle) < float(section.half_angle[0]):
-        raise ValueError(f"{text}: the place is beyond the clamps of the skin")
+        _, edge = clamped_edge(section, by_arc)
+        raise ValueError(
+            f"{text}: the place is beyond the clamps of the skin, at -{edge} and {edge}"
+        )
     if place_error is None:
         place_error = PLACE_ERROR / float(section.size[0])
     else:
