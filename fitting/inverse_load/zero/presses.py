@@ -10,6 +10,7 @@ import re
 from dataclasses import replace
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -94,7 +95,7 @@ def known_press(text: str, geometry: GeometrySpec, diameter: float | None = None
     error = FORCE_ERROR * force if error is None else error
     deviations = max(place_error, _LEAST), max(error, _LEAST * force)
     told = section.given_angle if geometry.has_angle else section.arc
-    place = float(told(np.array([angle]))[0])
+    place = float(told(jnp.array([angle]))[0])
     press = KnownPress(angle, force, *deviations, text, place)
     if not pad:
         return press
