@@ -87,9 +87,9 @@ def test_verdict_names_the_best_input_and_those_that_explain_as_much() -> None:
     # Of a large rest, a fiftieth is as good as the same.
     assert verdict_of([best, near, far], chi2=2000.0, dof=301).others == (near, far)
     assert found.text == (
-        "the skin file doesn't explain the log (chi2 per dof 3.32); it would with the oil_gap "
-        "in [geometry] changed by +5.0 +- 0.4 % (chi2 per dof 2.00); as well with the x in "
-        "[oil] changed by +10.0 +- 1.0 %"
+        "the skin file doesn't explain the log (chi2 per dof 3.32); it would do so better with "
+        "the oil_gap in [geometry] changed by +5.0 +- 0.4 % (chi2 per dof 2.00); as well with "
+        "the x in [oil] changed by +10.0 +- 1.0 %"
     )
 
 
@@ -190,6 +190,31 @@ def test_measured_over_model_weighs_large_readings_most() -> None:
     measured[4] = -1.0
     measured[5] = 0.0
     assert section_log._ratio(measured, model) is None
+
+
+@pytest.mark.parametrize("noise", [False, True])
+def test_what_explains_a_log_is_named_however_small(
+    monkeypatch: pytest.MonkeyPatch, noise: bool
+) -> None:
+    slopes, none = RNG.normal(scale=100, size=(10, 2, 6)), SimpleNamespace()
+    errors = SimpleNamespace(names=("geometry.thickness", "electrodes.lsb"))
+    model = SimpleNamespace(by_errors=lambda *_: slopes)
+    monkeypatch.setattr(section_log, "default_errors", lambda _: errors)
+    monkeypatch.setattr(section_log, "InputSlopes", lambda *_: model)
+    as_given = SimpleNamespace(best=lambda gain: gain)
+    monkeypatch.setattr(section_log, "SectionInputFit", lambda *_: as_given)
+    estimator: Any = SimpleNamespace(
+        input_errors=SimpleNamespace(spec=none), skin=none, rest=None
+    )
+    fit: Any = SimpleNamespace(
+        parameters=np.zeros((10, 2)), state=none, so=0.0, jacobian=RNG.normal(size=(10, 2, 6))
+    )
+    # 0.3 of one per cent of the scale, and a share of the thickness beside it.
+    y = 0.3 * slopes[:, 1] + 0.4 * slopes[:, 0]
+    named = section_log._explaining(estimator, y, np.ones_like(y), fit, noise=noise)
+    changes = {x.name: x.change for x in named}
+    assert changes["geometry.thickness"] == pytest.approx(0.4 * 0.03, rel=0.5)
+    assert ("electrodes.lsb" in changes) is not noise
 
 
 @pytest.mark.parametrize("shift", [-2, -1, 1, 2])

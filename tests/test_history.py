@@ -239,6 +239,16 @@ def test_longer_steps_differ_by_no_more_than_they_say(
         assert change <= 2 * (point["time_error"] + fine["time_error"])
 
 
+def test_a_load_that_comes_in_a_microsecond_is_one_that_jumps() -> None:
+    # What a microsecond says of the speed is nothing to go by over the day that follows.
+    jumped, fast = (follow([0.0, rise, 1e5], [0.0, 20.0, 20.0]) for rise in (0.0, 1e-6))
+    for one, other in zip(jumped[1:], fast[1:], strict=True):
+        assert one["status"] == other["status"] == "converged"
+        for key in QUANTITIES:
+            error = one["time_error"] + other["time_error"] + 1e-5
+            assert other[key] == pytest.approx(one[key], rel=error), key
+
+
 def test_cycles_dissipate() -> None:
     time = np.linspace(0.0, 4.0, 33)
     points = follow(list(time), list(5 - 5 * np.cos(np.pi * time)))

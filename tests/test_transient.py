@@ -3,6 +3,7 @@
 import tomllib
 from typing import Any
 
+import jax
 import numpy as np
 import pytest
 import scipy.linalg
@@ -15,9 +16,11 @@ from suas_jax.dynamics.film import film_of
 from suas_jax.dynamics.history import history_sweep
 from suas_jax.dynamics.history_table import history_of
 from suas_jax.dynamics.inertia import densities_of, flow_of, inertia_of, weights_of
-from suas_jax.dynamics.motion import free_unknowns, motion_of
+from suas_jax.dynamics.motion import Sampling, free_unknowns, motion_of
+from suas_jax.dynamics.moving_section import MovingSection
 from suas_jax.dynamics.pad import pad_inertia, pad_motion
 from suas_jax.scene.build import build_problem, plan_for
+from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import inputs_of
 
 TAP = SCENES / "tap.toml"
@@ -113,6 +116,27 @@ def test_a_large_swing_keeps_the_oil_and_comes_to_rest_where_statics_has_it() ->
     assert points[2]["loads"][0]["displacement_m"] != pytest.approx(
         held["loads"][0]["displacement_m"], rel=0.05
     )
+
+
+def test_what_moves_has_the_derivative_that_short_steps_need() -> None:
+    # Thick, on fine elements: the mass of its turning fibres counts.
+    scene = with_solve(with_inputs(tapped(), {"geometry.thickness": 3e-3}), elements=40)
+    inputs, plan = inputs_of(scene), plan_for(scene, "shell", (40,))
+    shell: Any = build_problem(scene, plan, inputs).mechanics
+    sampling = Sampling.of(shell, scene_parts(scene, inputs).skin.geometry)
+    rest, length, free = shell.rest(), np.asarray(1e-6), free_unknowns(shell)
+    moving = MovingSection(sampling.near(rest), sampling, densities_of(scene))
+    wanted = moving.stiffness(0 * rest, length, free)
+
+    def force(q: Any) -> Any:
+        return moving.force(q, (q - rest) / length, moving.still, length)[0]
+
+    for seed in range(3):
+        own = np.random.default_rng(seed).normal(size=len(free))
+        way = np.zeros(rest.size)
+        way[free] = own
+        found = jax.jvp(force, (rest,), (way.reshape(rest.shape),))[1].reshape(-1)[free]
+        assert np.linalg.norm(found - wanted @ own) < 1e-9 * np.linalg.norm(found)
 
 
 def film(scene: SceneSpec, time: list[float], force: list[float]) -> Any:

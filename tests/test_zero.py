@@ -78,13 +78,26 @@ def test_presses_are_read_with_their_deviations() -> None:
     assert along.angle == pytest.approx(10 / 57.5)
 
 
+def test_places_of_presses_are_told_as_scenes_tell_them() -> None:
+    ellipse = load_skin(ROOT / "suas-ellipse.toml").geometry
+    press = known_press("5 N at 40 deg +- 1 deg", ellipse)
+    low, high = (known_press(f"5 N at {t} deg", ellipse) for t in (39, 41))
+    assert press.place == pytest.approx(np.deg2rad(40))
+    # The model's angle grows with the arc, by another rate than that of the ellipse.
+    assert press.angle_deviation == pytest.approx((high.angle - low.angle) / 2, rel=1e-3)
+    assert abs(press.angle_deviation / np.deg2rad(1) - 1) > 0.02
+    assert known_press("5 N at arc 12 mm", load_skin(ARC).geometry).place == pytest.approx(
+        12e-3
+    )
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("500 g", "FORCE at PLACE"),
         ("500 V at 0 deg", "force"),
         ("-5 N at 0 deg", "above zero"),
-        ("5 N at 95 deg", "beyond the clamps"),
+        ("5 N at 95 deg", "beyond the clamps of the skin, at -90 deg and 90 deg"),
         ("5 N at 0 deg, 20 mm", "no place along the axis"),
     ],
 )

@@ -72,6 +72,7 @@ def zero(
 
 
 def _report(found: "Zero", target: Path) -> dict[str, Any]:
+    place = "angle_rad" if found.errors.spec.geometry.has_angle else "arc_m"
     return {
         "status": found.status,
         "zero_file": str(target),
@@ -79,7 +80,7 @@ def _report(found: "Zero", target: Path) -> dict[str, Any]:
         "presses": [
             {
                 "known": press.text,
-                "angle_rad": press.angle,
+                place: press.place,
                 "axial_m": press.axial,
                 "force_N": press.force,
                 "force_deviation_before": float(before),

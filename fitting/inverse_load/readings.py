@@ -15,7 +15,7 @@ from suas_jax.acquisition.taxel_faults import stuck_taxels
 from suas_jax.config import SkinSpec
 from suas_jax.sensing.taxels import taxel_names
 
-_SCALE_AGREES = 1e-3
+_SCALE_AGREES = 1e-2  # to within what a converter's scale is known to
 
 
 CountsOf = Callable[[int], Floats]

@@ -68,8 +68,9 @@ class MovingSection(NamedTuple):
         by_flow = weights.mass.film / length**2 + weights.damping / length
         by_film = -(weights.mass.film / length + 3 * weights.damping) * passing / film
         rows = by_flow[:, None] * flow.film + by_film[:, None] * closes
-        middle = flow.membrane[1].reshape(-1, len(free))
-        mass = jnp.sum(weights.mass.membrane, 0).ravel()
+        # All three faces: their rotation is part of the mass that short steps balance.
+        own = flow.membrane.reshape(-1, len(free))
+        mass = (weights.mass.membrane / length**2).reshape(-1, 1)
         water = (weights.mass.water / length**2)[:, None] * flow.water
         matrix: Array = flow.film.T @ rows + flow.water.T @ water
-        return matrix + middle.T @ ((mass / length**2)[:, None] * middle)
+        return matrix + own.T @ (mass * own)

@@ -37,6 +37,7 @@ from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.equilibrium import Equilibrium
 from suas_jax.equilibrium.load_path import follow, settled
 from suas_jax.equilibrium.outcomes import index_of
+from suas_jax.equilibrium.validity import validity
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.scene.assessment import touched_by_bodies, under_bodies
 from suas_jax.scene.observables import observe
@@ -46,7 +47,7 @@ MOST_STEPS = 5_000
 """Steps between two rows before the history is given up."""
 _FIRST_STEP = 0.02  # after a jump, over the shortest relaxation time
 _LONGER, _SHORTER = 2.0, 0.2  # of the next step, at most
-_RUNAWAY = 1e-9  # step over a row that is still too long
+_RUNAWAY = 1e-9  # step that is still too long, over a row and the shortest relaxation time
 _SHORTEST = 1e-4  # step over a row, or share of a jump, at which the path counts as ended
 
 
@@ -199,7 +200,11 @@ def unfinished(now: Moment, row: Rows) -> Bool[Array, ""]:
 
 
 def observed_at(skin: DrivenSkin, now: Any) -> tuple[dict[str, Any], dict[str, Array]]:
-    """What is observed, and how it was found, at a `Moment`, of a skin in motion or not."""
+    """What is observed, and how it was found, at a `Moment`, of a skin in motion or not.
+
+    The state is judged by the oil's volume and the strains, not by its forces: they are not in
+    balance in motion, and fade to nothing at rest.
+    """
     relaxed, disturbed = now.past.relaxed(skin.series), now.past.disturbed(skin.series)
     parts, problem = skin.parts(now.values, now.travels)
     settled, other = (answering(problem, x) for x in (relaxed, disturbed))
@@ -211,11 +216,13 @@ def observed_at(skin: DrivenSkin, now: Any) -> tuple[dict[str, Any], dict[str, A
         lambda: check.stable,
         lambda: verify(other, now.state, omitted=False)[0].stable,
     )
-    del report["in_domain"]
+    strains = report["stretch_min"], report["strain_energy_J"], report.pop("in_domain")
+    judged = validity(settled, now.state, (jnp.zeros(1), jnp.zeros(1)), *strains)
+    result = jnp.where(now.result == 0, judged.astype(now.result.dtype), now.result)
     unknowns = settled.mechanics.unknowns() + int(settled.oil.trapped)
     touched = touched_by_bodies(settled, now.state)
     outcome = {
-        "result": under_bodies(settled, now.state, now.result, touched),
+        "result": under_bodies(settled, now.state, result, touched),
         "level": now.state.factor,
         "iterations": now.iterations,
         "time_error": now.error[None],
@@ -232,8 +239,8 @@ def attempt(skin: AbstractDriven, now: Moment, row: Rows, tolerance: Array) -> M
     series = skin.series
     left = row.end - now.time
     fresh = now.last == 0
-    shortest = _FIRST_STEP * jnp.min(series.tau, initial=jnp.inf)
-    wanted = jnp.where(fresh, jnp.minimum(now.step, shortest), now.step)
+    fastest = jnp.min(series.tau, initial=jnp.inf)
+    wanted = jnp.where(fresh, jnp.minimum(now.step, _FIRST_STEP * fastest), now.step)
     # Rather two even steps than one that leaves next to nothing.
     step = jnp.where(left <= wanted, left, jnp.where(left < 2 * wanted, left / 2, wanted))
     arrived = left <= wanted
@@ -249,7 +256,8 @@ def attempt(skin: AbstractDriven, now: Moment, row: Rows, tolerance: Array) -> M
 
     values = jax.tree.map(between, now.values, row.first, row.final)
     here = now.state, now.travels.length
-    expected, length = jax.tree.map(lambda a, b: a + step * b, here, now.pace)
+    ahead = jnp.minimum(step, _LONGER * now.last)  # further the pace says nothing
+    expected, length = jax.tree.map(lambda a, b: a + ahead * b, here, now.pace)
     guessed = (step > 0) & jnp.any(now.pace[0].q != 0)
     way = Step(values, now.travels, now.past, step, guessed)
     found, travels = skin.balanced(expected, now.travels._replace(length=length), way)
@@ -265,13 +273,14 @@ def attempt(skin: AbstractDriven, now: Moment, row: Rows, tolerance: Array) -> M
     error = jnp.sum(series.g * bend_weight(step / series.tau)) * bend
     error = jnp.where(fresh | (largest == 0), 0.0, error / jnp.where(largest > 0, largest, 1.0))
     # Creep that runs away, as a membrane that buckles does, leaves no step short enough.
-    runaway = ~failed & (error > tolerance) & (length < _RUNAWAY)
+    span = jnp.minimum(row.end - row.begin, fastest)
+    runaway = ~failed & (error > tolerance) & (step < _RUNAWAY * span)
     good = ends | runaway | ((error <= tolerance) & ~lost)
     ratio = jnp.sqrt(tolerance / jnp.maximum(error, 1e-300))
     following = step * jnp.clip(0.9 * ratio, _SHORTER, _LONGER)
     following = jnp.where(fresh, _LONGER * wanted, following)
     # A step that a row cut short says little of the next one.
-    following = jnp.where(good & arrived, jnp.maximum(following, now.step), following)
+    following = jnp.where(good & arrived, jnp.maximum(following, wanted), following)
     following = jnp.where(jnp.isnan(following) | (step == 0), now.step, following)
     stands = jax.tree.map(lambda x: jnp.where(lost, 0.0, x), now.pace)
     shorter = jnp.where(guessed | jumps, now.step, _SHORTER * step)

@@ -32,7 +32,9 @@ from suas_jax.config.input_errors import DEFAULTS, STIFFNESS, default_errors
 
 _MOST = 64  # frames that are looked at
 _SURE = 1e-4  # p-value of chi2 of all frames below which something is wrong
-_LEAST_CHANGE = 5e-3  # relative, of an input that is named: less may be the model's own error
+# relative, of an input that is named where noise explains the log: less may be the model's own
+# error. Where noise does not, a small change explains more than a large one of another input.
+_LEAST_CHANGE = 5e-3
 _SHIFTS = (-2, -1, 1, 2)
 _FRAMES_SHIFTED = 16
 _BETTER = 0.5  # share of chi2 that a shift may leave to be named
@@ -131,8 +133,8 @@ def _explaining(
         if not noise or gained.chi2 > GAIN:
             gained = fits.best(gained)
         found.append(gained)
-    named = [x for x in found if x.chi2 > GAIN and abs(x.change) > _LEAST_CHANGE]
-    return sorted(named, reverse=True)
+    least = _LEAST_CHANGE if noise else 0.0
+    return sorted((x for x in found if x.chi2 > GAIN and abs(x.change) > least), reverse=True)
 
 
 def _wide(estimator: LoadEstimator, y: Floats, weight: Floats, fit: Explanations) -> Gain:

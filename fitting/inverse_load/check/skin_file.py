@@ -33,7 +33,7 @@ _MOST = 12  # frames that are solved again
 _SURE = 1e-4  # p-value of chi2 of all frames below which something is wrong
 _STEP = 0.02  # relative change of an input
 _THICKNESS = "geometry.thickness"
-_LEAST_CHANGE = 1e-2  # relative, of an input that is named: less may be the model's own error
+_LEAST_CHANGE = 1e-2  # relative, of an input that is named where noise explains the log
 
 
 def model_verdict(
@@ -80,7 +80,8 @@ def model_verdict(
     noise = chdtrc(dof, chi2) > _SURE or chi2 < LARGER * dof
     if not noise:
         found += [gained(name, by) for name, by in _slopes(estimator, parameters).items()]
-    named = [x for x in found if x.chi2 > GAIN and _LEAST_CHANGE < abs(x.change) < FURTHEST]
+    least = _LEAST_CHANGE if noise else 0.0
+    named = [x for x in found if x.chi2 > GAIN and least < abs(x.change) < FURTHEST]
     if named:
         return verdict_of(sorted(named, reverse=True), chi2, dof)
     return ModelVerdict(chi2 / dof, bool(noise))

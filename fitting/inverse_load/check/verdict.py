@@ -86,9 +86,8 @@ class ModelVerdict:
         if self.chi2_per_dof < LARGER:
             better = f"{self.explained:.2f} instead of {self.chi2_per_dof:.2f}"
             return f"the {change} would explain the log better (chi2 per dof {better}){listed}"
-        return (
-            f"{begin}; it would with the {change} (chi2 per dof {self.explained:.2f}){listed}"
-        )
+        would = "it would" if self.explained < LARGER else "it would do so better"
+        return f"{begin}; {would} with the {change} (chi2 per dof {self.explained:.2f}){listed}"
 
     def command(self, skin: str, log: str) -> str:
         """What would set it right; empty where nothing is known to."""

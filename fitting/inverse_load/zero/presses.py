@@ -10,6 +10,7 @@ import re
 from dataclasses import replace
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,7 +19,7 @@ from fitting.inverse_load.zero.zero import KnownPress
 from suas_jax.config import GeometrySpec, parse_quantity
 from suas_jax.config.quantities import DimensionName
 from suas_jax.config.tolerance import deviation_of, is_uncertain_text, parse_uncertain
-from suas_jax.skin.plain import angles_at, plain_geometry
+from suas_jax.skin.plain import angles_at, clamped_edge, plain_geometry
 
 FORCE_ERROR = 2e-3
 """Standard deviation of a known force that states none, relative: of a kitchen scale."""
@@ -26,6 +27,7 @@ PLACE_ERROR = 1e-3
 """Standard deviation of a known place that states none, along arc and axis [m]."""
 _FINGER = 6e-3  # diameter of what presses on a pad where none is told [m]
 _LEAST = 1e-6  # of a known quantity's deviation: rad, m, share of the force
+_NEAR = 1e-6  # step over which the model's angle is differentiated by a told place [rad or m]
 _KNOWN = re.compile(r"\s*(?P<force>.+?)\s+at\s+(?P<place>[^,]+?)\s*(?:,\s*(?P<axial>.+?)\s*)?")
 _GRAMS = re.compile(r"(?<![A-Za-z])(k?)g(?![A-Za-z])")
 _EXAMPLE = '"500 g at 0 deg" or "5 N +- 0.05 N at arc 12 mm"; on a pad "500 g at 0 deg, 20 mm"'
@@ -79,15 +81,22 @@ def known_press(text: str, geometry: GeometrySpec, diameter: float | None = None
     at, place_error = _quantity(
         place.removeprefix("arc "), "length" if by_arc else "angle", where
     )
-    angle = float(angles_at(geometry, "arc" if by_arc else "angle", np.array(at)))
-    edge = float(np.asarray(plain_geometry(geometry).half_angle).ravel()[0])
-    if not abs(angle) < edge:
-        raise ValueError(f"{text}: the place is beyond the clamps of the skin")
-    scale = _arc_per_angle(geometry) if by_arc or place_error is None else 1.0
-    place_error = (PLACE_ERROR if place_error is None else place_error) / scale
+    name, section = "arc" if by_arc else "angle", plain_geometry(geometry).section
+    angle, beside = angles_at(geometry, name, np.array([at, at + _NEAR])).tolist()
+    if not abs(angle) < float(section.half_angle[0]):
+        _, edge = clamped_edge(section, by_arc)
+        raise ValueError(
+            f"{text}: the place is beyond the clamps of the skin, at -{edge} and {edge}"
+        )
+    if place_error is None:
+        place_error = PLACE_ERROR / float(section.size[0])
+    else:
+        place_error *= (beside - angle) / _NEAR
     error = FORCE_ERROR * force if error is None else error
     deviations = max(place_error, _LEAST), max(error, _LEAST * force)
-    press = KnownPress(angle, force, *deviations, text)
+    told = section.given_angle if geometry.has_angle else section.arc
+    place = float(told(jnp.array([angle]))[0])
+    press = KnownPress(angle, force, *deviations, text, place)
     if not pad:
         return press
     axial, axial_error = _quantity(found["axial"], "length", where)
@@ -99,10 +108,6 @@ def known_press(text: str, geometry: GeometrySpec, diameter: float | None = None
         )
     axial_error = PLACE_ERROR if axial_error is None else max(axial_error, _LEAST)
     return replace(press, axial=axial, axial_deviation=axial_error, diameter=size)
-
-
-def _arc_per_angle(geometry: GeometrySpec) -> float:
-    return float(plain_geometry(geometry).section.size[0])
 
 
 def _quantity(text: str, kind: DimensionName, where: str) -> tuple[float, float | None]:

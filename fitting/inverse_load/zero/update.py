@@ -39,6 +39,10 @@ _ROUNDS = 12
 _SHORTER = 5  # halvings of a step beyond which the model has no state
 _ENDED = 1e-2  # step in standard deviations
 _BEYOND = 9.0  # chi2 per degree of freedom beyond which nothing is concluded
+_UNSETTLED = (
+    "the update by the known presses does not settle: more than the tolerances allow would be "
+    "needed to explain them; check forces, places and the skin file"
+)
 _QUANTITIES = ("angle", "axial", "force")  # of a press; a line load has no axial position
 
 
@@ -197,15 +201,15 @@ def zero_of(
     for _ in range(_ROUNDS):
         residual = np.where(used, readings.change - now.change, 0.0)
         jacobian = _jacobian(now)
-        found = conditioned(prior, at, jacobian, residual.ravel(), weight.ravel())
+        try:
+            found = conditioned(prior, at, jacobian, residual.ravel(), weight.ravel())
+        except np.linalg.LinAlgError as error:  # taxels that all but touch the membrane
+            raise ValueError(_UNSETTLED) from error
         if np.abs((found.mean - at) / size_of).max() < _ENDED:
             break
         at, now = _moved(model, at, found.mean, count)
     else:
-        raise ValueError(
-            "the update by the known presses does not settle: more than the tolerances allow "
-            "would be needed to explain them; check forces, places and the skin file"
-        )
+        raise ValueError(_UNSETTLED)
     chi2 = float((weight * residual**2).sum())
     dof = max(int(used.sum()) - model.known.size, 1)
     ratio, poor = chi2 / dof, bool(chdtrc(dof, chi2) < POOR)

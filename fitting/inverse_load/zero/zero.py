@@ -33,6 +33,7 @@ class KnownPress:
     angle_deviation: float  # standard deviation of the place [rad]
     force_deviation: float  # of the force [N]
     text: str  # as it was told
+    place: float  # where, as scenes of its section tell it: an angle [rad], or an arc [m]
     axial: float | None = None  # where along a pad [m]; None in plane strain
     axial_deviation: float = 0.0  # its standard deviation [m]
     diameter: float = 0.0  # of the disc that presses on a pad [m]

@@ -71,7 +71,10 @@ def zero_text(zero: Zero, skin: Path, log: Path) -> str:
         row = tomlkit.table()
         row["known"] = press.text
         row["force"] = format_quantity(press.force, "force")
-        row["angle"] = format_quantity(press.angle, "angle")
+        if spec.geometry.has_angle:
+            row["angle"] = format_quantity(press.place, "angle")
+        else:
+            row["arc"] = format_quantity(press.place, "length")
         if press.axial is not None:
             row["axial"] = format_quantity(press.axial, "length")
         row["force_deviation_before"] = f"{100 * before:.3g} %"
