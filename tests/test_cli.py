@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
+from fitting.cli.solve import _place, _wall
 from fitting.json_text import json_text
 from suas_jax.scene import report_keys
 from suas_jax.scene.report_keys import REPORT_KEYS
@@ -113,6 +114,21 @@ def test_gradient_is_the_difference_of_two_solves(
         gaps.append(json.loads(suas("solve", str(path), "--json").stdout)["min_gap_m"])
     slope = (gaps[1] - gaps[0]) / math.radians(0.2)
     assert by_gap["load.0.angle"] == pytest.approx(slope, rel=1e-4)
+
+
+def test_places_are_told_as_the_section_tells_them() -> None:
+    """On a straight piece of a path one angle is many places."""
+    row = {"bulge_angle_deg": 90.0, "bulge_arc_m": -31.1234e-3}
+    assert _place(row, "bulge_", 3, by_arc=True) == "-31.1 mm along the arc"
+    assert _place(row, "bulge_", 3, by_arc=False) == "90 deg"
+    wall = {
+        "angle_deg": [-1e-12, 4.0],
+        "arc_m": [-2e-3, 2e-3],
+        "force_N": 1.5,
+        "force_error_N": 0.1,
+    }
+    assert _wall(wall, by_arc=True) == "carries 1.5 N to 0.1 N, from -2 to 2 mm along the arc"
+    assert _wall(wall, by_arc=False) == "carries 1.5 N to 0.1 N, from 0 to 4 deg"
 
 
 @pytest.mark.long  # half an arc is a program of its own; unknowns in test_shell

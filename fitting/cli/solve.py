@@ -131,7 +131,7 @@ def _print_report(report: dict[str, Any], spec: "SceneSpec") -> None:
     message = escape(report["message"])
     console.print(f"[{colour}]{report['status']}[/] ({report['model']}) {message}")
     table = Table(show_header=False, box=None)
-    for row in _rows(report):
+    for row in _rows(report, by_arc=not spec.geometry.has_angle):
         table.add_row(*row)
     console.print(table)
     if report.get("gradient"):
@@ -143,7 +143,7 @@ def _print_report(report: dict[str, Any], spec: "SceneSpec") -> None:
         say(f"estimated error of the gradient: {text}")
 
 
-def _rows(report: dict[str, Any]) -> Iterator[tuple[str, str]]:
+def _rows(report: dict[str, Any], *, by_arc: bool) -> Iterator[tuple[str, str]]:
     band = report.get("uncertainty") or {}
 
     def spread(path: str, factor: float) -> str:
@@ -155,7 +155,7 @@ def _rows(report: dict[str, Any]) -> Iterator[tuple[str, str]]:
         if load["kind"] == "pressure":
             yield f"load {i}", f"external pressure {1e-3 * load['pressure_Pa']:.5g} kPa"
             continue
-        place, own = f"{load['angle_deg']:.4g} deg", f"loads.{i}."
+        place, own = _place(load, "", 4, by_arc=by_arc), f"loads.{i}."
         if "axial_m" in load:
             place += f", {1e3 * load['axial_m']:.4g} mm"
         yield f"load {i}", f"{load['force_N']:.5g}{spread(own + 'force_N', 1.0)} N at {place}"
@@ -178,15 +178,14 @@ def _rows(report: dict[str, Any]) -> Iterator[tuple[str, str]]:
         ("largest bulge", "bulge"),
     ):
         size = f"{round(1e3 * report[key + '_m'], 6):.4g}"  # to the nanometre
-        # A place in the middle is known to rounding errors, which nobody wants to read.
-        angle = round(report[key + "_angle_deg"], 6) + 0.0
-        text = f"{size}{spread(key + '_m', 1e3)} mm at {angle:.3g} deg"
+        text = f"{size}{spread(key + '_m', 1e3)} mm at "
+        text += _place(report, f"{key}_", 3, by_arc=by_arc)
         if key + "_axial_m" in report:
             axial = round(1e3 * report[key + "_axial_m"], 6) + 0.0
             text += f", {axial:.3g} mm along the axis"
         yield name, text
     if report["wall"] is not None:
-        yield "wall", _wall(report["wall"])
+        yield "wall", _wall(report["wall"], by_arc=by_arc)
     if report.get("rest"):
         yield "at rest", _stress(report["rest"])
     so = [taxel["so"] for taxel in report["taxels"] if taxel["so"] == taxel["so"]]
@@ -206,11 +205,21 @@ def _rows(report: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "solve / compile", f"{1e3 * times['solve']:.2f} ms / {times['compile']:.2f} s"
 
 
-def _wall(wall: dict[str, Any]) -> str:
+def _place(row: dict[str, Any], key: str, digits: int, *, by_arc: bool) -> str:
+    """Where something is, by what the section's places are told by."""
+    name, scale, unit = (
+        ("arc_m", 1e3, "mm along the arc") if by_arc else ("angle_deg", 1, "deg")
+    )
+    # A place in the middle is known to rounding errors, which nobody wants to read.
+    return f"{round(scale * row[key + name], 6) + 0.0:.{digits}g} {unit}"
+
+
+def _wall(wall: dict[str, Any], *, by_arc: bool) -> str:
     """What the wall carries, how surely, and where."""
-    (first, last), unsure = wall["angle_deg"], wall["force_error_N"]
+    ends, unsure = wall["arc_m" if by_arc else "angle_deg"], wall["force_error_N"]
     to = "" if unsure is None else f" to {unsure:.2g} N,"
-    return f"carries {wall['force_N']:.5g} N{to} from {first:.4g} to {last:.4g} deg"
+    first, last = (_place({"arc_m": x, "angle_deg": x}, "", 4, by_arc=by_arc) for x in ends)
+    return f"carries {wall['force_N']:.5g} N{to} from {first.split()[0]} to {last}"
 
 
 def _stress(rest: dict[str, Any]) -> str:
