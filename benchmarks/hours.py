@@ -162,7 +162,7 @@ def ways(spec: SkinSpec, readings: LogReadings) -> dict[str, SkinStates]:
 
 
 def main() -> None:
-    """Print the table of docs/zero.md."""
+    """Print the table of docs/zero_method.md."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--skins", type=int, default=8)
     parser.add_argument("--seed", type=int, default=0)
@@ -219,7 +219,7 @@ def main() -> None:
         )
     print(f"{count} skins")
     print("\n".join(lines))
-    write_section("zero.md", "hours", lines)
+    write_section("zero_method.md", "hours", lines)
 
 
 if __name__ == "__main__":
