@@ -84,8 +84,9 @@ def skin_states(spec: SkinSpec, readings: LogReadings, where: str) -> SkinStates
         return SkinStates((mean,), ("",), np.ones((frames, 1)), tuple(said))
     axes, shares = [], []
     for name, column in changing.items():
-        known = np.isfinite(column.value)
-        value = np.interp(readings.time, readings.time[known], column.value[known])
+        # By frames, not times: a device's clock may begin again.
+        known = np.flatnonzero(np.isfinite(column.value))
+        value = np.interp(np.arange(frames), known, column.value[known])
         low, high = column.ends
         nodes = np.linspace(low, high, 1 + int(np.ceil((high - low) / _APART[name] - 1e-9)))
         axes.append(nodes)
