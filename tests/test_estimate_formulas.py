@@ -137,6 +137,13 @@ def test_what_sets_a_skin_file_right() -> None:
     assert command(shift=1).startswith("compare the order of the taxels in s.toml")
     assert command(name="geometry.oil_gap") == "suas fit sensor s.toml log --fit gap"
     assert command(name="geometry.width") == command() == ""
+    # What a zero leaves open, readings that count from rest do not need.
+    gap, thick = (
+        ModelVerdict(3.0, False, name).command("s.toml", "log", zeroed=True)
+        for name in ("geometry.oil_gap", "geometry.thickness")
+    )
+    assert gap.startswith("suas invert s.toml log --baseline FILE")
+    assert thick == "suas fit sensor s.toml log --joint"
 
 
 class Parabola(AbstractInputFit):

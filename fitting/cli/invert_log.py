@@ -86,7 +86,10 @@ def invert_log(
         verdict = _verdict(estimator, estimates)
     if verdict is not None and not (verdict.right and as_json):
         _say(f"{log}: {verdict.text}")
-        command = verdict.command(str(skin), str(log))
+        main = estimator.main
+        record = main.spec.calibration
+        zeroed = main.rest is None and record is not None and bool(record.taken)
+        command = verdict.command(str(skin), str(log), zeroed=zeroed)
         if command:
             _say(f"to set it right: {command}")
     filtered = None

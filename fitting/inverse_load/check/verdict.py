@@ -42,6 +42,9 @@ _COMMANDS = {
 }
 
 
+_AT_REST = ("geometry.oil_gap", "oil.relative_permittivity", "electrodes.lsb")
+
+
 @dataclass(frozen=True)
 class ModelVerdict:
     """What a log says about its skin file."""
@@ -89,10 +92,19 @@ class ModelVerdict:
         would = "it would" if self.explained < LARGER else "it would do so better"
         return f"{begin}; {would} with the {change} (chi2 per dof {self.explained:.2f}){listed}"
 
-    def command(self, skin: str, log: str) -> str:
-        """What would set it right; empty where nothing is known to."""
+    def command(self, skin: str, log: str, *, zeroed: bool = False) -> str:
+        """What would set it right; empty where nothing is known to.
+
+        `zeroed`: readings do not count from a baseline, and the skin has the numbers of a zero,
+        which says nothing of readings at rest.
+        """
         if self.shift:
             return f"compare the order of the taxels in {skin} with the wiring"
+        if zeroed and self.name in _AT_REST:
+            return (
+                f"suas invert {skin} {log} --baseline FILE, from which readings count: a zero "
+                "says nothing of readings at rest"
+            )
         return _COMMANDS.get(self.name or "", "").format(skin=skin, log=log)
 
 
