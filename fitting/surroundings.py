@@ -20,15 +20,14 @@ import numpy as np
 from fitting.arrays import Floats
 from suas_jax.config import SkinSpec, UncertainQuantity
 from suas_jax.config.csv_table import number_in
+from suas_jax.config.quantities import ZERO_CELSIUS
 from suas_jax.config.schema_load import EnvironmentSpec
+from suas_jax.config.surrounding_columns import DEPTH, SURROUNDINGS, TEMPERATURE
+from suas_jax.config.tolerance import deviation_of
 
-_ZERO_CELSIUS = 273.15
-_PLAIN = {"temperature_degc": _ZERO_CELSIUS, "temperature_k": 0.0}
+_PLAIN = {TEMPERATURE.lower(): ZERO_CELSIUS, "temperature_k": 0.0}
 _PADS = ("thermal_1", "thermal_2")
-_DEPTH = "water_depth_m"
 _SENSOR = 0.5  # standard deviation of a thermometer that states none [K]
-_COLDEST, _WARMEST = 233.15, 393.15  # between which rubber and oil are what the file says
-_DEEPEST = 11e3  # [m]
 _STEADY = {"temperature": 2.0, "depth": 10.0}  # change within which one state stands for all
 
 
@@ -97,18 +96,19 @@ def log_surroundings(
     named = {name.strip().lower(): column for name, column in columns.items()}
     temperature, said = _temperature(named, header, spec, where)
     depth = None
-    if _DEPTH in named:
-        value = _numbers(named[_DEPTH], _DEPTH, where)
+    if DEPTH in named:
+        value = _numbers(named[DEPTH], DEPTH, where)
         if np.isfinite(value).any():
-            depth = LogColumn(value, f"column {_DEPTH}")
-            worst = max(depth.ends, key=lambda x: abs(x - _DEEPEST / 2))
-            if not 0 <= worst <= _DEEPEST:
+            depth = LogColumn(value, f"column {DEPTH}")
+            deepest = SURROUNDINGS[DEPTH].high
+            worst = max(depth.ends, key=lambda x: abs(x - deepest / 2))
+            if not 0 <= worst <= deepest:
                 raise ValueError(
-                    f"{where}, column {_DEPTH}: {worst:.4g} m is no depth of water (0 to "
-                    f"{_DEEPEST:g} m, positive downwards)"
+                    f"{where}, column {DEPTH}: {worst:.4g} m is no depth of water (0 to "
+                    f"{deepest:g} m, positive downwards)"
                 )
         else:
-            said = [*said, f"{where}, column {_DEPTH}: no depth in any row; not used"]
+            said = [*said, f"{where}, column {DEPTH}: no depth in any row; not used"]
     return Surroundings(temperature, depth), said
 
 
@@ -136,22 +136,25 @@ def _temperature(
     if not np.isfinite(found).any():
         return None, [f"{where}, {source}: no temperature in any row; not used"]
     worst = float(found[np.nanargmax(np.abs(found - spec.reference.temperature))])
-    if not _COLDEST < worst < _WARMEST:
+    column = SURROUNDINGS[TEMPERATURE]
+    if not column.low < worst - ZERO_CELSIUS < column.high:
         raise ValueError(
-            f"{where}, {source}: {worst - _ZERO_CELSIUS:.4g} degC is not a skin's temperature "
-            f"(-40 to 120 degC); check the column's unit, or the thermal pads' scale"
+            f"{where}, {source}: {worst - ZERO_CELSIUS:.4g} degC is not a skin's temperature "
+            f"({column.low:g} to {column.high:g} degC); check the column's unit, or the "
+            "thermal pads' scale"
         )
     return LogColumn(found, source), []
 
 
 def spec_in(spec: SkinSpec, **surroundings: float) -> SkinSpec:
-    """A skin in surroundings, by their keys of [environment] [SI]; a temperature is a reading.
+    """A skin in surroundings, by their keys of [environment] [SI].
 
-    A thermometer's error takes the place of the temperature's tolerance.
+    A temperature without a deviation is a reading and has a thermometer's, which takes the
+    place of its tolerance.
     """
     around = spec.environment or EnvironmentSpec()
     values: dict[str, float] = dict(surroundings)
-    if "temperature" in values:
+    if "temperature" in values and deviation_of(values["temperature"]) is None:
         values["temperature"] = UncertainQuantity(values["temperature"], _SENSOR)
     return spec.model_copy(update={"environment": around.model_copy(update=values)})
 
@@ -179,8 +182,8 @@ def spec_at(spec: SkinSpec, found: Surroundings, where: str) -> tuple[SkinSpec, 
     mean = UncertainQuantity(
         temperature.mean, float(np.hypot(np.nanstd(temperature.value), _SENSOR))
     )
-    low, high = (x - _ZERO_CELSIUS for x in temperature.ends)
-    text = f"{where}: at {float(mean) - _ZERO_CELSIUS:.4g} degC ({temperature.source}"
+    low, high = (x - ZERO_CELSIUS for x in temperature.ends)
+    text = f"{where}: at {float(mean) - ZERO_CELSIUS:.4g} degC ({temperature.source}"
     text += f", {low:.4g} to {high:.4g})" if high - low > 0.05 else ")"
     if not felt["temperature"]:
         return spec, [
@@ -189,18 +192,16 @@ def spec_at(spec: SkinSpec, found: Surroundings, where: str) -> tuple[SkinSpec, 
             'material, oil or wall (expansion = "EPDM", "silicone-oil", "PLA")',
         ]
     own = None if spec.environment is None else spec.environment.temperature
-    spec = spec_in(spec, temperature=float(mean))
-    assert spec.environment is not None
-    environment = spec.environment.model_copy(update={"temperature": mean})
+    spec = spec_in(spec, temperature=mean)
     grows = [name for name in ("material", "oil", "wall") if getattr(spec, name).expansion]
     text += f": {', '.join(grows)} have grown as the skin file says, since "
-    text += f"{spec.reference.temperature - _ZERO_CELSIUS:.4g} degC"
+    text += f"{spec.reference.temperature - ZERO_CELSIUS:.4g} degC"
     if spec.oil.expansion is not None:
         text += ", the oil's permittivity with its density (Clausius-Mossotti)"
     text += "; material constants are those of the file"
     if own is not None and abs(own - mean) > 3 * mean.deviation:
-        text += f"; the skin file's own, {own - _ZERO_CELSIUS:.4g} degC, is not used"
-    return spec.model_copy(update={"environment": environment}), [*said, text]
+        text += f"; the skin file's own, {own - ZERO_CELSIUS:.4g} degC, is not used"
+    return spec, [*said, text]
 
 
 def told_at_mean(found: Surroundings, spec: SkinSpec) -> list[str]:

@@ -21,6 +21,7 @@ from fitting.cli.options import (
     material_note,
     option,
     pad_settings,
+    remark,
 )
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_outputs
@@ -174,7 +175,7 @@ def invert(
         states = skin_states(spec, readings, str(log))
         with making as make:
             found = LogEstimator(readings, states, make)
-        _told(*found.states.said)
+        remark(*found.states.said)
         _assumed(found.main)
         estimates = invert_log(
             found,
@@ -197,7 +198,7 @@ def _spec_of(skin: Path, zero: str | None) -> "SkinSpec":
     from fitting.inverse_load.zero.zero_file import skin_with_zero
 
     spec, told = skin_with_zero(skin, zero)
-    _told(told)
+    remark(told)
     material_note(spec)
     return spec
 
@@ -227,7 +228,7 @@ def _estimator_now(
 
     now, said = aged(spec, datetime.now(UTC).isoformat())
     estimator = make(now, "")
-    _told(*said)
+    remark(*said)
     _assumed(estimator)
     return estimator
 
@@ -236,14 +237,7 @@ def _assumed(estimator: "LoadEstimator") -> None:
     """Say what the skin file leaves open."""
     from fitting.inverse_load.memory.series import assumed_of_memory
 
-    _told(estimator.input_errors.text, assumed_of_memory(estimator.spec))
-
-
-def _told(*sentences: str) -> None:
-    """Say on stderr what there is to be said."""
-    for sentence in sentences:
-        if sentence:
-            say(f"suas: {sentence}", err=True)
+    remark(estimator.input_errors.text, assumed_of_memory(estimator.spec))
 
 
 def _recording(estimator: "LoadEstimator", skin: Path, mcap: Path) -> "Recording":

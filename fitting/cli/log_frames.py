@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from fitting.cli.options import remark
 from fitting.cli.progress import spinner
-from suas_jax.acquisition.terminal import say
 
 if TYPE_CHECKING:
     from fitting.arrays import Floats
@@ -71,9 +71,7 @@ def log_frames(
                 return estimator_of(spec, baseline, progress=show, **options)
 
             estimator = LogEstimator(readings, states, make)
-        for sentence in (told, *estimator.states.said):
-            if sentence:
-                say(f"suas: {sentence}", err=True)
+        remark(told, *estimator.states.said)
     estimates = None if loads is None else read_estimates(loads, readings.seq)
     return LogFrames(file, spec, rest, readings, estimator, estimates)
 

@@ -143,6 +143,13 @@ def computing(
         yield show, processes
 
 
+def remark(*sentences: str) -> None:
+    """Say on stderr what there is to be said; nothing where a sentence is empty."""
+    for sentence in sentences:
+        if sentence:
+            say(f"suas: {sentence}", err=True)
+
+
 def check_figures(*files: Path | None) -> None:
     """Refuse endings that no figure can have, with a ValueError; None asks for none."""
     for file in files:

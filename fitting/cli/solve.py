@@ -205,21 +205,27 @@ def _rows(report: dict[str, Any], *, by_arc: bool) -> Iterator[tuple[str, str]]:
     yield "solve / compile", f"{1e3 * times['solve']:.2f} ms / {times['compile']:.2f} s"
 
 
+_ANGLE, _ARC = ("angle_deg", 1.0, "deg"), ("arc_m", 1e3, "mm along the arc")
+
+
 def _place(row: dict[str, Any], key: str, digits: int, *, by_arc: bool) -> str:
     """Where something is, by what the section's places are told by."""
-    name, scale, unit = (
-        ("arc_m", 1e3, "mm along the arc") if by_arc else ("angle_deg", 1, "deg")
-    )
-    # A place in the middle is known to rounding errors, which nobody wants to read.
-    return f"{round(scale * row[key + name], 6) + 0.0:.{digits}g} {unit}"
+    name, scale, unit = _ARC if by_arc else _ANGLE
+    return f"{_rounded(scale * row[key + name], digits)} {unit}"
+
+
+def _rounded(place: float, digits: int) -> str:
+    """A place: in the middle it is known to rounding errors, which nobody wants to read."""
+    return f"{round(place, 6) + 0.0:.{digits}g}"
 
 
 def _wall(wall: dict[str, Any], *, by_arc: bool) -> str:
     """What the wall carries, how surely, and where."""
-    ends, unsure = wall["arc_m" if by_arc else "angle_deg"], wall["force_error_N"]
+    name, scale, unit = _ARC if by_arc else _ANGLE
+    first, last = (_rounded(scale * x, 4) for x in wall[name])
+    unsure = wall["force_error_N"]
     to = "" if unsure is None else f" to {unsure:.2g} N,"
-    first, last = (_place({"arc_m": x, "angle_deg": x}, "", 4, by_arc=by_arc) for x in ends)
-    return f"carries {wall['force_N']:.5g} N{to} from {first.split()[0]} to {last}"
+    return f"carries {wall['force_N']:.5g} N{to} from {first} to {last} {unit}"
 
 
 def _stress(rest: dict[str, Any]) -> str:

@@ -15,7 +15,9 @@ from suas_jax.acquisition.taxel_faults import stuck_taxels
 from suas_jax.config import SkinSpec
 from suas_jax.sensing.taxels import taxel_names
 
-_SCALE_AGREES = 1e-2  # to within what a converter's scale is known to
+# Relative difference of scales that agree; of one that a calibration or a zero found, which is
+# no longer the converter's own.
+_SCALE_AGREES, _FOUND_AGREES = 1e-3, 1e-2
 
 
 CountsOf = Callable[[int], Floats]
@@ -239,8 +241,9 @@ def _scale_note(header: Mapping[str, str], spec: SkinSpec) -> list[str]:
         scale = parse_quantity(text, "capacitance") if text else None
     except ValueError:
         return [f'scale "{text}" in the header is not a capacitance; the skin\'s lsb is used']
-    lsb = spec.electrodes.lsb
-    if scale is None or abs(scale / lsb - 1) < _SCALE_AGREES:
+    lsb, record = spec.electrodes.lsb, spec.calibration
+    found = record is not None and not {"lsb", "electrodes.lsb"}.isdisjoint(record.parameters)
+    if scale is None or abs(scale / lsb - 1) < (_FOUND_AGREES if found else _SCALE_AGREES):
         return []
     return [
         f"the header's scale, {text}, is not the skin's lsb, {1e15 * lsb:.6g} fF; the skin's "

@@ -69,10 +69,10 @@ DIMENSIONS: Mapping[DimensionName, Dimension] = MappingProxyType(
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf(?:inity)?)\b")
 _COMMA = re.compile(r"([+-]?[\d.]+(?:,[\d.]+)+)(\D*)")
-_ZERO_CELSIUS = 273.15  # [K]
+ZERO_CELSIUS = 273.15  # [K]
 _ZERO_FAHRENHEIT = 459.67 / 1.8  # [K]
 ZEROS = MappingProxyType(
-    dict.fromkeys(("degC", "celsius", "°C", "degreeC"), _ZERO_CELSIUS)
+    dict.fromkeys(("degC", "celsius", "°C", "degreeC"), ZERO_CELSIUS)
     | dict.fromkeys(("degF", "fahrenheit", "°F", "degreeF"), _ZERO_FAHRENHEIT)
 )
 """Zero [K] of the scales that do not begin at absolute zero, by all names of their units."""
@@ -189,7 +189,7 @@ def format_quantity(value: float, dimension: DimensionName) -> str:
     """Write an SI value to six digits with the largest unit that keeps it at or above one."""
     kind = DIMENSIONS[dimension]
     if dimension == "temperature":
-        return f"{value - _ZERO_CELSIUS:.6g} degC"
+        return f"{value - ZERO_CELSIUS:.6g} degC"
     fitting = [unit for unit in kind.units if abs(value) >= unit[1] * (1.0 - 1e-9)]
     usual = next(unit for unit in kind.units if unit[0] == kind.usual)
     name, size = fitting[-1] if fitting else (usual if value == 0.0 else kind.units[0])

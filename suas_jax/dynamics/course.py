@@ -8,13 +8,15 @@ import numpy as np
 from jaxtyping import Float
 
 from suas_jax.config import SceneSpec, continuous_inputs, with_inputs
+from suas_jax.config.quantities import ZERO_CELSIUS
+from suas_jax.config.surrounding_columns import TEMPERATURE
 from suas_jax.dynamics.driven import FACTOR
-from suas_jax.dynamics.history_table import TEMPERATURE, History
+from suas_jax.dynamics.history_table import History
 from suas_jax.dynamics.steps import Rows
 from suas_jax.scene.sweep import SweepError
 from suas_jax.scene.travel import driven_by_force
 
-_WARMTH, _FREEZING = "environment.temperature", 273.15
+_WARMTH = "environment.temperature"
 _NOTHING = {
     "force_N": "there is no load with a force to scale; add [[load]] with force",
     "depth_m": "there is no body with a depth to change; give a [[load]] a depth",
@@ -56,7 +58,7 @@ class Course(NamedTuple):
         factor = columns.get("factor", np.ones(len(history.time)))
         driven = {key: factor * value for key, value in loads.items()}
         for name, found in shares.items():
-            offset = _FREEZING if name == TEMPERATURE else 0.0
+            offset = ZERO_CELSIUS if name == TEMPERATURE else 0.0
             driven |= {key: share * columns[name] + offset for key, share in found.items()}
         rest = dict.fromkeys(loads, 0.0)
         if TEMPERATURE in columns:

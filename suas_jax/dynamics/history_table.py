@@ -24,9 +24,9 @@ from jaxtyping import Float
 
 from suas_jax.config.csv_table import number_in, read_csv_table
 from suas_jax.config.errors import show_key, unknown
+from suas_jax.config.surrounding_columns import TEMPERATURE
 
 MOST_ROWS = 100_000
-TEMPERATURE = "temperature_degC"
 _COLUMNS = ("force_N", "factor", "depth_m", TEMPERATURE)
 _CHOICE = f"at least one of force_N (or factor), depth_m and {TEMPERATURE}"
 

@@ -34,14 +34,11 @@ from suas_jax.config import (
 )
 from suas_jax.config.csv_table import number_in, read_csv_table
 from suas_jax.config.schema_load import EnvironmentSpec
+from suas_jax.config.surrounding_columns import SURROUNDINGS
 
 _COLUMN = re.compile(r"loads\.(\d+)\.([a-z]+_[A-Za-z]+)")
 _LINE = ("force_N", "angle_deg", "arc_m", "direction_deg")
 _ON_PADS = ("axial_m", "tilt_deg")
-SURROUNDINGS = {"temperature_degC": "temperature", "water_depth_m": "depth"}
-"""Keys of [environment] by the columns, of paths and logs, that change them."""
-_ZERO = {"temperature_degC": 273.15, "water_depth_m": 0.0}  # of the columns' scales [SI]
-_RANGE = {"temperature_degC": (-40.0, 120.0), "water_depth_m": (0.0, 11000.0)}  # allowed
 
 
 @dataclass(frozen=True)
@@ -60,8 +57,8 @@ class LoadPath:
         """Temperature [K] and depth [m], those that change, by their paths in a scene."""
         values = self.at(time)
         return {
-            f"environment.{key}": values[name] + _ZERO[name]
-            for name, key in SURROUNDINGS.items()
+            f"environment.{column.key}": values[name] + column.zero
+            for name, column in SURROUNDINGS.items()
             if name in values
         }
 
@@ -100,8 +97,10 @@ def _surrounded(
 ) -> SceneSpec:
     """The scene with what its columns change of its surroundings stated, as it begins."""
     found = {}
-    for name in SURROUNDINGS.keys() & columns.keys():
-        values, (low, high) = columns[name], _RANGE[name]
+    for name, column in SURROUNDINGS.items():
+        if name not in columns:
+            continue
+        values, low, high = columns[name], column.low, column.high
         if scene.material.relaxation is not None:
             raise ValueError(
                 f'{where}, column "{name}": it is not followed where the material relaxes; '
@@ -112,7 +111,7 @@ def _surrounded(
             raise ValueError(
                 f'{where}, column "{name}": {worst:g}: {low:g} to {high:g} is allowed'
             )
-        found[SURROUNDINGS[name]] = float(values[0]) + _ZERO[name]
+        found[column.key] = float(values[0]) + column.zero
     if not found:
         return scene
     around = (scene.environment or EnvironmentSpec()).model_copy(update=found)

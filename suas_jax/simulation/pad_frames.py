@@ -15,6 +15,7 @@ from jaxtyping import Array
 from numpy.typing import NDArray
 
 from suas_jax.config import SceneSpec, with_inputs, with_solve
+from suas_jax.config.surrounding_columns import SURROUNDINGS
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import equilibrium
@@ -27,7 +28,7 @@ from suas_jax.scene.build import plan_for, problem_of
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import at_rest, inputs_of, structure_of
 from suas_jax.scene.structure import Inputs, Structure
-from suas_jax.simulation.load_path import SURROUNDINGS, LoadPath
+from suas_jax.simulation.load_path import LoadPath
 
 # Frames below which a program isn't worth the compiler's own optimisation.
 _FEW = 10

@@ -10,7 +10,7 @@ surroundings are taken off first, and those of the state put in their place.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -24,10 +24,7 @@ from fitting.inverse_load.model.evaluation import NoRestError
 from fitting.inverse_load.readings import LogReadings
 from suas_jax.config import SkinSpec
 
-_LINEAR = ("angle", "direction", "tilt", "arc_position", "axial", "diameter", "arc")
-_ARRAYS = ("covariance", "systematic")
-_PAIRS = ("spread", "arc_extent", "axial_extent", "arc_force", "axial_force")
-_LEAST = 1e-9  # share of a state that counts
+_LINEAR = [f.name for f in fields(Contact) if f.name not in ("force", "by_arc")]
 
 
 class LogEstimator:
@@ -105,9 +102,9 @@ class LogEstimator:
         log, past = self.readings, past or PastOfFrames()
         share = self.states.share[frames]
         found: list[list[tuple[float, LoadEstimate]]] = [[] for _ in frames]
-        each, before = len(frames) / max((share > _LEAST).sum(), 1), 0
+        each, before = len(frames) / max(int(np.count_nonzero(share)), 1), 0
         for k, estimator in enumerate(self._of):
-            rows = np.flatnonzero(share[:, k] > _LEAST)
+            rows = np.flatnonzero(share[:, k])
             if not rows.size:
                 continue
             own = frames[rows]
@@ -151,15 +148,17 @@ def between(parts: Sequence[tuple[float, LoadEstimate]]) -> LoadEstimate:
     )
 
 
+def _plain(value: float | list[float]) -> float | tuple[float, ...]:
+    return tuple(value) if isinstance(value, list) else value
+
+
 def _contact(own: Contact, others: Sequence[Contact], share: Floats) -> Contact:
     values: dict[str, Any] = {}
-    for name in (*_LINEAR, *_ARRAYS, *_PAIRS):
+    for name in _LINEAR:
         given = [getattr(c, name) for c in others]
         if all(x is not None for x in given):
             mean = np.tensordot(share, np.array(given), 1)
-            values[name] = (
-                mean if name in _ARRAYS else tuple(mean) if name in _PAIRS else float(mean)
-            )
+            values[name] = mean if isinstance(given[0], np.ndarray) else _plain(mean.tolist())
     force = np.array([c.force for c in others])
     even = bool((force > 0).all())
     values["force"] = float(np.exp(share @ np.log(force)) if even else share @ force)

@@ -15,10 +15,11 @@ from fitting.inverse_load.readings import LogReadings
 from fitting.inverse_load.zero.zero_file import aged
 from fitting.surroundings import spec_at, spec_in, told_at_mean
 from suas_jax.config import SkinSpec
+from suas_jax.config.quantities import ZERO_CELSIUS
 
 _APART = {"temperature": 5.0, "depth": 300.0}  # between states at most [K], [m]
 _IN_WORDS: dict[str, Callable[[float], str]] = {
-    "temperature": lambda kelvin: f"{kelvin - 273.15:.3g} degC",
+    "temperature": lambda kelvin: f"{kelvin - ZERO_CELSIUS:.3g} degC",
     "depth": lambda metres: f"{metres:.3g} m deep",
 }
 _LEAST = 1e-9  # share of a state that counts
@@ -95,7 +96,8 @@ def skin_states(spec: SkinSpec, readings: LogReadings, where: str) -> SkinStates
     specs, names, share = [], [], []
     for rows in itertools.product(*(range(len(nodes)) for nodes in axes)):
         own = np.prod([s[:, k] for s, k in zip(shares, rows, strict=True)], 0)
-        if own.max() < _LEAST:
+        own = np.where(own < _LEAST, 0.0, own)
+        if not own.any():
             continue
         at = {name: float(x[k]) for name, x, k in zip(changing, axes, rows, strict=True)}
         specs.append(spec_in(mean, **at))
