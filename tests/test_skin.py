@@ -321,6 +321,24 @@ def film(angle: np.ndarray, gap: Callable[[np.ndarray], np.ndarray], wall: float
     )
 
 
+def test_a_state_that_loads_buckle_is_named_and_one_beside_it_is_not() -> None:
+    # An ellipse 70 mm high sways under 2.6 to 2.7 N at its crown.
+    high = GEOMETRY | {"section": "ellipse", "inner_semi_axes": ["57.5 mm", "70 mm"]}
+    high.pop("inner_radius")
+    scene = scene_from_dict(
+        {
+            "geometry": high,
+            "material": EPDM,
+            "oil": {"model": "incompressible", "relative_permittivity": 2.2},
+            "electrodes": LIST,
+        }
+    )
+    angle, force = np.array([0.0, 0.0, 0.1]), np.array([2.6, 2.7, 2.7])
+    found = run(skin_of(scene), Loads.line(angle, force))
+    named = [NAMES[i] for i in np.asarray(found.result)]
+    assert named == ["converged", "unstable", "converged"]
+
+
 def test_field_between_coaxial_cylinders() -> None:
     angle = np.linspace(-1, 1, 81)
     found = charge(film(angle, lambda a: np.full_like(a, 5e-3), 0.0525), np.ones(81, bool))

@@ -55,6 +55,8 @@ class Equilibrium(NamedTuple):
     result: Int[Array, " lane"]  # index of the outcome, see `suas_jax.equilibrium.outcomes`
     iterations: LaneCounts  # Newton corrections taken, retries included
     smallest_pivot: Lanes  # smallest relative pivot met on the way
+    # whether the tangent at the state is positive where the oil keeps its volume; of given loads
+    stable: Bool[Array, " lane"]
     # first-order effect on the unknowns of what the mechanics leaves out, without derivatives;
     # None where it was not asked for or nothing is left out
     change: BorderedVector | None = None
@@ -68,7 +70,16 @@ class Equilibrium(NamedTuple):
             state = State(found.y.stations, pressure, found.border)
         else:
             state = State(found.y.stations, found.border, found.level)
-        return cls(state, found.level, found.result, found.iterations, found.smallest_pivot)
+        stable = found.negative == int(problem.oil.trapped)
+        return cls(
+            state, found.level, found.result, found.iterations, found.smallest_pivot, stable
+        )
+
+    @property
+    def outcome(self) -> Int[Array, " lane"]:
+        """The `result`, or `unstable` where it is an equilibrium that no membrane stays in."""
+        left = (self.result == 0) & ~self.stable
+        return jnp.where(left, index_of("unstable"), self.result).astype(self.result.dtype)
 
 
 class _Root(NamedTuple):
@@ -295,5 +306,5 @@ def differentiable(problem: Problem, state: State) -> State:
     """
     y, level, _ = unknowns_of(problem, state)
     count = jnp.zeros(level.shape, jnp.int32)
-    found = _known(problem, Found(y, level, count, count, level))
+    found = _known(problem, Found(y, level, count, count, level, count))
     return Equilibrium.of(problem, found).state

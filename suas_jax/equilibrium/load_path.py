@@ -42,6 +42,7 @@ class Found(NamedTuple):
     result: Int[Array, " lane"]  # index of the outcome
     iterations: LaneCounts  # Newton corrections taken
     smallest_pivot: Lanes  # smallest relative pivot met
+    negative: LaneCounts  # negative eigenvalues of the bordered tangent at the state
     # of the last correction, at the state or as near to it as Newton's method was before that;
     # None where it is not at hand
     tangent: BorderedBlockTridiagonal | None = None
@@ -92,7 +93,15 @@ def _stepped(
     end = solution.state
     result = jnp.where(end.done, end.result, index_of("max_steps"))
     tangent = solution.aux if mechanics.corrected else None
-    return Found(end.good, end.good_level, result, end.total, end.smallest_pivot, tangent)
+    return Found(
+        end.good,
+        end.good_level,
+        result,
+        end.total,
+        end.smallest_pivot,
+        end.negative,
+        tangent,
+    )
 
 
 def settled(
@@ -112,7 +121,7 @@ def settled(
     y = BorderedVector(shape, zero if problem.oil.trapped else None)
     none = jnp.zeros(lanes, jnp.int32)
     if not problem.prestressed:
-        return Found(y, zero, none, none, jnp.full_like(zero, jnp.inf))
+        return Found(y, zero, none, none, jnp.full_like(zero, jnp.inf), none)
     if problem.mechanics.touches:
         mechanics = problem.mechanics.softened(jnp.asarray(10.0**_SOFTEST))
         problem = dataclasses.replace(problem, mechanics=mechanics)
@@ -153,7 +162,7 @@ def follow(
         stepping = dataclasses.replace(stepping, finished=finished)
         return step_to(problem, y, start, target, stepping, pressure_given)
     none = jnp.zeros(target.shape, jnp.int32)
-    begin = Found(y, start, none, none, jnp.full_like(target, jnp.inf))
+    begin = Found(y, start, none, none, jnp.full_like(target, jnp.inf), none)
     if finished is None:
         finished = jnp.zeros(target.shape, bool)
     goal = jnp.where(finished, start, target)
@@ -240,6 +249,7 @@ def _to_the_wall(
                 result,
                 at.found.iterations + after.iterations,
                 jnp.minimum(at.found.smallest_pivot, after.smallest_pivot),
+                after.negative,
             ),
             jnp.where(again, _LOAD, _STIFFEN).astype(at.phase.dtype),
             softest,

@@ -131,7 +131,7 @@ def _solve(skin: Skin, loads: Loads, start: State | None) -> SensorOutput:
     found = equilibrium(
         skin.problem(loads), start, wall_on_demand=True, omitted=not skin.is_pad
     )
-    return _read(skin, loads, found.state, found.result, found.change)
+    return _read(skin, loads, found.state, found.outcome, found.change)
 
 
 @eqx.filter_custom_jvp

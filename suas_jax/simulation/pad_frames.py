@@ -112,7 +112,7 @@ def _frame(
     assert parts.skin.electrodes is not None
     readings = parts.skin.electrodes.read(problem.mechanics, shown.q)
     gap = problem.mechanics.shape(shown.q).smallest_gap(parts.skin.geometry).value
-    return readings.capacitance, found.state, found.result, gap
+    return readings.capacitance, found.state, found.outcome, gap
 
 
 def _moving(

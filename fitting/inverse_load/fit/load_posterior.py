@@ -88,7 +88,7 @@ class SectionPosterior(AbstractLoadPosterior):
             so = skin.electrodes.read(shown.mechanics, shown.state.q).so
             residual = jnp.where(weight[:, None] > 0, reading[:, None] - so, 0.0)
             chi2 = jnp.sum(weight[:, None] * residual**2, 0)
-            trust = bounded(problem, found.state, shown.state, found.result)
+            trust = bounded(problem, found.state, shown.state, found.outcome)
             return jnp.where(inside & (trust.result == 0), -chi2 / 2, -jnp.inf)
 
         return log_probability

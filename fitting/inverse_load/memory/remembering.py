@@ -148,7 +148,7 @@ def expected(
     slopes = [_slope(skin, problem, response, one, state)[:, 0] for one in by_error]
     taxels = so.shape[0]
     rows = jnp.stack(slopes) if slopes else jnp.zeros((0, taxels))
-    return Expected(past, response, tuple(by_error), so, rows, state, found.result[0])
+    return Expected(past, response, tuple(by_error), so, rows, state, found.outcome[0])
 
 
 def _slope(

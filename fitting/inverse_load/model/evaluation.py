@@ -97,7 +97,7 @@ def evaluate(
     found = equilibrium(problem, start, omitted=True)
     state = jax.lax.stop_gradient(found.state)
     _, shown, shell = corrected(problem, state, found.change)
-    result = bounded(problem, state, shown, found.result).result
+    result = bounded(problem, state, shown, found.outcome).result
     min_gap = shell.shape(shown.q).smallest_gap(skin.geometry).value
     readings = skin.electrodes.read(shell, shown.q).so
 
@@ -123,7 +123,7 @@ def _read(
     problem = skin.problem(Loads(angle[None], force[None], 0 * angle[None], 0 * angle))
     found = equilibrium(problem, start, omitted=True)
     root, shown, shell = corrected(problem, found.state, found.change)
-    result = bounded(problem, root, shown, found.result).result
+    result = bounded(problem, root, shown, found.outcome).result
     min_gap = shell.shape(shown.q).smallest_gap(skin.geometry).value
     return skin.electrodes.read(shell, shown.q).so, min_gap, root, result
 

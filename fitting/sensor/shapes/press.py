@@ -154,7 +154,7 @@ def respond(
         root, shown, shell = corrected(problem, found.state, found.change)
         face = section_of(shell).face(shown.q)
         moved = press.displacements(shell, shown.q)
-        return moved, (root, shown.pressure, face, found.result)
+        return moved, (root, shown.pressure, face, found.outcome)
 
     moved, push, (state, pressure, face, result) = jax.linearize(solve, force, has_aux=True)
     loads = force.shape[0]

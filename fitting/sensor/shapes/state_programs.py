@@ -78,7 +78,7 @@ def solve_state(
     whole = corrected(problem, found.state)
     read = _read(parts, problem, whole, inner)
     gap = problem.mechanics.shape(found.state.q).smallest_gap(parts.skin.geometry).value
-    return SolvedState(found.state, *read, gap, found.result)
+    return SolvedState(found.state, *read, gap, found.outcome)
 
 
 @eqx.filter_jit
