@@ -15,8 +15,8 @@ from fitting.design.front import front
 from fitting.design.problem import Outcome
 from fitting.design.problem import Problem as DesignProblem
 from fitting.design.resume import KeptSearches
-from fitting.design.search import Found, Trial, search
-from fitting.design.section import bound_of_units
+from fitting.design.search import Found, Trial, search, worst
+from fitting.design.section import SectionProblem, bound_of_units
 from fitting.design.want import Front, Limit, Variable, Want, load_want
 from suas_jax.config import ConfigError, continuous_inputs, load_skin
 from suas_jax.config.fields import quantity_of
@@ -86,6 +86,26 @@ def test_search_says_where_no_design_keeps_the_limits() -> None:
     nearest = "the range is 2 N in the design that comes nearest, at least 3 N is asked for"
     with pytest.raises(ValueError, match=f"keeps the limits from any start: {nearest}; widen"):
         search(problem)  # type: ignore[arg-type]
+
+
+class _Cliff(Problem):
+    """The same without states beyond x = 0.5, of which no figure tells beforehand."""
+
+    def __call__(self, x: Any) -> Outcome:
+        """Figures and slopes."""
+        return super().__call__(x)._replace(found=bool(x[0] < 0.5))
+
+
+def test_search_ends_with_a_design_where_states_are_lost() -> None:
+    problem = _Cliff(8)
+    found = search(problem)  # type: ignore[arg-type]
+    assert any(t.start[0] > 0.5 for t in found.trials)  # a start without a state
+    for trial in found.trials:
+        assert trial.x[0] < 0.5
+        assert trial.x.sum() < 1 + 1e-4
+        assert trial.goal < worst(problem.want, trial.first) + 1e-9
+        assert trial.calls < 50
+    assert found.goal < 2.1 + 1e-2  # of the best design, x = y = 0.5
 
 
 def test_searches_of_workers_are_those_of_this_process() -> None:
@@ -158,6 +178,35 @@ def test_front_between_two_goals_is_the_closed_form() -> None:
     np.testing.assert_allclose([p.x for p in points], np.stack([x, v - x], 1), atol=1e-4)
     goal = 2 + (x - 0.8) ** 2 + (v - x - 0.6) ** 2
     np.testing.assert_allclose([p.goal for p in points], goal, rtol=1e-5)
+
+
+def test_a_design_knows_how_near_buckling_its_skin_is(tmp_path: Path) -> None:
+    skin = (ROOT / "configs" / "skins" / "suas.toml").read_text()
+    filled = skin.replace('model = "incompressible"', 'model = "incompressible"\nfill = 1.0')
+    (tmp_path / "skin.toml").write_text(filled)
+    text = WANT.read_text().replace("../skins/suas.toml", "skin.toml")
+    text = text.replace("geometry.oil_gap ", "oil.fill ")
+    (tmp_path / "want.toml").write_text(text.replace('["2 mm", "8 mm"]', "[0.98, 1.02]"))
+    problem = SectionProblem(load_want(tmp_path / "want.toml"))
+    assert problem.want.limits[-1].key == "buckling_share"
+
+    def stands(fill: float) -> Outcome:
+        return problem._stands(np.array([0.3, fill, 0.5]))
+
+    at_fit, near, other = stands(0.5), stands(0.4), stands(0.41)
+    assert at_fit.values["buckling_share"][0] == pytest.approx(0, abs=1e-9)
+    share, slope = near.values["buckling_share"][0], near.slopes["buckling_share"][0]
+    assert 0.3 < share < 0.95
+    change = other.values["buckling_share"][0] - share
+    assert slope[1] == pytest.approx(change / 0.01, rel=0.1)
+    assert abs(slope[2]) < 1e-6  # a stiffer skin buckles by the same filling
+    # Less oil buckles the skin where the share becomes one.
+    low, high = 0.2, 0.4
+    assert not stands(low).found
+    for _ in range(16):
+        middle = (low + high) / 2
+        low, high = (low, middle) if stands(middle).found else (middle, high)
+    assert stands(high).values["buckling_share"][0] == pytest.approx(1, abs=1e-2)
 
 
 @pytest.mark.parametrize(("key", "side"), [("range_N", -1), ("force_resolution_N", 1)])

@@ -92,6 +92,9 @@ WORDS: dict[str, Word] = {
     "lowest_frequency_Hz": Word("Lowest frequency", "Undamped, about rest.", "Hz"),
     "damping_ratio": Word("Damping ratio", "Of that mode, over critical damping."),
     "bandwidth_Hz": Word("Bandwidth", "Up to which statics is right to 1 %.", "Hz"),
+    "buckling_share": Word(
+        "Buckling at rest", "What the skin carries at rest, of what buckles it.", "%"
+    ),
     "buckling_mismatch": Word(
         "Stability margin",
         "How much longer than its seat the membrane may further be before it buckles at rest.",

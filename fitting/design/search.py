@@ -24,6 +24,10 @@ from fitting.design.problem import Outcome, Problem
 from fitting.design.want import Limit, Want
 
 _STEPS = 80
+# Designs of one search at most, for each variable and one more; and those of them without a
+# state. Beside these the search has no slope to go by, and creeps.
+_TRIED, _LOST = 30, 12
+_RETREATS = 5  # of a start without a state, each half of the way to the skin file's design
 _KEPT = 1e-5  # share by which a limit may be missed
 _ACTIVE = 1e-4  # share within which a limit counts as reached
 _AGREE = 2e-3  # relative difference of goals that agree
@@ -167,6 +171,10 @@ def worst(want: Want, outcome: Outcome) -> float:
     return float(values.min() if want.maximise else values.max())
 
 
+class _VainError(Exception):
+    """Ends a search that leads nowhere; says why."""
+
+
 class _Program:
     """One search: the problem as SciPy takes it, variables and t."""
 
@@ -175,15 +183,34 @@ class _Program:
         self._last: tuple[Floats, Outcome] | None = None
         self._known: Outcome | None = None
         self._scale = 1.0
-        self._calls = 0
+        self._calls = self._lost = 0
+        self._best: tuple[float, Floats, Outcome] | None = None  # goal and design, limits kept
 
     def solve(self, start: Floats) -> Trial:
-        """Search from a start."""
-        first = self._outcome(start)
+        """Search from a start, or from where towards the skin file's own design a state is."""
+        begin = start
+        for _ in range(_RETREATS):
+            first = self._outcome(begin)
+            if first.found or np.array_equal(start, self.want.start):
+                break
+            begin = (begin + self.want.start) / 2
+        none = np.zeros(0)
         if not first.found:
-            why, none = "a state was not found at the start", np.zeros(0)
+            why = "a state was not found at the start"
             return Trial(start, start, float("nan"), why, none, first, first, self._calls)
-        self._scale = _scale(self.want, first)
+        self._scale, self._lost = _scale(self.want, first), 0
+        try:
+            x, why, multipliers = self._minimised(begin, first)
+            last = self._outcome(x)
+            goal = self._kept_goal(last)
+        except _VainError as vain:
+            x, why, multipliers, last, goal = begin, str(vain), none, first, float("nan")
+        if np.isnan(goal) and self._best is not None:
+            (goal, x, last), multipliers = self._best, none
+        return Trial(start, x, goal, why, multipliers, first, last, self._calls)
+
+    def _minimised(self, start: Floats, first: Outcome) -> tuple[Floats, str, Floats]:
+        """Variables of the end, how it ended, and multipliers of all constraints there."""
         t = worst(self.want, first) / self._scale
         sign = -1.0 if self.want.maximise else 1.0
         gradient = np.append(np.zeros(len(start)), sign)
@@ -201,17 +228,28 @@ class _Program:
             options={"maxiter": _STEPS, "ftol": self.problem.tolerance},
         )
         x = np.clip(found.x[:-1], 0.0, 1.0)
-        outcome = self._outcome(x)
+        return x, str(found.message), np.asarray(found.multipliers)
+
+    def _kept_goal(self, outcome: Outcome) -> float:
+        """The goal of a design; NaN where it breaks a limit or a state was not found."""
         kept = outcome.found and _limits(self.want, outcome)[0].min(initial=1.0) > -_KEPT
-        goal = worst(self.want, outcome) if kept else float("nan")
-        why, multipliers = str(found.message), np.asarray(found.multipliers)
-        return Trial(start, x, goal, why, multipliers, first, outcome, self._calls)
+        return worst(self.want, outcome) if kept else float("nan")
 
     def _outcome(self, x: Floats) -> Outcome:
-        if self._last is None or not np.array_equal(self._last[0], x):
-            self._last = (np.array(x), self.problem(np.clip(x, 0.0, 1.0)))
-            self._calls += 1
-        return self._last[1]
+        if self._last is not None and np.array_equal(self._last[0], x):
+            return self._last[1]
+        if self._lost >= _LOST:
+            raise _VainError(f"was ended beside {_LOST} designs that buckle or have no state")
+        if self._calls >= _TRIED * (len(x) + 1):
+            raise _VainError(f"was ended after {self._calls} designs")
+        outcome = self.problem(np.clip(x, 0.0, 1.0))
+        self._last = (np.array(x), outcome)
+        self._calls += 1
+        self._lost += not outcome.found
+        goal, sign = self._kept_goal(outcome), -1.0 if self.want.maximise else 1.0
+        if np.isfinite(goal) and (self._best is None or sign * goal < sign * self._best[0]):
+            self._best = goal, np.clip(x, 0.0, 1.0), outcome
+        return outcome
 
     def _constraints(self, z: Floats) -> tuple[Floats, Floats]:
         """All of them with t; a design without a state looks worse than the last with one."""
@@ -240,6 +278,8 @@ def _prices(want: Want, trial: Trial) -> Iterator[Price]:
     goals, by_goal = _goals(want, outcome, scale)
     limits, by_limits = _limits(want, outcome)
     goal = trial.goal / scale
+    if not trial.multipliers.size:  # of a search that was ended, which has none
+        return
     own = trial.multipliers[len(goals) :]  # the first are those of the goal's places
     row = 0
     for limit in want.limits:

@@ -7,12 +7,14 @@ a small step of every tolerance away.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 from scipy.stats import norm
 
 from fitting.arrays import Floats
@@ -26,17 +28,23 @@ from fitting.datasheet.readings import (
 )
 from fitting.datasheet.variants import Variants, by_changes, variants_of
 from fitting.datasheet.words import PLACED
-from fitting.design.problem import Outcome, Problem
-from fitting.design.want import Variable, Want
+from fitting.design.problem import STEP, Outcome, Problem
+from fitting.design.want import Limit, Variable, Want
 from fitting.force_range.bound import angles_over, first_contacts
 from fitting.inverse_load.estimator import MODEL_ERROR
 from suas_jax import Loads, Skin, skin_of
 from suas_jax.config import SkinSpec, continuous_inputs, structure
+from suas_jax.equilibrium.buckling import stress_effect
+from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.numerics.length import length
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import Keyed
+from suas_jax.skin.prestress import is_prestressed
 
 _FURTHER = 1e-4  # share of first contact beyond it at which its change is read
+# Beyond buckling a skin has no figures, and before it none of them tells that it comes: a
+# search that sees no limit ends there.
+_STANDS = Limit("buckling_share", 0.95, least=False)
 
 
 class Numbers(NamedTuple):
@@ -74,12 +82,7 @@ def figures(asked: Asked, x: Any, touch: Any, numbers: Numbers) -> tuple[Any, An
     Differentiable by the variables x, between 0 and 1; `touch` are forces that close the gap
     [place] [N].
     """
-    inputs = dict(numbers.own)
-    values = numbers.low + (numbers.high - numbers.low) * x
-    for i, (paths, factor) in enumerate(asked.variables):
-        for path in paths:
-            inputs[path] = numbers.own[path] * values[i] if factor else values[i]
-    skin, skins = _skins(asked, inputs, numbers.moved)
+    skin, skins = _skins(asked, _inputs(asked, x, numbers), numbers.moved)
     count = len(numbers.angle)
     zero = jnp.zeros(count)
     forces = [zero, zero + numbers.rated / 2, zero + numbers.rated, touch]
@@ -104,6 +107,29 @@ def figures(asked: Asked, x: Any, touch: Any, numbers: Numbers) -> tuple[Any, An
         by_touch = jax.lax.stop_gradient(ahead / (_FURTHER * touch))
         bounds["range_N"] += by_touch * (own["range_N"][0] - touch)
     return jnp.stack(list(bounds.values())), cases.result
+
+
+def _inputs(asked: Asked, x: Any, numbers: Numbers) -> dict[str, Any]:
+    """Inputs of designs by path, from variables between 0 and 1 [variable, ...]."""
+    inputs = dict(numbers.own)
+    for i, (paths, factor) in enumerate(asked.variables):
+        value = numbers.low[i] + (numbers.high[i] - numbers.low[i]) * x[i]
+        for path in paths:
+            inputs[path] = numbers.own[path] * value if factor else value
+    return inputs
+
+
+@eqx.filter_jit
+def _buckling(asked: Asked, x: Any, numbers: Numbers) -> Array:
+    """Share of what buckles them that designs [variable, design] carry at rest; else NaN."""
+    inputs = {k: jnp.broadcast_to(v, x.shape[1]) for k, v in _inputs(asked, x, numbers).items()}
+    skin = skins_in_lanes(asked.spec, inputs, elements=asked.elements)
+    none = jnp.zeros((1, x.shape[1]))
+    problem = skin.problem(Loads(none, none, none, none[0]))
+    rest = equilibrium(problem)
+    share = stress_effect(problem, rest.state).share
+    # Where nothing stresses the skin it is a ratio of zeros.
+    return jnp.where(rest.outcome == 0, jnp.nan_to_num(share), jnp.nan)
 
 
 def _skins(asked: Asked, inputs: dict[str, Any], moved: dict[str, Any]) -> tuple[Skin, int]:
@@ -147,7 +173,8 @@ class SectionProblem(Problem):
     """The figures of a section under line loads."""
 
     def __init__(self, want: Want, elements: int = 32) -> None:
-        super().__init__(want)
+        prestressed = is_prestressed(want.spec)
+        super().__init__(replace(want, limits=(*want.limits, _STANDS)) if prestressed else want)
         self.elements = elements  # of the mesh
         variants = None if want.units is None else variants_of(want.spec)
         spec = want.spec if variants is None else variants.spec
@@ -179,6 +206,9 @@ class SectionProblem(Problem):
 
     def placed(self, x: Floats) -> Outcome:
         """The figures that have places; see the base class."""
+        stands = self._stands(x) if _STANDS in self.want.limits else Outcome({}, {}, True)
+        if not stands.found:
+            return stands
         touch = self.first_contacts(x)
         known = np.where(np.isfinite(touch), touch, self.rated)
         by_x, (values, result) = jax.tree.map(
@@ -190,7 +220,19 @@ class SectionProblem(Problem):
         needed = "range_N" not in self.keys or np.isfinite(touch).all()
         found = bool(settled and needed and np.isfinite(values).all())
         return Outcome(
-            dict(zip(self.keys, values, strict=True)),
-            dict(zip(self.keys, by_x, strict=True)),
+            {**dict(zip(self.keys, values, strict=True)), **stands.values},
+            {**dict(zip(self.keys, by_x, strict=True)), **stands.slopes},
             found,
         )
+
+    def _stands(self, x: Floats) -> Outcome:
+        """How near the skin at rest is to buckling."""
+        steps = STEP * np.eye(len(x))
+        rows = np.stack([x, *(x - steps), *(x + steps)], 1)
+        share = np.asarray(COMPILED.run(_buckling, self._asked, rows, self._numbers))
+        before, after = np.nan_to_num(share[1:], nan=1.0).reshape(
+            2, -1
+        )  # neighbours that buckle
+        slopes = (after - before) / (2 * STEP)
+        found = bool(np.isfinite(share[0]))
+        return Outcome({_STANDS.key: share[:1]}, {_STANDS.key: slopes[None]}, found)
