@@ -12,7 +12,7 @@ import pytest
 from scipy import stats
 from skins import shaped
 
-from fitting.force_range.bound import ForceRange, least_errors
+from fitting.force_range.bound import ForceRange, least_errors, smallest_told
 from fitting.force_range.inputs import contact_deviation
 from fitting.inverse_load import frame_posterior
 from fitting.inverse_load.check import section_log
@@ -732,6 +732,15 @@ def test_a_force_of_first_contact_is_as_uncertain_as_what_makes_the_gap() -> Non
     assert np.isnan(contact_deviation(spec, np.nan, smallest_gap))
 
 
+def test_the_smallest_force_told_lies_below_and_between_those_evaluated() -> None:
+    force = np.array([1.0, 4.0, 16.0])
+    even = [0.1, 0.1, 9.0]  # as by noise alone: 0.5 N is told to a fifth
+    rising = [0.8, 0.4, 1.0]  # of 80 % at 1 N and 10 % at 4 N: a power of -3/2
+    lost = [np.nan, 0.4, 1.0]
+    found = smallest_told(np.array([force] * 4), np.array([even, rising, lost, [9.0] * 3]))
+    np.testing.assert_allclose(found, [0.5, 4 ** (2 / 3), 4.0, np.nan], rtol=1e-12)
+
+
 def test_range_is_from_the_first_force_told_to_the_last() -> None:
     force = np.array([[1.0, 2.0, 4.0, 8.0], [1.0, 2.0, 4.0, 8.0]])
     error = np.array([[0.3, 0.4, 0.5, 3.0], [1.0, 1.0, 1.0, 9.0]])
@@ -753,7 +762,7 @@ def test_range_is_from_the_first_force_told_to_the_last() -> None:
         0.05,
     )
     assert found.told[0].tolist() == [False, True, True, False]
-    np.testing.assert_array_equal(found.smallest, [2.0, np.nan])
+    np.testing.assert_allclose(found.smallest, [2.0, np.nan], rtol=1e-12)
     np.testing.assert_array_equal(found.largest, [4.0, np.nan])
     np.testing.assert_array_equal(found.saturation, [4.0, np.nan])
     rows = found.report()["angles"]

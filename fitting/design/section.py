@@ -230,9 +230,8 @@ class SectionProblem(Problem):
         steps = STEP * np.eye(len(x))
         rows = np.stack([x, *(x - steps), *(x + steps)], 1)
         share = np.asarray(COMPILED.run(_buckling, self._asked, rows, self._numbers))
-        before, after = np.nan_to_num(share[1:], nan=1.0).reshape(
-            2, -1
-        )  # neighbours that buckle
+        neighbours = np.where(np.isfinite(share[1:]), share[1:], 1.0)  # those that buckle
+        before, after = neighbours.reshape(2, -1)
         slopes = (after - before) / (2 * STEP)
         found = bool(np.isfinite(share[0]))
         return Outcome({_STANDS.key: share[:1]}, {_STANDS.key: slopes[None]}, found)

@@ -71,8 +71,8 @@ class ForceRange:
 
     @property
     def smallest(self) -> Floats:
-        """Smallest force evaluated that can be told [angle] [N]; NaN where none can."""
-        return _first(self.force, self.told)
+        """Smallest force that can be told [angle] [N]; NaN where none can."""
+        return smallest_told(self.force, self.force_error)
 
     @property
     def largest(self) -> Floats:
@@ -246,7 +246,8 @@ def first_contacts(skin: Skin, angle: Floats) -> tuple[Floats, Floats]:
     for _ in range(80):
         gap, p, _, result = _solved(skin, angle, force)
         closed = gap <= 0  # of a failure, too: the gap is that of the last equilibrium
-        lost |= (result != 0) & ~closed
+        # Where the smallest force leads nowhere, its gap is that of no state at all.
+        lost |= (result != 0) & (~closed | (force <= _SMALLEST))
         low = np.where(closed, low, force)
         high = np.where(closed, force, high)
         pressure = np.where(closed & (result == 0), p, pressure)
@@ -295,6 +296,27 @@ def _sensitivities(
         wall_force.reshape(force.shape),
         failed[None],
     )
+
+
+def smallest_told(force: Floats, error: Floats) -> Floats:
+    """Smallest forces that can be told, from errors at rising forces [..., force] [N]; or NaN.
+
+    Between the forces evaluated, the relative error is taken as a power of the force; below them
+    its error is that of the lightest, as readings are then linear.
+    """
+    found = np.full(force.shape[:-1], np.nan)
+    for place in np.ndindex(found.shape):
+        f, r = (
+            force[place],
+            np.nan_to_num(error[place] / force[place], nan=np.inf, posinf=np.inf),
+        )
+        told = np.flatnonzero(r <= TOLD)
+        if told.size and told[0] == 0:
+            found[place] = r[0] * f[0] / TOLD
+        elif told.size:
+            near = [told[0], told[0] - 1]
+            found[place] = np.exp(np.interp(np.log(TOLD), np.log(r[near]), np.log(f[near])))
+    return found
 
 
 def _first(force: Floats, holds: Flags) -> Floats:

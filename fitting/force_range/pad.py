@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.arrays import Floats
-from fitting.force_range.bound import LADDER, TOLD, least_errors
+from fitting.force_range.bound import LADDER, TOLD, least_errors, smallest_told
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
 from fitting.inverse_load.pad.columns import grid
@@ -56,22 +56,8 @@ class PadForceRange:
 
     @property
     def smallest(self) -> Floats:
-        """Force from which on it can be told to `TOLD` of itself [angle, axial] [N]; or NaN.
-
-        Between the forces evaluated, the relative error is taken as a power of the force;
-        below them its error is that of the lightest, as readings are then linear.
-        """
-        force = self.force[..., :-1].reshape(-1, self.force.shape[-1] - 1)
-        relative = self.error[2][..., :-1].reshape(force.shape) / force
-        found = np.full(len(force), np.nan)
-        for row, (f, r) in enumerate(zip(force, relative, strict=True)):
-            told = np.flatnonzero(r <= TOLD)
-            if told.size and told[0] == 0:
-                found[row] = r[0] * f[0] / TOLD
-            elif told.size:
-                near = [told[0], told[0] - 1]
-                found[row] = np.exp(np.interp(np.log(TOLD), np.log(r[near]), np.log(f[near])))
-        return found.reshape(self.force.shape[:2])
+        """Force from which on it can be told to `TOLD` of itself [angle, axial] [N]; or NaN."""
+        return smallest_told(self.force[..., :-1], self.error[2][..., :-1])
 
     @property
     def position_error(self) -> Floats:

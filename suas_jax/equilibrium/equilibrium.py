@@ -55,7 +55,7 @@ class Equilibrium(NamedTuple):
     result: Int[Array, " lane"]  # index of the outcome, see `suas_jax.equilibrium.outcomes`
     iterations: LaneCounts  # Newton corrections taken, retries included
     smallest_pivot: Lanes  # smallest relative pivot met on the way
-    # whether the tangent at the state is positive where the oil keeps its volume; of given loads
+    # whether the tangent at it is positive where the oil keeps its volume; of given loads only
     stable: Bool[Array, " lane"]
     # first-order effect on the unknowns of what the mechanics leaves out, without derivatives;
     # None where it was not asked for or nothing is left out

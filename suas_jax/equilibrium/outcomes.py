@@ -46,10 +46,10 @@ class RESULTS(enum.Enum):
         "a little."
     )
     unstable = (
-        "The equilibrium found is unstable: a real membrane leaves it. What the skin carries at "
-        "rest (filling, mounting, warmth, water) buckles it, or its loads do, as one at the "
-        "crown of a high arch, which sways. Fill more or less, mount the membrane less long, "
-        "give it more thickness, or reduce the load."
+        "The skin buckles: no membrane stays in the equilibrium found. What it carries at rest "
+        "(filling, mounting, warmth, water) buckles it, or its loads do, as one at the crown "
+        "of a high arch, which sways. Fill more or less, mount the membrane less long, give "
+        "it more thickness, or reduce the load."
     )
     body_on_clamp = (
         "A body reaches a clamped edge, which does not give way: its force has no meaning. "
