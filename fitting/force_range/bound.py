@@ -301,15 +301,13 @@ def _sensitivities(
 def smallest_told(force: Floats, error: Floats) -> Floats:
     """Smallest forces that can be told, from errors at rising forces [..., force] [N]; or NaN.
 
-    Between the forces evaluated, the relative error is taken as a power of the force; below them
-    its error is that of the lightest, as readings are then linear.
+    Between the forces evaluated, the relative error is taken as a power of the force; below
+    them its error is that of the lightest, as readings are then linear.
     """
     found = np.full(force.shape[:-1], np.nan)
+    relative = np.where(np.isnan(error), np.inf, error) / force
     for place in np.ndindex(found.shape):
-        f, r = (
-            force[place],
-            np.nan_to_num(error[place] / force[place], nan=np.inf, posinf=np.inf),
-        )
+        f, r = force[place], relative[place]
         told = np.flatnonzero(r <= TOLD)
         if told.size and told[0] == 0:
             found[place] = r[0] * f[0] / TOLD
