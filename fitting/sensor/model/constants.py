@@ -157,7 +157,7 @@ def naming(spec: SkinSpec, names: Iterable[str]) -> SkinSpec:
 
 
 def law_constants(spec: SkinSpec) -> list[str]:
-    """TOML paths of the law's constants: no density, and nothing else that statics leave out."""
+    """TOML paths of the constants of the law itself; density and expansion are none."""
     heads = tuple(_MATERIAL + key for key in spec.material.declared())
     return [k for k in continuous_inputs(spec) if ".".join(k.split(".")[:2]) in heads]
 
