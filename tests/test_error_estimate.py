@@ -59,6 +59,14 @@ def test_the_stated_error_of_the_shell_is_above_the_true_one_and_near(
     assert true < shells[name]["error_estimate"] < 20 * true
 
 
+def test_a_pressure_that_trapped_oil_takes_over_has_no_relative_error_of_nothing() -> None:
+    pressed = scene({"kind": "pressure", "pressure": "1 kPa"})
+    report = solve(with_solve(pressed, model="shell", elements=16)).report
+    assert report["max_displacement_m"] < 1e-15
+    assert report["oil_pressure_Pa"] == pytest.approx(1e3, rel=1e-12)
+    assert report["error_estimate"] < 1e-3
+
+
 @pytest.mark.long  # two more meshes of another scene
 def test_the_stated_error_under_a_pressure_alone_is_above_the_true_one_and_near() -> None:
     # On few elements most of it is that of the correction's effect on the largest displacement.

@@ -13,6 +13,7 @@ from fitting.material.data.errors import DataError
 from fitting.material.experiments.datasets import load_dataset
 from fitting.material.experiments.skin_readings import DISPLACEMENT, PRESSURE, IndentationTest
 from fitting.material.fit.fit import fit_material
+from fitting.material.fit.noise import on_smooth_scale
 from fitting.material.fit.problem import Residuals, readings, shared_error
 from fitting.material.report.skin_inputs import effect_of, inputs_report, weighed_change
 from fitting.sensor.fit.calibrate import fit_sensor
@@ -109,6 +110,25 @@ def test_errors_that_readings_share_weigh_inputs_and_modulus_alike() -> None:
     # An input that scales all readings is the modulus, whatever they share.
     alike = effect_of(a, weighed_change(residuals, place, 2.2 * value), 1.0)
     assert alike.modulus_change == pytest.approx(-2.2, rel=1e-12)
+
+
+def test_noise_of_readings_is_no_pattern_of_derivatives_whatever_they_share() -> None:
+    """Over shares of predictions a modulus moves all readings alike."""
+    none: Any = None
+    noise, share = 0.01, 0.04
+    predicted = np.linspace(0.5, 8.0, 12)
+    value = predicted * (1 + noise * np.random.default_rng(2).normal(size=12))
+    shared = shared_error(np.full(12, share / noise))[None]
+    scale = jnp.asarray(1 / (noise * value))
+    residuals = Residuals((), jnp.asarray(value), scale, none, jnp.asarray(shared), none)
+    r, slope = (
+        np.asarray(residuals.weighed(jnp.asarray(x))) for x in (predicted - value, predicted)
+    )
+    found, J = on_smooth_scale(residuals, [np.arange(12)], r, slope[:, None])
+    np.testing.assert_allclose(J, J[0, 0], rtol=1e-12)
+    covariance = np.diag((noise * predicted) ** 2) + share**2 * np.outer(predicted, predicted)
+    misfit = predicted - value
+    assert found @ found == pytest.approx(misfit @ np.linalg.inv(covariance) @ misfit)
 
 
 def log_of(folder: Path, so: np.ndarray, columns: dict[str, np.ndarray]) -> Path:

@@ -19,6 +19,7 @@ from fitting.sensor.model.constants import (
     SensorConstant,
     SensorFamily,
     is_gap,
+    law_constants,
     moves_membrane,
     named,
 )
@@ -666,3 +667,15 @@ def test_why_no_constants_give_finite_counts() -> None:
     assert "no columns of loads or places are exchanged" in text
     so[:] = 300.0
     assert _no_counts(problem, np.ones(1)).startswith("no constants give finite counts; check")
+
+
+def test_what_statics_leave_out_of_a_rubber_is_not_found_beside_its_law() -> None:
+    skin = load_skin(ROOT / "configs/skins/suas.toml")
+    told = {"density": 1150.0, "expansion": 1.6e-4, "bulk_modulus": 2e9}
+    skin = skin.model_copy(update={"material": skin.material.model_copy(update=told)})
+    assert law_constants(skin) == ["material.C1", "material.C2", "material.C3"]
+    assert [named(skin, path).unit for path in law_constants(skin)] == ["Pa"] * 3
+    with pytest.raises(
+        ValueError, match=r"material.density.* unknown; allowed: .*material.C3$"
+    ):
+        named(skin, "material.density")

@@ -118,13 +118,14 @@ def sensor(
             _refuse_beside_relaxation(given)
         own_output(chain)  # not only when the fit has ended
         from fitting.sensor.logs.data import load_sensor_data
-        from suas_jax.config import continuous_inputs, load_skin
+        from fitting.sensor.model.constants import law_constants
+        from suas_jax.config import load_skin
 
         with fitting_spinner() as show:
             spec = load_skin(skin)
             names = [name.strip() for name in fit.split(",") if name.strip()]
             if joint:
-                names += [k for k in continuous_inputs(spec) if k.startswith("material.")]
+                names += law_constants(spec)
             of_material = any(name.startswith(_OF_MATERIAL) for name in names)
             _refuse_sample(sample, names, spec)
             place_deviation = quantity_option("--place-error", place_error, "length")

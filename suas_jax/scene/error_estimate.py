@@ -31,6 +31,7 @@ MODEL_LIMIT, WALL_LIMIT = 0.3, 0.1
 fast path is not an answer: what the first order does not tell would be a fifth and more."""
 _BY_CHANCE = 0.2
 _TINY = 1e-300
+_ROUNDING = 1e-13  # of the section's size: a displacement below it is none
 
 
 def _under_loads(
@@ -45,8 +46,9 @@ def _under_loads(
 
 
 def _largest(mechanics: AbstractMechanics, q: StationVector) -> Lanes:
-    """Largest magnitude of the mid-surface displacement [m]."""
-    return jnp.maximum(mechanics.shape(q).largest_mid_displacement(), _TINY)
+    """Largest magnitude of the mid-surface displacement [m], no less than rounding."""
+    largest = mechanics.shape(q).largest_mid_displacement()
+    return jnp.maximum(largest, _ROUNDING * mechanics.section.size)
 
 
 def key_quantities(

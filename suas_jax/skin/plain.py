@@ -85,11 +85,12 @@ def _sizes(at: Samples) -> list[tuple[str, str]]:
     found = [
         (
             key,
-            f"is not above zero {_where(at, np.argmin(values))}, where the curve through the "
-            "table's values undershoots; add values there",
+            f"would be {format_quantity(float(values.min()), 'length')} at arc = {share:.3g} "
+            "of the table, where the curve through its values undershoots; add values there",
         )
         for key, values in tables
         if not values.min() > 0
+        for share in [(at.arc[np.argmin(values)] - at.arc[0]) / np.ptp(at.arc)]
     ]
     if found:
         return found

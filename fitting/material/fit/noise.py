@@ -4,11 +4,13 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from fitting.material.experiments.measurements import Dataset
-from fitting.material.fit.problem import MaterialProblem, readings
+from fitting.material.fit.problem import MaterialProblem, Residuals, readings
 from fitting.statistics.diagnostics import Misfit, misfit
 from fitting.statistics.noise_model import NoiseModel, estimate_noise
 from fitting.statistics.residuals import sensitivity
@@ -134,29 +136,50 @@ def judged_residuals(
     """
     residuals = problem.residuals
     r, J = (np.asarray(x) for x in sensitivity(residuals, jnp.asarray(constants)))
-    weight = np.ones(len(r))
     if noise.excluded and not known_noise:
         r, J = r / noise.ratio, J / noise.ratio[:, None]
         sizes = np.linalg.norm(J, axis=0)
         u, s, _ = np.linalg.svd(J[:, sizes > 0.0] / sizes[sizes > 0.0], full_matrices=False)
         u = u[:, s > 1e-10 * s[0]]
         r = r - u @ (u.T @ r)
+        smooth_r, smooth_J = r, J
     else:
-        size = np.abs(np.asarray(residuals.value))
-        predicted = np.abs(np.asarray(residuals.value + residuals.misfit(jnp.asarray(r))))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            factor = np.nan_to_num(np.clip(size / predicted, 0.5, 2.0), nan=1.0)
-        share = size * np.asarray(residuals.inverse_scale)
+        orders = [place[path] for data, place in problem.tests for path in data.paths()]
+        smooth_r, smooth_J = on_smooth_scale(residuals, orders, r, J)
     paths, smooth = [], []
     for data, place in problem.tests:
         for order in (place[path] for path in data.paths()):
             paths.append(r[order])
-            if not (noise.excluded and not known_noise):
-                alike = np.isclose(share[order], np.median(share[order]), rtol=1e-6)
-                alike &= alike.mean() > 0.5
-                weight[order] = np.where(alike, factor[order], 1.0)
             if data.is_curve:
-                smooth.append((weight[order] * r[order], weight[order][:, None] * J[order]))
+                smooth.append((smooth_r[order], smooth_J[order]))
     weighed = np.asarray(residuals.value * residuals.inverse_scale)[residuals.used]
     exact = 1e-4 * float(np.sqrt(np.mean(weighed**2)))
     return misfit(paths, len(constants), known_noise=known_noise, exact=exact, smooth=smooth)
+
+
+def on_smooth_scale(
+    residuals: Residuals,
+    orders: Sequence[np.ndarray],  # positions of each path's readings
+    r: np.ndarray,
+    J: np.ndarray,  # derivatives of r by the constants
+) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals and derivatives over shares of predictions, not of noisy readings.
+
+    Errors that readings share are taken out before and put in after: they bring the scale of
+    one reading, noise and all, into the derivatives of all.
+    """
+    size = np.abs(np.asarray(residuals.value))
+    predicted = np.abs(np.asarray(residuals.value + residuals.misfit(jnp.asarray(r))))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        factor = np.nan_to_num(np.clip(size / predicted, 0.5, 2.0), nan=1.0)
+    share = size * np.asarray(residuals.inverse_scale)
+    weight = np.ones(len(r))
+    for order in orders:
+        alike = np.isclose(share[order], np.median(share[order]), rtol=1e-6)
+        weight[order] = np.where(alike & (alike.mean() > 0.5), factor[order], 1.0)
+
+    def weighed(x: Array) -> Array:
+        return residuals.weighed(residuals.misfit(x) * weight)
+
+    own, slope = weighed(jnp.asarray(r)), jax.vmap(weighed, 1, 1)(jnp.asarray(J))
+    return np.asarray(own), np.asarray(slope)

@@ -156,6 +156,12 @@ def naming(spec: SkinSpec, names: Iterable[str]) -> SkinSpec:
     return spec.model_copy(update=tables)
 
 
+def law_constants(spec: SkinSpec) -> list[str]:
+    """TOML paths of the constants of the law itself; density and expansion are none."""
+    heads = tuple(_MATERIAL + key for key in spec.material.declared())
+    return [k for k in continuous_inputs(spec) if ".".join(k.split(".")[:2]) in heads]
+
+
 def named(spec: SkinSpec, name: str) -> SensorConstant:
     """The constant of a skin that a name stands for.
 
@@ -188,7 +194,7 @@ def named(spec: SkinSpec, name: str) -> SensorConstant:
         return SensorConstant(own, "m", inputs[own])
     if own.startswith("electrodes."):
         return SensorConstant(own, "1", inputs[own])
-    material = {k: v for k, v in inputs.items() if k.startswith(_MATERIAL)}
+    material = {path: inputs[path] for path in law_constants(spec)}
     if own not in material:
         raise ValueError(
             f'--fit "{name}": unknown; allowed: permittivity, gap, scale, stray, layers, fill, '
