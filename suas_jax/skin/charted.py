@@ -10,7 +10,7 @@ through the polynomials.
 import abc
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import equinox as eqx
 import jax
@@ -30,8 +30,9 @@ from suas_jax.skin.section import (
 )
 
 # Newton steps from a material point to the foot of a place near it, whose angle changes by
-# little: on the piece at hand, which is looked up again so many times.
-_FOOT_STEPS, _LOOKS = 2, 3
+# little: on the piece at hand, which is looked up again at most so many times, and while a foot
+# leaves its piece or the last step was no smaller than this [rad].
+_FOOT_STEPS, _LOOKS, _SETTLED = 2, 3, 1e-7
 
 # Nodes on a piece, and pieces at least: an ellipse of twice the height is told to 1e-12.
 _NODES, _PIECES = 7, 48
@@ -105,6 +106,7 @@ class ChartedSection(AbstractSection):
     table: Float[Array, "piece field power lane"]
     # which ends of pieces the curvature jumps at
     kinks: tuple[int, ...] = eqx.field(static=True)
+    flattest: Lanes  # smallest curvature of the inner face [1/m]
     # whether curve and thickness both are their own mirror images
     mirrored: bool = eqx.field(static=True)
 
@@ -138,6 +140,8 @@ class ChartedSection(AbstractSection):
             before = jnp.cumsum(inside[-1], 0) - inside[-1]
             return before + inside
 
+        turning = jnp.einsum("nm,mpl->npl", differentiate, direction)
+        flattest = jnp.min(turning / (speed * step / 2), (0, 1))
         arc = lengths(speed * step / 2)
         length = arc[-1, -1]
         symmetric = curve.symmetric
@@ -167,6 +171,7 @@ class ChartedSection(AbstractSection):
             ends=ends,
             table=jnp.moveaxis(powers, (2, 1), (0, 1)),
             kinks=tuple(each * k for k in curve.kinks),
+            flattest=jax.lax.stop_gradient(flattest),
             mirrored=symmetric,
         )
 
@@ -247,6 +252,17 @@ class ChartedSection(AbstractSection):
         found: tuple[Array, Array] = _foot(self, position[:2], start)
         return found
 
+    def least_height(self, position: Float[Array, "2 *shape"], near: Array) -> Array:
+        """Over the circle that touches the face at `near` and is as flat as it ever is.
+
+        It lies nowhere inside the face, and takes one look where a foot takes several.
+        """
+        x, y, direction = self._at(near, "x", "y", "direction")
+        away, k = position[:2] - jnp.stack([x, y]), self.flattest
+        up, along = (jnp.sum(away * of(direction), 0) for of in (outward, tangent))
+        far = jnp.sqrt((1 + k * up) ** 2 + (k * along) ** 2)
+        return (2 * up + k * (up**2 + along**2)) / (1 + far)
+
     def thickness(self, angle: Array) -> Array:
         """See the base class."""
         return self._at(angle, "thickness")[0]
@@ -301,13 +317,22 @@ class ChartedSection(AbstractSection):
         return jax.lax.scan(step, start, None, length=INVERSE_STEPS)[0]
 
 
+class _Search(NamedTuple):
+    """Of the feet of many places."""
+
+    looks: Array  # so far
+    settled: Array  # whether all feet are found
+    angle: Array
+    height: Array
+
+
 @eqx.filter_custom_jvp
 def _foot(section: ChartedSection, place: Array, near: Array) -> tuple[Array, Array]:
     """Newton's method; its steps have no derivatives, the foot has them in closed form."""
     names = ("x", "y", "direction", "arc")
 
-    def look(_: int, carry: tuple[Array, Array]) -> tuple[Array, Array]:
-        angle, height = carry
+    def look(carry: _Search) -> _Search:
+        looks, _, angle, height = carry
         low, scale, powers = section._pieces(angle, names)
         for _ in range(_FOOT_STEPS):
             v = (angle - low) * scale - 1
@@ -315,14 +340,19 @@ def _foot(section: ChartedSection, place: Array, near: Array) -> tuple[Array, Ar
             away, turned = place - at[:2], at[2]
             height = jnp.sum(away * outward(turned), 0)
             rate = slope[3] + height * slope[2]
-            angle = angle + jnp.sum(away * tangent(turned), 0) / rate
-        return angle, height
+            step = jnp.sum(away * tangent(turned), 0) / rate
+            angle = angle + step
+        inside = jnp.abs((angle - low) * scale - 1) <= 1
+        return _Search(looks + 1, jnp.all(inside & (jnp.abs(step) < _SETTLED)), angle, height)
+
+    def goes_on(carry: _Search) -> Array:
+        return (carry.looks < _LOOKS) & ~carry.settled
 
     shape = jnp.broadcast_shapes(place.shape[1:], section.ends.shape[-1:])
-    start = jnp.broadcast_to(near, shape), jnp.zeros(shape)
-    angle, _ = jax.lax.fori_loop(0, _LOOKS, look, start)
-    x, y, turned = section._at(angle, "x", "y", "direction")
-    return angle, jnp.sum((place - jnp.stack([x, y])) * outward(turned), 0)
+    begin, zero = jnp.broadcast_to(near, shape), jnp.zeros(shape)
+    start = _Search(jnp.array(0), jnp.array(False), begin, zero)
+    *_, angle, height = jax.lax.while_loop(goes_on, look, start)
+    return angle, height
 
 
 @_foot.def_jvp

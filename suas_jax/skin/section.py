@@ -140,6 +140,10 @@ class AbstractSection(eqx.Module):
         start from.
         """
 
+    def least_height(self, position: Float[Array, "2 *shape"], near: Array) -> Array:
+        """A height [m] that the one by `foot` is nowhere below, where that is much cheaper."""
+        return self.foot(position, near)[1]
+
     def moved(self, angle: Array, length: Array, height: Array) -> Array:
         """The angle a length further along a line beside the mid-line.
 

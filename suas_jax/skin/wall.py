@@ -15,7 +15,7 @@ from typing import Protocol
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.skin.geometry import SkinGeometry
@@ -155,6 +155,14 @@ class Wall(eqx.Module):
     ) -> Float[Array, "*point"]:
         """See `Obstacle`."""
         return self.seen_from(position, near)[1]
+
+    def may_touch(
+        self, position: Float[Array, "2 *point"], near: Array
+    ) -> Bool[Array, "*point"]:
+        """Whether points may be inside the wall; where not they are outside. See `gap`."""
+        if self.geometry.gap_along is not None:
+            return self.gap(position, near) < 0
+        return self.geometry.section.least_height(position, near) + self.geometry.oil_gap < 0
 
     def seen_from(
         self, position: Float[Array, "component *point"], near: Array

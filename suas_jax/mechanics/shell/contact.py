@@ -204,7 +204,8 @@ class ContactFace(AbstractContactFace):
         They are few, `_AT_ONCE` in turn: all of them take ten times as long as all else that is
         assembled. Without derivatives in reverse mode; see `push`.
         """
-        touching = jnp.any(self.gap(self.place()) < 0, 0)
+        assert isinstance(self.obstacle, Wall)
+        touching = jnp.any(self.obstacle.may_touch(self.place(), self.angle), 0)
         place = jnp.cumsum(touching, 0) - 1
         rounds = -(-jnp.max(jnp.sum(touching, 0)) // _AT_ONCE)
 
