@@ -92,7 +92,7 @@ def _solve(
         ],
     }
     touched = touched_by_bodies(problem, found.state)
-    result = under_bodies(problem, found.state, found.result, touched)
+    result = under_bodies(problem, found.state, found.outcome, touched)
     return report, found.state, shown, found.state, {"result": result}
 
 
