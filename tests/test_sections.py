@@ -231,6 +231,7 @@ def errors(geometry: SkinGeometry) -> dict[str, jax.Array]:
             f"height {height}": over - height,
             f"along the normal {height}": jax.jvp(foot, (place,), (inner,))[1][1] - 1,
             f"along the face {height}": rise(place),
+            f"bound {height}": jnp.maximum(section.least_height(place, a + 0.02) - height, 0),
             f"its bend {height}": (second - bend / (1 + bend * height)) * section.size,
         }
     for height, length in ((-5.75e-3, 9e-3), (0.75e-3, -9e-3)):
