@@ -151,7 +151,7 @@ def test_a_zero_ages_until_a_log_ends_that_tells_no_temperature(spec: SkinSpec) 
     own = states.specs[0].calibration
     assert own is not None
     assert own.covariance[0][0] == pytest.approx(0.25 + WARMTH**2 / 4)
-    assert any("0.25 h after its zero" in text for text in states.said)
+    assert any("0.25 h from its zero" in text for text in states.said)
 
 
 def test_rows_without_a_temperature_lie_between_their_neighbours(spec: SkinSpec) -> None:

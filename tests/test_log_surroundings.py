@@ -137,7 +137,7 @@ def test_what_changes_nothing_is_said_and_nonsense_is_refused(tmp_path: Path) ->
     ],
 )
 def test_what_no_skin_meets_is_refused(spec: SkinSpec, name: str, row: tuple[str, str]) -> None:
-    with pytest.raises(ValueError, match="no depth of water|check the column's unit"):
+    with pytest.raises(ValueError, match=r"no depth of water|check the column's unit"):
         log_surroundings({name: row}, {}, spec, "log")
 
 
