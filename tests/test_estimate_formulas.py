@@ -13,6 +13,7 @@ from scipy import stats
 from skins import shaped
 
 from fitting.force_range import bound as force_bound
+from fitting.force_range import pad as pad_range
 from fitting.force_range.bound import ForceRange, least_errors, smallest_told
 from fitting.force_range.inputs import contact_deviation
 from fitting.inverse_load import frame_posterior
@@ -854,3 +855,68 @@ def test_what_is_unsure_of_first_contact_is_found_nearest_to_the_middle(
     angle, touch = np.array([-0.9, -0.2, 0.0, 0.1]), np.array([1.0, 2.0, np.nan, 4.0])
     assert force_bound._deviation(spec, angle, touch, lambda text: None) == 0.07
     assert asked == [4.0, pytest.approx(0.2)]
+
+
+class _Plain:
+    """Readings of a pad that are linear in angle, axial position and force; pressure 50 F."""
+
+    slopes = np.array(
+        [[900.0, -400.0, 70.0, 1.0], [-80.0, 500.0, 300.0, 2.0], [7.0, 5.0, 9.0, 4]]
+    )
+    rest = 200.0
+
+    def __init__(self, table: Any) -> None:
+        pass
+
+    def largest(self, angle: Any, axial: Any) -> Any:
+        """Forces that are tabulated."""
+        return np.full(len(angle), 25.0)
+
+    def __call__(self, loads: Any, derivatives: int) -> Any:
+        """Readings and slopes, the pressure last."""
+        so = self.rest + loads[:, 2:] * self.slopes[2]
+        own = np.column_stack([self.slopes, [0.0, 0.0, 50.0]])
+        return SimpleNamespace(
+            readings=np.column_stack([so, 50 * loads[:, 2]]),
+            jacobian=np.broadcast_to(own, (len(loads), 3, 5)),
+        )
+
+
+def test_the_range_of_a_pad_is_known_to_first_contact_and_to_its_table(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of contacts with the wall at 10 N, beyond the table, and never."""
+    monkeypatch.setattr(pad_range, "PadInterpolant", _Plain)
+    most = pad_range.MOST * 25.0
+    touch = np.repeat([10.0, 1.5 * most, 1e9], 2)
+    table: Any = SimpleNamespace(
+        angle=np.array([-0.4, 0.4]),
+        axial=np.array([-0.03, 0.03]),
+        first_contact_at=lambda angle, axial: touch,
+        rest=np.full(4, 200.0),
+        diameter=6e-3,
+    )
+    found = pad_range.range_from_table(table, ROUND, np.zeros((0, 2)), (3, 2), 3.0)
+    np.testing.assert_allclose(found.first_contact[:, 0], [10.0, 1.5 * most, np.nan])
+    np.testing.assert_allclose(found.oil_pressure[:, 0], [500.0, np.nan, np.nan])
+    ends = np.minimum(touch[::2], most)
+    ladder = ends[:, None] * np.array(force_bound.LADDER)
+    np.testing.assert_allclose(found.force[:, 1, :-1], ladder)
+    assert found.reference == 3.0  # of the smallest first contact
+    assert found.noise == pytest.approx(np.sqrt(9 + 1 / 12))
+    slopes = _Plain.slopes
+    for k, force in ((0, 3.0), (4, ladder[2, 4]), (9, ladder[2, 9])):
+        place = 0 if force == 3.0 else 2
+        at = found.force.shape[2] - 1 if force == 3.0 else k
+        variance = 9 + 1 / 12 + (pad_range.PAD_MODEL_ERROR * slopes[2] * force) ** 2
+        covariance = np.linalg.inv((slopes / variance) @ slopes.T)
+        deviations = np.sqrt(np.diag(covariance))
+        np.testing.assert_allclose(found.error[:, place, 1, at], deviations)
+        rate = ROUND.outer_rate(np.zeros(1))[0]
+        expected = np.hypot(rate * deviations[0], deviations[1])
+        assert found.position_error[place, 1, at] == pytest.approx(expected)
+    np.testing.assert_allclose(
+        found.smallest, smallest_told(found.force[..., :-1], found.error[2][..., :-1])
+    )
+    row = found.report()["places"][0]
+    assert [p["force_N"] for p in row["points"]] == sorted([*ladder[0], 3.0])
