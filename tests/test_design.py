@@ -127,6 +127,17 @@ def test_a_start_without_a_state_retreats_halfway_to_the_file_s_design() -> None
     np.testing.assert_array_equal(trial.start, [0.9, 0.4])
     assert trial.first.values["range_N"][0] == pytest.approx(0.55)
 
+    class Alone(Problem):
+        def __call__(self, x: Any) -> Outcome:
+            return super().__call__(x)._replace(found=np.allclose(x, retreats[-1]))
+
+    problem = Alone()
+    trial = best_first(problem, problem.want, [np.array([0.9, 0.4])])[0]  # type: ignore[arg-type]
+    # The search from there has all of its patience, whatever the way there took.
+    lost = [x for x in problem.asked[3:] if not np.allclose(x, retreats[-1])]
+    assert len(lost) == 12
+    assert trial.message.startswith("was ended beside 12 designs")
+
 
 def test_a_design_without_a_state_breaks_all_limits_by_more_than_the_last_one() -> None:
     program = _Program(_Cliff(), _Cliff().want)  # type: ignore[arg-type]
