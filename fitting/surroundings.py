@@ -22,12 +22,7 @@ from suas_jax.config import SkinSpec, UncertainQuantity
 from suas_jax.config.csv_table import number_in
 from suas_jax.config.quantities import ZERO_CELSIUS
 from suas_jax.config.schema_load import EnvironmentSpec
-from suas_jax.config.surrounding_columns import (
-    DEPTH,
-    SURROUNDINGS,
-    TEMPERATURE,
-    SurroundingColumn,
-)
+from suas_jax.config.surrounding_columns import DEPTH, SURROUNDINGS, TEMPERATURE
 from suas_jax.config.tolerance import deviation_of
 
 _PLAIN = {TEMPERATURE.lower(): ZERO_CELSIUS, "temperature_k": 0.0}
@@ -105,8 +100,9 @@ def log_surroundings(
         value = _numbers(named[DEPTH], DEPTH, where)
         if np.isfinite(value).any():
             depth = LogColumn(value, f"column {DEPTH}")
-            met, worst = _farthest(depth, DEPTH)
-            if not met.low <= worst <= met.high:
+            met = SURROUNDINGS[DEPTH]
+            worst = met.beyond(*depth.ends)
+            if worst is not None:
                 raise ValueError(
                     f"{where}, column {DEPTH}: {worst:.4g} m is no depth of water ({met.low:g} "
                     f"to {met.high:g} m, positive downwards)"
@@ -139,21 +135,14 @@ def _temperature(
         found, source = spec.reference.temperature + (counts - zero) / scale, ", ".join(pads)
     if not np.isfinite(found).any():
         return None, [f"{where}, {source}: no temperature in any row; not used"]
-    column = LogColumn(found, source)
-    met, worst = _farthest(column, TEMPERATURE)
-    if not met.low <= worst <= met.high:
+    column, met = LogColumn(found, source), SURROUNDINGS[TEMPERATURE]
+    worst = met.beyond(*(x - met.zero for x in column.ends))
+    if worst is not None:
         raise ValueError(
             f"{where}, {source}: {worst:.4g} degC is not a skin's temperature ({met.low:g} to "
             f"{met.high:g} degC); check the column's unit, or the thermal pads' scale"
         )
     return column, []
-
-
-def _farthest(column: LogColumn, name: str) -> tuple[SurroundingColumn, float]:
-    """What a skin meets, and a log's value farthest from its middle, on the same scale."""
-    met = SURROUNDINGS[name]
-    ends = (x - met.zero for x in column.ends)
-    return met, max(ends, key=lambda x: abs(x - (met.low + met.high) / 2))
 
 
 def spec_in(spec: SkinSpec, **surroundings: float) -> SkinSpec:
