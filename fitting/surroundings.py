@@ -100,12 +100,12 @@ def log_surroundings(
         value = _numbers(named[DEPTH], DEPTH, where)
         if np.isfinite(value).any():
             depth = LogColumn(value, f"column {DEPTH}")
-            deepest = SURROUNDINGS[DEPTH].high
-            worst = max(depth.ends, key=lambda x: abs(x - deepest / 2))
-            if not 0 <= worst <= deepest:
+            met = SURROUNDINGS[DEPTH]
+            worst = met.beyond(*depth.ends)
+            if worst is not None:
                 raise ValueError(
-                    f"{where}, column {DEPTH}: {worst:.4g} m is no depth of water (0 to "
-                    f"{deepest:g} m, positive downwards)"
+                    f"{where}, column {DEPTH}: {worst:.4g} m is no depth of water ({met.low:g} "
+                    f"to {met.high:g} m, positive downwards)"
                 )
         else:
             said = [*said, f"{where}, column {DEPTH}: no depth in any row; not used"]
@@ -135,15 +135,14 @@ def _temperature(
         found, source = spec.reference.temperature + (counts - zero) / scale, ", ".join(pads)
     if not np.isfinite(found).any():
         return None, [f"{where}, {source}: no temperature in any row; not used"]
-    worst = float(found[np.nanargmax(np.abs(found - spec.reference.temperature))])
-    column = SURROUNDINGS[TEMPERATURE]
-    if not column.low < worst - ZERO_CELSIUS < column.high:
+    column, met = LogColumn(found, source), SURROUNDINGS[TEMPERATURE]
+    worst = met.beyond(*(x - met.zero for x in column.ends))
+    if worst is not None:
         raise ValueError(
-            f"{where}, {source}: {worst - ZERO_CELSIUS:.4g} degC is not a skin's temperature "
-            f"({column.low:g} to {column.high:g} degC); check the column's unit, or the "
-            "thermal pads' scale"
+            f"{where}, {source}: {worst:.4g} degC is not a skin's temperature ({met.low:g} to "
+            f"{met.high:g} degC); check the column's unit, or the thermal pads' scale"
         )
-    return LogColumn(found, source), []
+    return column, []
 
 
 def spec_in(spec: SkinSpec, **surroundings: float) -> SkinSpec:

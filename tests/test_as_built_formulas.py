@@ -13,6 +13,7 @@ import pytest
 import tomlkit
 from typer.testing import CliRunner
 
+from fitting.calibration import next_press
 from fitting.calibration.next_press import Candidates, force_errors, planned, told_by
 from fitting.calibration.plan import Press
 from fitting.cli.app import app
@@ -25,6 +26,7 @@ from fitting.sensor.logs.data import SensorData
 from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.logs.readings import averaged, held_presses
 from fitting.sensor.model.as_built import (
+    GAIN_ERROR,
     MODEL_ERROR,
     as_built,
     as_built_deviations,
@@ -337,15 +339,69 @@ def test_presses_are_planned_while_they_are_needed() -> None:
     plan = planned(own, 4)
     assert len(plan.presses) == len(set(plan.presses)) == 4
     assert list(plan.accuracy) == sorted(plan.accuracy, reverse=True)
-    # The first is the best of all single presses.
-    prior = np.linalg.inv(own.covariance)
-    single = [np.mean(force_errors(own, prior + told) ** 2) for told in told_by(own)]
-    assert plan.presses[0] == own.presses[int(np.argmin(single))]
+    for drawn in (candidates() for _ in range(20)):
+        # The first is the best of all single presses.
+        prior = np.linalg.inv(drawn.covariance)
+        single = [np.mean(force_errors(drawn, prior + told) ** 2) for told in told_by(drawn)]
+        assert planned(drawn, 1).presses[0] == drawn.presses[int(np.argmin(single))]
     enough = planned(own, 6, plan.accuracy[2])
     assert len(enough.presses) == 2
     report = plan.report()["presses"]
-    assert report[0]["force_N"] == 5.0
-    assert "angle_deg" in report[0]
+    assert report[0] == plan.presses[0].report() | {"force_error_after": plan.accuracy[1]}
+    place = pytest.approx(np.rad2deg(0.2))
+    assert Press(0.2, 5.0, 0.01).report() == {
+        "angle_deg": place,
+        "force_N": 5.0,
+        "axial_m": 0.01,
+    }
+
+
+@pytest.mark.parametrize("spec", [SKIN, PAD], ids=["section", "pad"])
+def test_what_presses_would_tell_is_a_change_from_rest(
+    spec: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of readings and slopes that are drawn: a press has errors of its own, in its own row."""
+    rng, pad = np.random.default_rng(1), spec is PAD
+    drawn: list[np.ndarray] = []
+
+    def run(function: Any, model: Any, start: Any) -> list[np.ndarray]:
+        presses = 70 if pad else 30
+        drawn.append(rng.normal(size=(4, presses + 1)))
+        drawn.append(rng.normal(size=(4, presses + 1, len(start))))
+        return drawn
+
+    solver = SimpleNamespace(stated=lambda name: 1.0, at=lambda start: SimpleNamespace(model=0))
+    monkeypatch.setattr(next_press, "_solver", lambda *given: solver)
+    monkeypatch.setattr(next_press, "COMPILED", SimpleNamespace(run=run))
+    monkeypatch.setattr(next_press, "_known_so_far", lambda *given: np.eye(2))
+    found, (so, slope) = next_press.candidates_of(spec, 6.0, 2e-3), drawn
+    presses = len(found.presses)
+    count = found.by_constant.shape[2]
+    change = so[:, :-1] - so[:, -1:]
+    reading = spec.electrodes.noise**2 + 1 / 12
+    share = PAD_MODEL_ERROR**2 + GAIN_ERROR**2 if pad else ESTIMATOR_ERROR**2
+    np.testing.assert_allclose(1 / found.weight.T, reading / 25 + share * change**2)
+    np.testing.assert_allclose(1 / found.weight_once.T, reading + share * change**2)
+    for k in (0, 7, presses - 1):
+        moved = slope[:, k, :count] - slope[:, -1, :count]
+        np.testing.assert_allclose(found.by_constant[k], moved)
+        own = slope[:, k, count + k :: presses]
+        np.testing.assert_allclose(found.by_press[k], own)
+    sizes = np.array([part.size for part in press_errors(as_built(spec), presses, 2e-3)])
+    np.testing.assert_allclose(found.press_information.T.ravel(), 1 / sizes**2)
+
+
+def test_what_is_known_of_stiffness_is_a_share_of_the_record_s() -> None:
+    """The file's material is that of the record: its factor has begun at one again."""
+    record = CalibrationSpec(
+        parameters=("geometry.oil_gap", "stiffness", "geometry.mounting"),
+        values=(5e-3, 1.25, 0.0),
+        covariance=((1e-8, 2e-6, 0.0), (2e-6, 0.01, 0.0), (0.0, 0.0, 1.0)),
+    )
+    spec = SKIN.model_copy(update={"calibration": record})
+    parts: Any = [SimpleNamespace(name=name) for name in ("stiffness", "geometry.oil_gap")]
+    found = next_press._known_so_far(spec, parts, np.ones(2))
+    np.testing.assert_allclose(found, [[0.01 / 1.25**2, 2e-6 / 1.25], [2e-6 / 1.25, 1e-8]])
 
 
 def test_a_record_of_stiffness_moves_all_stresses_together() -> None:

@@ -16,6 +16,7 @@ from fitting.datasheet.figures import (
     Cases,
     Figures,
     figures_at,
+    rated_force,
     told,
     two_point,
     unlike,
@@ -29,6 +30,7 @@ from fitting.datasheet.words import PLACED
 from suas_jax import Loads
 from suas_jax.config import continuous_inputs, load_skin
 from suas_jax.config.inelastic import RelaxationSpec
+from suas_jax.sensing.converter import Converter
 from suas_jax.skin.plain import plain_geometry
 
 ROOT = Path(__file__).parent.parent
@@ -108,6 +110,47 @@ def test_figures_are_what_they_say() -> None:
     )
     # Of a taxel under the contact it is (20 F^2 / 4) / (300 F + 20 F^2) = 0.1, of others less.
     assert 0.08 < found.nonlinearity.max() < 0.1
+
+
+def test_resolutions_weigh_readings_by_noise_rounding_and_the_model_s_error() -> None:
+    """On a pad, whose places have two coordinates; saturated taxels say nothing."""
+    rng = np.random.default_rng(2)
+    rest, change = np.full((8, 2), 3000.0), 400 * rng.uniform(0.1, 1, (8, 2))
+    slope, none = rng.normal(size=(3, 8, 2)), np.ones(2)
+    so = rest + change
+    so[0, 1], full = Converter().full_scale, so.copy()
+    quiet, rated = (Readings(x, slope, none, -none, 0, 0) for x in (rest, so))
+    accuracy = Accuracy(2.0, 0.01)
+    cases = Cases(quiet, quiet, rated, rated, none)
+    found = figures_at(cases, accuracy, np.ones((8, 2), bool))
+    assert accuracy.variance == pytest.approx(4 + 1 / 12)
+    variance = 4 + 1 / 12 + (0.01 * (full - rest)) ** 2
+    moved = jnp.einsum("c,ctp->tp", jnp.array([1e-3, -2e-3, 0.2]), slope)
+    seen = told(cases, accuracy, moved)
+    for k, taxels in enumerate((slice(0, 8), slice(1, 8))):
+        J, W = slope[:, taxels, k], 1 / variance[taxels, k]
+        covariance = np.linalg.inv((J * W) @ J.T)
+        deviations = np.sqrt(np.diag(covariance))
+        assert found.force_resolution[k] == pytest.approx(deviations[2])
+        assert found.place_resolution[k] == pytest.approx(np.hypot(*deviations[:2]))
+        np.testing.assert_allclose(seen[:, k], [1e-3, -2e-3, 0.2])
+
+
+def test_a_rated_force_is_round_and_of_the_smallest_first_contact() -> None:
+    assert rated_force(np.array([np.nan, 52.0, 40.0])) == 10.0
+    assert rated_force(np.full(2, np.nan)) == 1.0
+
+
+def test_nonlinearity_is_how_far_half_a_force_is_from_half_of_the_readings() -> None:
+    none = np.ones(1)
+
+    def at(change: float) -> Readings:
+        so = 3000 + change * np.array([[1.0], [2.0]])
+        return Readings(so, np.ones((2, 2, 1)), none, -none, 0, 0)
+
+    cases = Cases(at(0.0), at(46.0), at(100.0), at(100.0), none)
+    found = figures_at(cases, ACCURACY, np.ones((2, 1), bool))
+    np.testing.assert_allclose(found.nonlinearity, 0.04)
 
 
 def test_derivatives_of_the_definitions() -> None:

@@ -10,15 +10,26 @@ import numpy as np
 import pytest
 
 from fitting.datasheet.variants import STEP
-from fitting.design.design import _changed, designed_skin
-from fitting.design.front import front
+from fitting.design import design
+from fitting.design.design import Design, _changed, designed_skin
+from fitting.design.front import FrontPoint, front
 from fitting.design.problem import Outcome
 from fitting.design.problem import Problem as DesignProblem
 from fitting.design.resume import KeptSearches
-from fitting.design.search import Found, Trial, search, worst
+from fitting.design.search import (
+    Found,
+    Price,
+    Trial,
+    _Program,
+    _VainError,
+    best_first,
+    search,
+    worst,
+)
 from fitting.design.section import SectionProblem, bound_of_units
 from fitting.design.want import Front, Limit, Variable, Want, load_want
-from suas_jax.config import ConfigError, continuous_inputs, load_skin
+from fitting.report.description import ReportTable
+from suas_jax.config import ConfigError, UncertainQuantity, continuous_inputs, load_skin
 from suas_jax.config.fields import quantity_of
 from suas_jax.config.tolerance import deviation_of
 
@@ -106,6 +117,131 @@ def test_search_ends_with_a_design_where_states_are_lost() -> None:
         assert trial.goal < worst(problem.want, trial.first) + 1e-9
         assert trial.calls < 50
     assert found.goal < 2.1 + 1e-2  # of the best design, x = y = 0.5
+
+
+def test_a_start_without_a_state_retreats_halfway_to_the_file_s_design() -> None:
+    problem = _Cliff()
+    trial = best_first(problem, problem.want, [np.array([0.9, 0.4])])[0]  # type: ignore[arg-type]
+    retreats = [[0.9, 0.4], [0.5, 0.3], [0.3, 0.25]]  # halves of the way to (0.1, 0.2)
+    np.testing.assert_allclose(problem.asked[:3], retreats)
+    np.testing.assert_array_equal(trial.start, [0.9, 0.4])
+    assert trial.first.values["range_N"][0] == pytest.approx(0.55)
+
+    class Alone(Problem):
+        def __call__(self, x: Any) -> Outcome:
+            return super().__call__(x)._replace(found=np.allclose(x, retreats[-1]))
+
+    problem = Alone()
+    trial = best_first(problem, problem.want, [np.array([0.9, 0.4])])[0]  # type: ignore[arg-type]
+    # The search from there has all of its patience, whatever the way there took.
+    lost = [x for x in problem.asked[3:] if not np.allclose(x, retreats[-1])]
+    assert len(lost) == 12
+    assert trial.message.startswith("was ended beside 12 designs")
+
+
+def test_a_design_without_a_state_breaks_all_limits_by_more_than_the_last_one() -> None:
+    program = _Program(_Cliff(), _Cliff().want)  # type: ignore[arg-type]
+    (known, rows), (lost, same) = (
+        program._constraints(np.array([x, 0.3, 2.0])) for x in (0.4, 0.6)
+    )
+    np.testing.assert_allclose(lost, known - 1)
+    np.testing.assert_array_equal(rows, same)
+    # t less the goal at both places, and 1 - (x + y).
+    np.testing.assert_allclose(known, [2 - 1.25, 2 - 2.25, 0.3, 0.3])
+
+
+def test_starts_agree_whose_goals_differ_by_less_than_a_fifth_of_a_percent() -> None:
+    problem = Problem()
+    whole = search(problem)  # type: ignore[arg-type]
+    trials = [whole.trials[0]._replace(start=problem.want.start)] * 3
+    goals = [trials[0].goal * (1 + by) for by in (0.0, 0.0019, 0.0021)]
+    with pytest.MonkeyPatch.context() as patch:
+        made = [t._replace(goal=goal) for t, goal in zip(trials, goals, strict=True)]
+        patch.setattr("fitting.design.search.best_first", lambda *given: made)
+        assert search(problem).agreeing == 2  # type: ignore[arg-type]
+
+
+def _unlimited(problem: Problem, **changes: Any) -> Problem:
+    problem.want = dataclasses.replace(problem.want, limits=(), **changes)
+    return problem
+
+
+class _Lower(Problem):
+    """The same less 10: the goal is below zero everywhere."""
+
+    def __call__(self, x: Any) -> Outcome:
+        """Figures and slopes."""
+        found = super().__call__(x)
+        goal = found.values["force_resolution_N"] - 10
+        return found._replace(values=found.values | {"force_resolution_N": goal})
+
+
+def test_goals_below_zero_have_their_optimum_and_price() -> None:
+    problem = _Lower()
+    found = search(problem)  # type: ignore[arg-type]
+    np.testing.assert_allclose(found.x, [0.6, 0.4], atol=1e-4)
+    assert found.goal == pytest.approx(-7.92, abs=1e-6)
+    assert sum(price.price for price in found.prices) == pytest.approx(0.4 / 7.92, rel=1e-3)
+
+
+def test_a_limit_that_hardly_holds_the_design_has_its_small_price() -> None:
+    problem = Problem()
+    problem.want = dataclasses.replace(problem.want, limits=(Limit("range_N", 1.38, False),))
+    found = search(problem)  # type: ignore[arg-type]
+    # (1.4 - 1.38) N a newton of the limit, which is 1.38 N.
+    expected = 0.02 * 1.38 / 2
+    assert sum(price.price for price in found.prices) == pytest.approx(expected, rel=0.02)
+
+
+def test_a_bound_of_what_does_nothing_is_not_told() -> None:
+    """Of two variables, the second one at its bound, whose slopes are zero."""
+
+    class Idle(Problem):
+        def __call__(self, x: Any) -> Outcome:
+            found = super().__call__(np.array([x[0], 0.6]))
+            return found._replace(slopes={k: v * [1.0, 0.0] for k, v in found.slopes.items()})
+
+    problem = _unlimited(Idle(1))
+    problem.want.start = np.zeros(2)
+    found = search(problem)  # type: ignore[arg-type]
+    np.testing.assert_allclose(found.x, [0.8, 0.0], atol=1e-4)
+    assert not found.prices
+
+
+def test_a_search_ends_after_thirty_designs_a_variable_and_one_more() -> None:
+    program = _Program(Problem(), Problem().want)  # type: ignore[arg-type]
+    for k in range(90):
+        program._outcome(np.array([0.01 * k, 0.5]))
+    with pytest.raises(_VainError, match="after 90 designs"):
+        program._outcome(np.zeros(2))
+
+
+def test_a_goal_to_be_large_ends_at_the_bounds_with_their_prices() -> None:
+    """Of x + y, which is at most 2: each bound is worth half of the goal."""
+
+    class Larger(Problem):
+        def __call__(self, x: Any) -> Outcome:
+            found = super().__call__(x)  # and larger by one at the second place
+            return found._replace(
+                values=found.values | {"range_N": x.sum() + np.arange(2.0)},
+            )
+
+    want = {"goal": "range_N", "maximise": True}
+    problem: Any = _unlimited(Larger(), **want)
+    program = _Program(problem, problem.want)
+    for x in (0.2, 0.9, 0.5):
+        program._outcome(np.array([x, x]))
+    assert program._best is not None
+    assert program._best[0] == pytest.approx(1.8)  # of a search that ends here
+    found = search(problem)
+    np.testing.assert_allclose(found.x, [1.0, 1.0], atol=1e-6)
+    assert found.goal == pytest.approx(2.0)
+    assert found.before == pytest.approx(0.3)
+    assert [(p.name, p.least, p.value, p.place) for p in found.prices] == [
+        ("x", False, 1.0, None),
+        ("y", False, 1.0, None),
+    ]
+    assert [p.price for p in found.prices] == pytest.approx([0.5, 0.5], rel=1e-6)
 
 
 def test_searches_of_workers_are_those_of_this_process() -> None:
@@ -300,3 +436,83 @@ def test_designs_have_the_tolerances_of_their_files(tmp_path: Path) -> None:
     for spec in (load_skin(output), DesignProblem.spec(problem, x)):
         assert spec.geometry.thickness == pytest.approx(2.78e-3)
         assert deviation_of(spec.geometry.thickness) == pytest.approx(0.04 * 2.78e-3)
+
+
+def test_a_limit_is_told_at_its_place_of_the_data_sheet() -> None:
+    """A sheet has the places of the search and those between them, along arc and axis."""
+    along, axially = np.linspace(-40, 40, 5), np.linspace(-30, 30, 3)
+    angle, axial = (x.ravel() for x in np.meshgrid(along, axially, indexing="ij"))
+    coordinates = {"angle_deg": angle, "axial_mm": axial}
+    after = SimpleNamespace(
+        measured=SimpleNamespace(arc=angle, grid=(5, 3), coordinates=coordinates)
+    )
+    none: Any = None
+    made = Design(none, none, none, after, [], 0)  # type: ignore[arg-type]
+    searched = [(a, x) for a in (-40, 0, 40) for x in (-30, 30)]
+    for k, (a, x) in enumerate(searched):
+        price = Price("range_N", True, 30.0, k, 0.1)
+        assert made._place(price) == {"angle_deg": a, "axial_mm": x}
+    assert made._place(Price("geometry.thickness", True, 1e-3, None, 0.1)) == {}
+    assert made._place(Price("buckling_share", False, 0.5, 0, 0.1)) == {}
+
+
+def test_designs_between_two_goals_are_told_in_the_units_of_each() -> None:
+    """Newtons and millimetres, as data sheets tell them; then the inputs."""
+    goal, other = "force_resolution_N", "place_resolution_m"
+    want: Any = SimpleNamespace(
+        goal=goal, against=(other,), inputs=lambda x: {"geometry.thickness": x[0]}
+    )
+    found: Any = SimpleNamespace(x=np.array([1e-3]))
+    points = [
+        FrontPoint(np.array([1e-3]), 0.05, 2e-3),
+        FrontPoint(np.array([2e-3]), 0.02, 3e-3),
+    ]
+    none: Any = None
+    made = Design(SimpleNamespace(want=want), found, none, none, points, 0)  # type: ignore[arg-type]
+    table, _ = made._front()
+    assert isinstance(table, ReportTable)
+    rows = [tuple(map(float, row)) for row in table.rows]
+    np.testing.assert_allclose(rows, [(0.05, 2.0, 1e-3), (0.02, 3.0, 2e-3)])
+
+
+def test_data_sheets_of_a_design_have_the_places_between_those_of_the_search(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[Any] = []
+    found: Any = SimpleNamespace(x=np.zeros(1), calls=7)
+    ends = np.zeros(1), np.ones(1)
+    problem = SimpleNamespace(grid=(9, 3), rated=3.0, ends=ends, spec=lambda x: "design")
+    want: Any = SimpleNamespace(spec="file", front=None)
+    monkeypatch.setattr(design, "problem_of", lambda *given: problem)
+    monkeypatch.setattr(design, "search", lambda *given: found)
+    monkeypatch.setattr(
+        design, "data_sheet", lambda *given, **more: asked.append((*given[:4], more["between"]))
+    )
+    assert design.design_skin(want).calls == 7
+    assert asked == [(spec, (17, 5), None, 3.0, ends) for spec in ("file", "design")]
+
+
+def test_figures_without_a_place_have_central_differences() -> None:
+    """Exact of squares; a figure that is not known at the design makes it one without."""
+    square = np.array([[1.0, 2.0], [3.0, -1.0]])
+    problem: Any = SimpleNamespace(
+        _others=("bandwidth_Hz", "quality"), _without_place=lambda x: x**2 @ square + x @ square
+    )
+    x, known = np.array([0.3, 0.7]), Outcome({"range_N": np.ones(3)}, {}, True)
+    found = DesignProblem._with_others(problem, known, x)
+    assert found.found
+    assert set(found.values) == {"range_N", "bandwidth_Hz", "quality"}
+    slopes = np.concatenate([found.slopes[key] for key in problem._others])
+    np.testing.assert_allclose(slopes, ((2 * x + 1)[:, None] * square).T)
+    problem._without_place = lambda x: np.array([np.nan, 1.0])
+    assert not DesignProblem._with_others(problem, known, x).found
+
+
+def test_a_tolerance_of_what_is_zero_in_the_file_stays_as_it_is() -> None:
+    skin = load_skin(ROOT / "configs" / "skins" / "suas.toml")
+    geometry = skin.geometry.model_copy(update={"mounting": UncertainQuantity(0.0, 5e-4)})
+    skin = skin.model_copy(update={"geometry": geometry})
+    want = SimpleNamespace(spec=skin, inputs=lambda x: {"geometry.mounting": -1e-3})
+    problem: Any = SimpleNamespace(want=want)
+    found = DesignProblem.spec(problem, np.zeros(1)).geometry.mounting
+    assert (float(found), deviation_of(found)) == (-1e-3, 5e-4)

@@ -1,5 +1,6 @@
 """Equilibria of the shell: the published case, its limits, and how failures are named."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import equinox as eqx
@@ -25,9 +26,11 @@ from skins import (
 
 from suas_jax.config import continuous_inputs
 from suas_jax.equilibrium.balance import volume_residual
-from suas_jax.equilibrium.equilibrium import equilibrium
-from suas_jax.equilibrium.outcomes import NAMES
+from suas_jax.equilibrium.equilibrium import Equilibrium, equilibrium
+from suas_jax.equilibrium.load_path import Found
+from suas_jax.equilibrium.outcomes import NAMES, index_of
 from suas_jax.mechanics.shell.shape import mirrored
+from suas_jax.numerics.bordered_solve import BorderedVector
 from suas_jax.scene.build import build_problem, plan_for
 
 OGDEN = {
@@ -321,3 +324,21 @@ def test_failing_lanes_leave_no_trace() -> None:
         ).state
         largest = float(jnp.max(jnp.abs(alone.q)))
         np.testing.assert_allclose(found.state.q[lane], alone.q, rtol=0, atol=1e-11 * largest)
+
+
+@pytest.mark.parametrize("trapped", [False, True])
+def test_a_state_is_stable_by_its_negative_pivots_and_unstable_only_if_it_converged(
+    trapped: bool,
+) -> None:
+    """Trapped oil's equation gives the tangent one negative eigenvalue, and vented oil none."""
+    failed = index_of("limit_point")
+    y, level = BorderedVector(jnp.zeros((1, 5)), None), jnp.ones(5)
+    negative, result = jnp.array([0, 1, 2, 0, 1]), jnp.array([0, 0, 0, failed, failed])
+    oil: Any = SimpleNamespace(trapped=trapped)
+    problem: Any = SimpleNamespace(oil=oil, oil_pressure=None)
+    found = Equilibrium.of(problem, Found(y, level, result, negative, level, negative))
+    assert found.stable.tolist() == [not trapped, trapped, False, not trapped, trapped]
+    names = [NAMES[k] for k in found.outcome.tolist()]
+    left = ["unstable", "converged"] if trapped else ["converged", "unstable"]
+    assert names == [*left, "unstable", "limit_point", "limit_point"]
+    assert found.result.tolist() == result.tolist()

@@ -12,6 +12,8 @@ import pytest
 from scipy import stats
 from skins import shaped
 
+from fitting.force_range import bound as force_bound
+from fitting.force_range import pad as pad_range
 from fitting.force_range.bound import ForceRange, least_errors, smallest_told
 from fitting.force_range.inputs import contact_deviation
 from fitting.inverse_load import frame_posterior
@@ -743,7 +745,7 @@ def test_the_smallest_force_told_lies_below_and_between_those_evaluated() -> Non
 
 def test_range_is_from_the_first_force_told_to_the_last() -> None:
     force = np.array([[1.0, 2.0, 4.0, 8.0], [1.0, 2.0, 4.0, 8.0]])
-    error = np.array([[0.3, 0.4, 0.5, 3.0], [1.0, 1.0, 1.0, 9.0]])
+    error = np.array([[0.15, 0.4, 0.5, 3.0], [1.0, 1.0, 1.0, 9.0]])
     saturated = np.zeros((2, 4, 3), bool)
     saturated[0, 2:, 1] = True
     zero = np.zeros_like(force)
@@ -761,8 +763,8 @@ def test_range_is_from_the_first_force_told_to_the_last() -> None:
         ROUND,
         0.05,
     )
-    assert found.told[0].tolist() == [False, True, True, False]
-    np.testing.assert_allclose(found.smallest, [2.0, np.nan], rtol=1e-12)
+    assert found.told[0].tolist() == [True, True, True, False]
+    np.testing.assert_allclose(found.smallest, [0.75, np.nan], rtol=1e-12)
     np.testing.assert_array_equal(found.largest, [4.0, np.nan])
     np.testing.assert_array_equal(found.saturation, [4.0, np.nan])
     rows = found.report()["angles"]
@@ -776,3 +778,146 @@ def test_range_is_from_the_first_force_told_to_the_last() -> None:
     assert [p["wall_contact"] for p in rows[0]["points"]] == [False, False, False, True]
     assert [p["saturated_taxels"] for p in rows[0]["points"]] == [0, 0, 1, 1]
     assert rows[1]["angle_deg"] == pytest.approx(np.rad2deg(0.1))
+
+
+def test_places_of_a_range_end_two_thicknesses_from_the_clamps() -> None:
+    geometry = SimpleNamespace(half_angle=[1.5], thickness=[2e-3], mid_size=[50e-3])
+    skin: Any = SimpleNamespace(geometry=geometry)
+    np.testing.assert_allclose(force_bound.angles_over(skin, 3), [-1.42, 0.0, 1.42], atol=1e-15)
+
+
+def test_first_contact_is_where_the_gap_closes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of gaps 1 - F / F_0; one never closes, and some have no state from a force on."""
+    # The gap of no state at all says nothing, even if it is closed.
+    touch = np.array([3e-2, 7.0, 4e3, np.inf, 50.0, 5e-5, 70.0])
+    last = np.array([np.inf, np.inf, np.inf, np.inf, 20.0, 1e-4, 75.0])
+
+    def solved(skin: Any, angle: Any, force: Any) -> Any:
+        gap = 1 - np.minimum(force, last) / touch
+        return gap, 2 * force, None, np.where(force > last, 3, 0)
+
+    monkeypatch.setattr(force_bound, "_solved", solved)
+    skin: Any = None
+    force, pressure = force_bound.first_contacts(skin, np.zeros(7))
+    expected = np.array([3e-2, 7.0, 4e3, np.nan, np.nan, np.nan, 70.0])
+    np.testing.assert_allclose(force, expected, rtol=1e-4)
+    np.testing.assert_allclose(pressure, 2 * expected, rtol=2e-2)
+
+
+def test_a_range_weighs_readings_by_noise_rounding_and_the_model_s_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of two taxels, whose readings are linear in place and force."""
+    spec = load_skin(Path(__file__).parent.parent / "configs" / "skins" / "suas.toml")
+    rest, slopes = np.array([200.0, 300.0]), np.array([[900.0, -400.0], [7.0, 5.0]])
+    touch = np.array([10.0, np.nan, 30.0])
+
+    def sensitivities(skin: Any, angle: Any, force: Any) -> Any:
+        so = rest[:, None, None] + slopes[1][:, None, None] * force
+        jacobian = np.broadcast_to(slopes[..., None, None], (2, 2, *force.shape)).copy()
+        return so, jacobian, 0 * force, np.isnan(force)[None]
+
+    def solved(skin: Any, angle: Any, force: Any) -> Any:
+        return SimpleNamespace(so=np.tile(rest[:, None], len(angle)))
+
+    monkeypatch.setattr(force_bound, "first_contacts", lambda skin, angle: (touch, touch))
+    monkeypatch.setattr(force_bound, "_sensitivities", sensitivities)
+    monkeypatch.setattr(force_bound, "_solved", solved)
+    monkeypatch.setattr(force_bound, "_deviation", lambda *given: 0.1)
+    found = force_bound.force_range(spec, 3, noise=3.0)
+    force = found.force[0]
+    np.testing.assert_allclose(
+        force[: len(force_bound.LADDER)], 10 * np.array(force_bound.LADDER)
+    )
+    assert found.noise == pytest.approx(np.sqrt(9 + 1 / 12))
+    variance = 9 + 1 / 12 + (force_bound.MODEL_ERROR * slopes[1][:, None] * force) ** 2
+    for k in range(len(force)):
+        covariance = np.linalg.inv((slopes / variance[:, k]) @ slopes.T)
+        errors = found.angle_error[0, k], found.force_error[0, k]
+        np.testing.assert_allclose(errors, np.sqrt(np.diag(covariance)))
+    assert np.isnan(found.force_error[1]).all()
+
+
+def test_what_is_unsure_of_first_contact_is_found_nearest_to_the_middle(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    spec = load_skin(Path(__file__).parent.parent / "configs" / "skins" / "suas.toml")
+    asked: list[float] = []
+
+    def deviation(spec: Any, force: float, smallest_gap: Any) -> float:
+        asked.extend((force, smallest_gap({}, 2.0)))
+        return 0.07
+
+    def solved(skin: Any, angle: Any, force: Any) -> Any:
+        return SimpleNamespace(min_gap=force * angle, result=0 * angle)
+
+    monkeypatch.setattr(force_bound, "contact_deviation", deviation)
+    monkeypatch.setattr(force_bound, "_solved", solved)
+    angle, touch = np.array([-0.9, -0.2, 0.0, 0.1]), np.array([1.0, 2.0, np.nan, 4.0])
+    assert force_bound._deviation(spec, angle, touch, lambda text: None) == 0.07
+    assert asked == [4.0, pytest.approx(0.2)]
+
+
+class _Plain:
+    """Readings of a pad that are linear in angle, axial position and force; pressure 50 F."""
+
+    slopes = np.array(
+        [[900.0, -400.0, 70.0, 1.0], [-80.0, 500.0, 300.0, 2.0], [7.0, 5.0, 9.0, 4]]
+    )
+    rest = 200.0
+
+    def __init__(self, table: Any) -> None:
+        pass
+
+    def largest(self, angle: Any, axial: Any) -> Any:
+        """Forces that are tabulated."""
+        return np.full(len(angle), 25.0)
+
+    def __call__(self, loads: Any, derivatives: int) -> Any:
+        """Readings and slopes, the pressure last."""
+        so = self.rest + loads[:, 2:] * self.slopes[2]
+        own = np.column_stack([self.slopes, [0.0, 0.0, 50.0]])
+        return SimpleNamespace(
+            readings=np.column_stack([so, 50 * loads[:, 2]]),
+            jacobian=np.broadcast_to(own, (len(loads), 3, 5)),
+        )
+
+
+def test_the_range_of_a_pad_is_known_to_first_contact_and_to_its_table(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of contacts with the wall at 10 N, beyond the table, and never."""
+    monkeypatch.setattr(pad_range, "PadInterpolant", _Plain)
+    most = pad_range.MOST * 25.0
+    touch = np.repeat([10.0, 1.5 * most, 1e9], 2)
+    table: Any = SimpleNamespace(
+        angle=np.array([-0.4, 0.4]),
+        axial=np.array([-0.03, 0.03]),
+        first_contact_at=lambda angle, axial: touch,
+        rest=np.full(4, 200.0),
+        diameter=6e-3,
+    )
+    found = pad_range.range_from_table(table, ROUND, np.zeros((0, 2)), (3, 2), 3.0)
+    np.testing.assert_allclose(found.first_contact[:, 0], [10.0, 1.5 * most, np.nan])
+    np.testing.assert_allclose(found.oil_pressure[:, 0], [500.0, np.nan, np.nan])
+    ends = np.minimum(touch[::2], most)
+    ladder = ends[:, None] * np.array(force_bound.LADDER)
+    np.testing.assert_allclose(found.force[:, 1, :-1], ladder)
+    assert found.reference == 3.0  # of the smallest first contact
+    assert found.noise == pytest.approx(np.sqrt(9 + 1 / 12))
+    slopes = _Plain.slopes
+    for k, force in ((0, 3.0), (4, ladder[2, 4]), (9, ladder[2, 9])):
+        place = 0 if force == 3.0 else 2
+        at = found.force.shape[2] - 1 if force == 3.0 else k
+        variance = 9 + 1 / 12 + (pad_range.PAD_MODEL_ERROR * slopes[2] * force) ** 2
+        covariance = np.linalg.inv((slopes / variance) @ slopes.T)
+        deviations = np.sqrt(np.diag(covariance))
+        np.testing.assert_allclose(found.error[:, place, 1, at], deviations)
+        rate = ROUND.outer_rate(np.zeros(1))[0]
+        expected = np.hypot(rate * deviations[0], deviations[1])
+        assert found.position_error[place, 1, at] == pytest.approx(expected)
+    np.testing.assert_allclose(
+        found.smallest, smallest_told(found.force[..., :-1], found.error[2][..., :-1])
+    )
+    row = found.report()["places"][0]
+    assert [p["force_N"] for p in row["points"]] == sorted([*ladder[0], 3.0])

@@ -6,6 +6,8 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from typer.testing import CliRunner
 
 from fitting.calibration.html_report import Verification, _drawing
 from fitting.calibration.plan import Press, Step, press_of, usual_presses
-from fitting.calibration.recording import REST_FRAMES, Rest, SteadyWindow
+from fitting.calibration.recording import REST_FRAMES, Rest, SteadyWindow, StepRecorder
 from fitting.calibration.session import _known
 from fitting.cli.app import app
 from suas_jax.acquisition.baseline import Baseline
@@ -209,16 +211,65 @@ def test_a_load_counts_once_it_is_held(moving: float, touched: bool, steady: boo
     assert not window.full
 
 
+@pytest.mark.parametrize(
+    ("moving", "late", "touched", "steady"),
+    [
+        # The last tenth: 8 standard errors of its mean and 3 counts from rest, which are 8.1.
+        (0.0, 8.0, False, False),
+        (0.0, 8.2, True, False),
+        # Every tenth: 6 standard errors, 1 count and 2 % of the change from the mean of all.
+        (0.0, 4.8 / 0.9, False, True),
+        (0.0, 4.9 / 0.9, False, False),
+        (200.0, 8.8 / 0.9, True, True),
+        (200.0, 8.9 / 0.9, True, False),
+    ],
+)
+def test_what_is_touched_and_held_is_told_by_standard_errors(
+    moving: float, late: float, touched: bool, steady: bool
+) -> None:
+    """Of readings without noise, on a skin whose noise at rest was 2 counts, rounding too."""
+    rest = Rest(np.full(6, 9000.0), np.full(6, np.sqrt(4 - 1 / 12)))
+    window = SteadyWindow(0.99, rest)
+    for k in range(100):
+        window.feed(0.01 * k, rest.so + moving + late * (k >= 90))
+    assert (window.touched(), window.steady()) == (touched, steady)
+
+
+def test_a_step_keeps_the_rows_of_its_window_less_the_first_fifth() -> None:
+    """Of a device without a clock of its own, by the host's."""
+    window = SteadyWindow(1.0)
+    for k in range(60, 110):
+        window.feed(0.1 * k, np.zeros(2))
+    recorder: Any = SimpleNamespace()
+    for clocks in ((0.0, 1.0), (np.nan, 0.1)):
+        recorder._rows = [
+            SimpleNamespace(
+                t_device=clocks[0] + 0.1 * k, reading=SimpleNamespace(t_host=clocks[1] * k)
+            )
+            for k in range(110)
+        ]
+        rows = StepRecorder._cut(recorder, window)
+        assert rows == recorder._rows[70:]  # of 6 to 10.9 s
+
+
 def test_presses_from_the_command_line(skin: SkinSpec) -> None:
     press = press_of("-30 deg, 500 gf", skin, "--press")
     assert (press.place, press.force) == pytest.approx((np.radians(-30), 4.90333), rel=1e-5)
     pad = load_skin(SKIN.with_name("suas-pad.toml"))
     assert press_of("10 deg, -5 mm, 3 N", pad, "--press").axial == pytest.approx(-5e-3)
+    assert _known(Step("press_1", Press(np.radians(10), 3.0, -5e-3))) == {
+        "load_0_force_N": "3",
+        "load_0_angle_deg": "10",
+        "load_0_axial_mm": "-5",
+    }
+    with pytest.raises(ValueError, match="beyond the pad's end"):
+        press_of("10 deg, 62 mm, 3 N", pad, "--press")
     assert {p.axial for group in usual_presses(pad, 5.0) for p in group} == {0.0}
     for text, words in (
         ("30 deg", "expected"),
         ("30 mm, 5 N", "an angle"),
         ("95 deg, 5 N", "within 90 deg"),
+        ("91 deg, 5 N", "within 90 deg"),
         ("5 deg, -5 N", "above zero"),
         ("5 deg, 3 mm, 5 N", "expected"),
     ):

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fitting.inverse_load.drift import PastOfFrames
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
-from fitting.inverse_load.estimator import LoadEstimator
+from fitting.inverse_load.estimator import FULL_SCALE, LoadEstimator
 from fitting.inverse_load.log.log_estimator import LogEstimator, between
 from fitting.inverse_load.log.skin_states import skin_states
 from fitting.inverse_load.model.evaluation import NoRestError
@@ -18,6 +19,8 @@ from fitting.surroundings import LogColumn, Surroundings
 from suas_jax.acquisition.log.log_file import read_log
 from suas_jax.config import SkinSpec, load_skin
 from suas_jax.config.inelastic import RelaxationSpec
+from suas_jax.config.input_errors import WARMTH
+from suas_jax.config.schema_calibration import CalibrationSpec
 from suas_jax.simulation.simulated_log import simulate_log, write_simulated_log
 
 SUAS = Path(__file__).parent.parent / "configs/skins/suas.toml"
@@ -109,6 +112,16 @@ def test_states_span_the_log_and_their_shares_give_each_frame_back(spec: SkinSpe
     assert len(at) < len(np.unique(at[:, 0])) * len(np.unique(at[:, 1]))
 
 
+def test_states_are_as_few_as_their_distance_allows(spec: SkinSpec) -> None:
+    for kelvin, count in ((4.9, 2), (10.0, 3), (10.1, 4)):
+        warm = WARM[0] + kelvin * np.linspace(0, 1, FRAMES)
+        assert len(skin_states(spec, log_of(warm), "log").specs) == count
+    # A frame close to one of them still has the share of its neighbour.
+    warm[5] = warm[0] + 1e-4 * kelvin
+    share = skin_states(spec, log_of(warm), "log").share[5]
+    np.testing.assert_allclose(share, [1 - 3e-4, 3e-4, 0, 0], atol=1e-9)
+
+
 def test_one_state_stands_for_what_hardly_changes(spec: SkinSpec) -> None:
     states = skin_states(spec, log_of(WARM[0] + 0.1 * (WARM - WARM[0])), "log")
     assert states.share.shape == (FRAMES, 1)
@@ -123,6 +136,22 @@ def test_one_state_stands_for_what_hardly_changes(spec: SkinSpec) -> None:
     found = skin_states(remembers, log_of(WARM), "log")
     assert len(found.specs) == 1
     assert any("at its mean" in text for text in found.said)
+
+
+def test_a_zero_ages_until_a_log_ends_that_tells_no_temperature(spec: SkinSpec) -> None:
+    record = CalibrationSpec(
+        parameters=("environment.temperature",),
+        values=(290.0,),
+        covariance=((0.25,),),
+        taken="2026-01-01T10:00:00+00:00",
+    )
+    log = replace(log_of(), header={"start_time": "2026-01-01T10:05:00+00:00"})
+    log = replace(log, time=np.linspace(7.0, 607.0, FRAMES))  # from 5 to 15 minutes after it
+    states = skin_states(spec.model_copy(update={"calibration": record}), log, "log")
+    own = states.specs[0].calibration
+    assert own is not None
+    assert own.covariance[0][0] == pytest.approx(0.25 + WARMTH**2 / 4)
+    assert any("0.25 h from its zero" in text for text in states.said)
 
 
 def test_rows_without_a_temperature_lie_between_their_neighbours(spec: SkinSpec) -> None:
@@ -150,14 +179,14 @@ def test_readings_at_rest_are_those_of_every_state(
     offset = 0.0 if baseline is None else baseline - begin
     so = states.share @ own + offset
     so[3] = np.nan
-    so[5, 0] = 0.0  # as saturated as before
+    so[5] = 0.0, FULL_SCALE  # as saturated as before
     made = LogEstimator(
         log_of(WARM, so=so), states, lambda spec, name: stand_in(next(rest), baseline)
     )
     frames = np.arange(FRAMES)
     for k in range(len(own)):
         wanted = np.broadcast_to(own[k] if baseline is None else baseline, so.shape).copy()
-        wanted[3], wanted[5, 0] = np.nan, 0.0
+        wanted[3], wanted[5] = np.nan, so[5]
         np.testing.assert_allclose(made.so(k, frames), wanted)
 
 
@@ -167,6 +196,46 @@ def estimate(force: float, angle: float = 0.1, **changes: Any) -> LoadEstimate:
     return LoadEstimate(True, **(given | changes))
 
 
+def test_a_frame_is_asked_of_its_states_with_its_own_past(spec: SkinSpec) -> None:
+    """State k finds a force of k + 1 times the first reading."""
+    so = np.arange(FRAMES)[:, None] + np.array([100.0, 200.0])
+    states = skin_states(spec, log_of(WARM), "log")
+    number = iter(range(1, 1 + len(states.specs)))
+
+    def make(spec: SkinSpec, name: str) -> Any:
+        k = next(number)
+
+        def estimates(so: Any, stuck: Any, past: Any, done: Any, pressure: Any) -> list:
+            np.testing.assert_array_equal(past.moved, so)
+            done(len(so))
+            return [estimate(k * row[0]) for row in so]
+
+        own: Any = stand_in(np.zeros(2), None)
+        own.estimate_frames = estimates
+        return own
+
+    # Every second frame, of a prime number: what is done adds up to all of them.
+    told, frames = [], np.arange(2, FRAMES, 2)[:7]
+    made = LogEstimator(log_of(WARM, so=so), states, make)
+    found = made.of_frames(frames, PastOfFrames(None, so[frames]), told.append)
+    power = states.share[frames] @ np.log(np.arange(1, 1 + len(states.specs)))
+    forces = [e.contacts[0].force for e in found]
+    np.testing.assert_allclose(forces, so[frames, 0] * np.exp(power))
+    assert told == sorted(told)
+    assert (len(told), told[-1]) == (int(states.share[frames].any(0).sum()), len(frames))
+
+
+def test_the_main_state_is_that_of_most_frames_that_have_one(spec: SkinSpec) -> None:
+    states = skin_states(spec, log_of(WARM), "log")
+    share = states.share.copy()
+    share[: FRAMES // 2] = 0.0  # of a state that is lost
+    states = replace(states, share=share)
+    made = LogEstimator(log_of(WARM), states, lambda spec, name: stand_in(np.zeros(2), None))
+    frames, _ = made.main_frames()
+    sizes = [int((states.known & (states.nearest == k)).sum()) for k in range(share.shape[1])]
+    assert len(frames) == max(sizes) < FRAMES // 2
+
+
 def test_forces_between_states_are_exponential_and_the_rest_is_linear() -> None:
     found = between([(0.25, estimate(4.0, 0.1)), (0.75, estimate(8.0, 0.2))])
     contact = found.contacts[0]
@@ -174,6 +243,8 @@ def test_forces_between_states_are_exponential_and_the_rest_is_linear() -> None:
     assert contact.angle == pytest.approx(0.175)
     assert found.oil_pressure == pytest.approx(70.0)
     np.testing.assert_allclose(contact.covariance, np.diag([1e-4, 7.0]))
+    bound = between([(0.25, estimate(4.0, at_least=3.0)), (0.75, estimate(8.0, at_least=7.0))])
+    assert bound.at_least == pytest.approx(6.0)
     pulls = between([(0.5, estimate(-4.0)), (0.5, estimate(1.0))])
     assert pulls.contacts[0].force == pytest.approx(-1.5)
 
@@ -183,6 +254,11 @@ def test_the_nearest_state_says_how_many_contacts_there_are() -> None:
     found = between([(0.4, two), (0.6, estimate(8.0))])
     assert (found.status, found.contacts[0].force) == ("ok", 8.0)
     assert between([(0.6, two), (0.4, estimate(8.0))]).status == "ambiguous"
+    # Of three states, those two that agree are weighed against each other.
+    two, slow = replace(two, latency=1.0), estimate(4.0, latency=0.5)
+    found = between([(0.3, two), (0.2, slow), (0.5, estimate(8.0))])
+    assert found.contacts[0].force == pytest.approx(4.0 ** (2 / 7) * 8.0 ** (5 / 7))
+    assert found.latency == 1.5  # of all three
     none = LoadEstimate(False)
     assert between([(0.6, none), (0.4, estimate(8.0))]).contact is False
 

@@ -17,6 +17,7 @@ from suas_jax.config import (
     load_skin,
 )
 from suas_jax.config.input_errors import as_assembled, input_errors
+from suas_jax.config.schema_load import EnvironmentSpec
 from suas_jax.scene.parts import skin_parts
 from suas_jax.sensing.electrodes import warmed_permittivity
 
@@ -99,8 +100,6 @@ def test_depth_is_read_and_used_where_something_yields(tmp_path: Path) -> None:
     assert data.spec.environment.depth == pytest.approx(100.0)
     # One state stands for all of the log, which does not say what 20 m do.
     assert any("20 m do within it" in text for text in data.warnings)
-    with pytest.raises(ValueError, match="no depth of water"):
-        load_sensor_data(soft, [log_of(tmp_path, "", "water_depth_m", "-5", "0")])
 
 
 def test_thermal_pads_need_their_scale(spec: SkinSpec, tmp_path: Path) -> None:
@@ -124,3 +123,46 @@ def test_what_changes_nothing_is_said_and_nonsense_is_refused(tmp_path: Path) ->
         load_sensor_data(rigid, [log_of(tmp_path, "", "temperature_degC", "293", "293")])
     with pytest.raises(ValueError, match="expected a number"):
         load_sensor_data(rigid, [log_of(tmp_path, "", "temperature_degC", "warm", "4")])
+
+
+@pytest.mark.parametrize(
+    ("name", "row"),
+    [
+        ("water_depth_m", ("-5", "0")),
+        ("water_depth_m", ("0", "11001")),
+        ("temperature_degC", ("20", "120.5")),
+        # Nearer to the reference than what a skin may well meet.
+        ("temperature_degC", ("-40.5", "100")),
+        ("temperature_degC", ("293", "20")),
+    ],
+)
+def test_what_no_skin_meets_is_refused(spec: SkinSpec, name: str, row: tuple[str, str]) -> None:
+    with pytest.raises(ValueError, match=r"no depth of water|check the column's unit"):
+        log_surroundings({name: row}, {}, spec, "log")
+
+
+def test_kelvin_and_two_logs(spec: SkinSpec) -> None:
+    """What two logs say is said by one after the other; of one quantity, by either."""
+    warm, _ = log_surroundings({"temperature_K": ["300", "302"]}, {}, spec, "log")
+    both = {"temperature_degC": ["20"], "water_depth_m": ["7"]}
+    deep, _ = log_surroundings(both, {}, spec, "log")
+    for pair, temperatures in (
+        ((warm, deep), [300, 302, 293.15]),
+        ((deep, deep), [293.15] * 2),
+    ):
+        found = pair[0].and_then(pair[1])
+        assert found.temperature is not None
+        assert found.depth is not None
+        np.testing.assert_allclose(found.temperature.value, temperatures)
+        assert found.depth.mean == 7.0
+
+
+@pytest.mark.parametrize(("own", "said"), [(301.4, False), (298.4, True)])
+def test_a_temperature_of_the_file_that_the_log_contradicts_is_told(
+    spec: SkinSpec, own: float, said: bool
+) -> None:
+    """By more than three standard deviations, of 0.5 K."""
+    around = EnvironmentSpec(temperature=own)
+    found, _ = log_surroundings({"temperature_K": ["300"] * 2}, {}, spec, "log")
+    _, told = spec_at(spec.model_copy(update={"environment": around}), found, "log")
+    assert ("is not used" in told[0]) == said

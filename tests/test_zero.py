@@ -1,5 +1,6 @@
 """Known weights: the update against Gaussian conditioning, presses in logs, the file."""
 
+import tomllib
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,6 +14,7 @@ from fitting.inverse_load.zero.gaussian import Gaussian, conditioned
 from fitting.inverse_load.zero.presses import (
     FORCE_ERROR,
     PLACE_ERROR,
+    PressedFrames,
     frames_of_presses,
     known_press,
 )
@@ -25,7 +27,14 @@ from fitting.inverse_load.zero.zero_file import (
     zero_text,
     zeroed,
 )
-from suas_jax.config import ConfigError, InputErrors, input_errors, load_skin
+from suas_jax.config import (
+    ConfigError,
+    InputErrors,
+    UncertainQuantity,
+    input_errors,
+    load_skin,
+)
+from suas_jax.config.inelastic import RelaxationSpec
 from suas_jax.config.input_errors import (
     STIFFNESS,
     WARMTH,
@@ -125,6 +134,11 @@ def test_frames_of_presses_are_the_held_parts_in_order() -> None:
     assert frames.began == [10, 35]
     assert [run[0] for run in frames.pressed] == [15, 41]
     assert all(run[-1] < end for run, end in zip(frames.pressed, (24, 54), strict=True))
+    # A light touch before is no rest, and a pull between both no press.
+    level[3:6, 0], level[28:33] = 0.3, -1.0
+    so = 1000 + level @ patterns + rng.normal(size=(60, 3))
+    frames = frames_of_presses(so, patterns, 1.0)
+    assert (frames.rest.tolist(), frames.began) == ([0, 1, 2, 6, 7, 8, 9], [10, 35])
     with pytest.raises(ValueError, match="holds 2 presses, but 3"):
         frames_of_presses(so, patterns[[0, 1, 0]], 1.0)
     with pytest.raises(ValueError, match="at rest before the first press"):
@@ -160,6 +174,129 @@ def test_every_press_has_its_own_place_and_force() -> None:
     e, x = rng.normal(size=4), rng.normal(size=(2, 3))
     moved = [e @ by_error[k] + x[k] @ by_press[k] for k in range(2)]
     np.testing.assert_allclose(jacobian @ np.concatenate([e, x.ravel()]), np.ravel(moved))
+
+
+class Linear:
+    """Readings of two presses that are linear in three errors, and in place and force."""
+
+    def __init__(self, errors: Any, presses: Any, share: Any) -> None:
+        rng = np.random.default_rng(7)
+        self.by_error = 30 * rng.normal(size=(2, 3, 8))
+        self.by_press = np.array([300.0, 20.0])[:, None] * rng.normal(size=(2, 2, 8))
+        self.known = np.array([press.quantities for press in presses])
+
+    def at(self, e: Any, x: Any) -> Any:  # noqa: D102
+        change = np.einsum("e,pet->pt", e, self.by_error)
+        change = change + np.einsum("pq,pqt->pt", x, self.by_press)
+        return update._Model(change, self.by_press, self.by_error)
+
+
+@pytest.mark.parametrize(("misfit", "status"), [(0.0, "ok"), (3.5, "poor_fit"), (40.0, "")])
+def test_a_zero_is_the_posterior_of_its_presses(
+    monkeypatch: pytest.MonkeyPatch, misfit: float, status: str
+) -> None:
+    """Conditioning of a linear model, its covariance as large as the misfit asks for."""
+    monkeypatch.setattr(update, "PressModel", Linear)
+    presses = tuple(known_press(f"{f} N at {a} deg", GEOMETRY) for f, a in ((5, 10), (9, -20)))
+    errors: Any = [None] * 3
+    rng, model = np.random.default_rng(8), Linear(errors, presses, 1.0)
+    true, unsure = np.array([0.5, -1.0, 0.3]), np.array([0.03, 0.01])
+    change = model.at(true, model.known).change + misfit * rng.normal(size=(2, 8))
+    change[1, 3] = np.nan
+    variance = rng.uniform(1.0, 4.0, (2, 8))
+    readings = update.PressReadings(change, variance, np.ones(2), unsure)
+    if not status:
+        with pytest.raises(ValueError, match="no inputs within the tolerances"):
+            update.zero_of(errors, presses, readings, 1e-2)
+        return
+    zero = update.zero_of(errors, presses, readings, 1e-2)
+    weight = 1 / (variance + (1e-2 * change) ** 2)
+    weight[1, 3] = change[1, 3] = 0.0
+    deviations = np.array([press.deviations for press in presses])
+    # A share of the force that nobody knows reads as a force that nobody knows.
+    deviations[:, 1] = np.hypot(deviations[:, 1], [0.03 * 5, 0.01 * 9])
+    prior = Gaussian(
+        np.append(np.zeros(3), model.known), np.diag(np.append(np.ones(3), deviations**2))
+    )
+    at = model.at(np.zeros(3), model.known)
+    residual = np.where(weight > 0, change - at.change, 0.0)
+    jacobian = update._jacobian(at)
+    found = conditioned(prior, prior.mean, jacobian, residual.ravel(), weight.ravel())
+    left = residual.ravel() - jacobian @ (found.mean - prior.mean)
+    ratio = float(weight.ravel() @ left**2) / (15 - 4)  # readings less places and forces
+    assert zero.status == status
+    assert zero.chi2_per_dof == pytest.approx(ratio)
+    scale = ratio if status == "poor_fit" else 1.0
+    own = scale * found.covariance[:3, :3]
+    assert zero.posterior.mean == pytest.approx(found.mean[:3])
+    assert zero.posterior.covariance == pytest.approx(own)
+    for told, covariance in ((zero.before, np.eye(3)), (zero.after, own)):
+        for k, force in enumerate((5, 9)):
+            both = np.concatenate([model.by_error[k], model.by_press[k]])
+            information = (both * weight[k]) @ both.T
+            information[:3, :3] += np.linalg.inv(covariance)
+            deviation = np.linalg.inv(information)[-1, -1] ** 0.5
+            assert told[k] == pytest.approx(deviation / force)
+
+
+def test_a_step_beyond_all_states_is_halved() -> None:
+    """Of 8 the model has states up to 3: half of a half of the way is the first with one."""
+
+    def at(e: Any, x: Any) -> str:
+        if e[0] > 3.0:
+            raise ValueError
+        return "state"
+
+    model: Any = SimpleNamespace(known=np.zeros((1, 1)), at=at)
+    reached, state = update._moved(model, np.zeros(2), np.array([8.0, 0.4]), 1)
+    assert (reached.tolist(), state) == ([2.0, 0.1], "state")
+
+
+def test_a_creeping_press_has_a_share_of_its_force(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Readings are 7 F^2 of the force that acts, whose share of the known one is 0.8."""
+
+    def run(function: Any, skin: Any, loads: Any, state: Any, by_skin: Any, by: Any) -> Any:
+        return (14 * loads.force * by.force)[:, 0][:, None]
+
+    def forward(skin: Any, loads: Any) -> Any:
+        return SimpleNamespace(solved=True, so=7 * loads.force**2, state=None)
+
+    monkeypatch.setattr(update, "forward", forward)
+    monkeypatch.setattr(update, "COMPILED", SimpleNamespace(run=run))
+    monkeypatch.setattr(update, "changed_skin", lambda spec, skin, inputs: skin)
+    monkeypatch.setattr(
+        update, "skin_tangents", lambda s, skin, p, d: update._zeros(skin, len(d))
+    )
+    errors = input_errors(as_assembled(load_skin(SKIN)))
+    model = update.PressModel(errors, [known_press("5 N at 0 deg", GEOMETRY)], 0.8)
+    found = model.at(np.zeros(len(errors)), model.known)
+    assert found.change.item() == pytest.approx(7 * (0.8 * 5) ** 2)
+    assert found.by_press[0, -1].item() == pytest.approx(14 * (0.8 * 5) * 0.8)
+
+
+def test_means_of_presses_know_their_frames_and_their_creep() -> None:
+    """Of one relaxing term the load is 1 - g exp(-t (1 - g) / tau) of the constant one."""
+    spec, g, tau = load_skin(SKIN), 0.2, 30.0
+    relaxation = RelaxationSpec(g=(UncertainQuantity(g, 0.01),), tau=(tau,))
+    material = spec.material.model_copy(update={"relaxation": relaxation})
+    rng = np.random.default_rng(5)
+    so, time = rng.normal(100, 1, (12, 3)), np.arange(12.0)
+    so[8, 1] = np.nan
+    frames = PressedFrames(np.arange(4), [np.array([7, 8, 9, 10])], [5])
+    found = from_log._averaged(spec.model_copy(update={"material": material}), so, time, frames)
+    mean = [np.nanmean(column[7:11]) - column[:4].mean() for column in so.T]
+    assert found.change[0] == pytest.approx(mean)
+    assert spec.electrodes is not None
+    noise = spec.electrodes.noise**2 + 1 / 12
+    assert found.variance[0] == pytest.approx(noise * (1 / np.array([4, 3, 4]) + 1 / 4))
+
+    def share(g: float) -> float:
+        return float((1 - g * np.exp(-np.arange(2.0, 6.0) * (1 - g) / tau)).mean())
+
+    assert found.share[0] == pytest.approx(share(g))
+    slope = (share(g + 1e-6) - share(g - 1e-6)) / 2e-6
+    expected = 0.01 * abs(slope) / share(g)
+    assert found.share_deviation == pytest.approx([expected], rel=0.05)
 
 
 def made_up(skin: Path) -> Zero:
@@ -233,7 +370,11 @@ def test_a_zero_written_and_read_is_what_estimates_assume(tmp_path: Path) -> Non
     zero = made_up(skin)
     path = zero_file_of(skin)
     path.write_text(zero_text(zero, skin, log))
-    spec = zeroed(load_skin(skin), read_zero(path, skin))
+    record = read_zero(path, skin)
+    assert record.standard_errors == pytest.approx(np.sqrt(np.diag(zero.covariance)))
+    row = tomllib.loads(path.read_text())["press"][0]
+    assert (row["force_deviation_before"], row["force_deviation_after"]) == ("14 %", "0.5 %")
+    spec = zeroed(load_skin(skin), record)
     for name, value in zip(zero.errors.paths, zero.values, strict=True):
         assert value_of(spec, name) == pytest.approx(value)
     found = input_errors(as_assembled(spec))
@@ -280,9 +421,11 @@ def test_presses_on_a_pad_have_a_place_along_its_axis() -> None:
     assert press.deviations[1] == pytest.approx(0.5e-3)
     assert press.diameter == pytest.approx(8e-3)
     assert known_press("5 N at arc 3 mm, 0 mm", geometry).axial_deviation == PLACE_ERROR
+    edge = 1e3 * float(geometry.width) / 2 - 3.0  # of a fingertip of 6 mm [mm]
+    known_press(f"5 N at 0 deg, {edge - 0.01} mm", geometry)
     for text, message in (
         ("5 N at 0 deg", "place along the axis is needed"),
-        ("5 N at 0 deg, 61 mm", "does not lie on the pad"),
+        (f"5 N at 0 deg, {edge + 0.01} mm", "does not lie on the pad"),
         ("5 N at 0 deg, 5 N", "5 N"),
     ):
         with pytest.raises(ValueError, match=message):
@@ -393,6 +536,9 @@ def test_an_old_zero_knows_less_of_forces_where_nothing_tells_the_temperature() 
     assert grown("2026-01-01T10:00:00+00:00") == 0.0
     assert grown("2026-01-01T10:15:00+00:00") == pytest.approx(WARMTH**2 / 4)
     assert grown("2026-01-01T10:00:00+00:00", 900.0) == pytest.approx(WARMTH**2 / 4)
+    # A log from before the zero is farther away where it begins.
+    for lasts in (0.0, 900.0, 1800.0):
+        assert grown("2026-01-01T09:45:00+00:00", lasts) == pytest.approx(WARMTH**2 / 4)
     assert grown("2026-01-03T10:00:00+00:00") == pytest.approx(WARMTH**2)
     for unknown in ("", "yesterday", "2026-01-01T12:00:00"):
         assert grown(unknown) == 0.0

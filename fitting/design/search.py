@@ -277,7 +277,7 @@ def _prices(want: Want, trial: Trial) -> Iterator[Price]:
     x, outcome, scale = trial.x, trial.last, _scale(want, trial.first)
     goals, by_goal = _goals(want, outcome, scale)
     limits, by_limits = _limits(want, outcome)
-    goal = trial.goal / scale
+    goal = abs(trial.goal) / scale
     if not trial.multipliers.size:  # of a search that was ended, which has none
         return
     own = trial.multipliers[len(goals) :]  # the first are those of the goal's places

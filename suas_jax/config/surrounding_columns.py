@@ -13,6 +13,11 @@ class SurroundingColumn(NamedTuple):
     low: float  # smallest value that a skin meets, in the column's unit
     high: float  # largest
 
+    def beyond(self, *ends: float) -> float | None:
+        """The value of some that is farthest beyond what a skin meets; None where none is."""
+        worst = max(ends, key=lambda x: abs(x - (self.low + self.high) / 2))
+        return None if self.low <= worst <= self.high else worst
+
 
 TEMPERATURE, DEPTH = "temperature_degC", "water_depth_m"
 SURROUNDINGS = {

@@ -100,16 +100,17 @@ def _surrounded(
     for name, column in SURROUNDINGS.items():
         if name not in columns:
             continue
-        values, low, high = columns[name], column.low, column.high
+        values = columns[name]
         if scene.material.relaxation is not None:
             raise ValueError(
                 f'{where}, column "{name}": it is not followed where the material relaxes; '
                 "take `relaxation` out of [material], or use suas sweep --history"
             )
-        if values.min() < low or values.max() > high:
-            worst = values[np.abs(values - (low + high) / 2).argmax()]
+        worst = column.beyond(values.min(), values.max())
+        if worst is not None:
             raise ValueError(
-                f'{where}, column "{name}": {worst:g}: {low:g} to {high:g} is allowed'
+                f'{where}, column "{name}": {worst:g}: {column.low:g} to {column.high:g} is '
+                "allowed"
             )
         found[column.key] = float(values[0]) + column.zero
     if not found:

@@ -102,7 +102,7 @@ class LogEstimator:
         log, past = self.readings, past or PastOfFrames()
         share = self.states.share[frames]
         found: list[list[tuple[float, LoadEstimate]]] = [[] for _ in frames]
-        each, before = len(frames) / max(int(np.count_nonzero(share)), 1), 0
+        every, before = int(np.count_nonzero(share)), 0
         for k, estimator in enumerate(self._of):
             rows = np.flatnonzero(share[:, k])
             if not rows.size:
@@ -110,7 +110,7 @@ class LogEstimator:
             own = frames[rows]
 
             def so_far(count: int, before: int = before) -> None:
-                done(int((before + count) * each))
+                done((before + count) * len(frames) // every)
 
             estimates = estimator.estimate_frames(
                 self.so(k, own),

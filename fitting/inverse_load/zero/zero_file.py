@@ -150,20 +150,21 @@ def zeroed(spec: SkinSpec, record: CalibrationSpec) -> SkinSpec:
 
 
 def aged(spec: SkinSpec, begin: str, lasts: float = 0.0) -> tuple[SkinSpec, list[str]]:
-    """A skin with its zero at the end of some time, where nothing tells its temperature.
+    """A skin with its zero over some time, where nothing tells its temperature.
 
-    The temperature has walked at random since the zero was taken, by as much as a file's
-    tolerance within an hour. The time begins at a date and time and `lasts` [s]. Also in words
-    what that assumes.
+    The temperature walks at random from when the zero was taken, by as much as a file's
+    tolerance within an hour; its deviation is that of the end that is farther away. The time
+    begins at a date and time and `lasts` [s]. Also in words what that assumes.
     """
     record = spec.calibration
     if record is None or _WARMTH_PATH not in record.parameters:
         return spec, []
     try:
-        since = datetime.fromisoformat(begin) - datetime.fromisoformat(record.taken)
+        away = datetime.fromisoformat(begin) - datetime.fromisoformat(record.taken)
     except (TypeError, ValueError):  # one of them does not say, or not where on earth
         return spec, []
-    hours = abs(since.total_seconds() + lasts) / 3600
+    since = away.total_seconds()
+    hours = max(-since, since + lasts) / 3600
     walked = WARMTH * min(hours, 1.0) ** 0.5
     if walked < _NEGLIGIBLE:
         return spec, []
@@ -172,7 +173,7 @@ def aged(spec: SkinSpec, begin: str, lasts: float = 0.0) -> tuple[SkinSpec, list
     rows[k, k] += walked**2
     record = record.model_copy(update={"covariance": tuple(map(tuple, rows.tolist()))})
     return spec.model_copy(update={"calibration": record}), [
-        f"{hours:.2g} h after its zero the skin may be {walked:.2g} K warmer or colder, which "
+        f"{hours:.2g} h from its zero the skin may be {walked:.2g} K warmer or colder, which "
         "counts in every force: record temperature_degC with zero and log"
     ]
 
