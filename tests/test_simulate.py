@@ -226,7 +226,7 @@ def test_a_taxel_that_touches_reads_full_scale(folder: Path) -> None:
         ("# scene: scene.toml\nt_s,loads.1.force_N\n0,1\n", "K below 1"),
         ("# scene: scene.toml\nt_s,loads.0.pressure_Pa\n0,1\n", "a line load has force_N"),
         ("# scene: scene.toml\nt_s,loads.0.force_N\n0,1\n1,x\n", "line 4, column loads.0.f"),
-        ("# scene: scene.toml\nt_s,loads.0.force_N\n0,1\n0,2\n", "line 4, column t_s"),
+        ("# scene: scene.toml\nt_s,loads.0.force_N\n0,1\n-1,2\n", "line 4, column t_s"),
         ("# scene: scene.toml\nt_s,loads.0.force_N\n0,1,2\n", "3 fields for 2 columns"),
         ("# scene: scene.toml\nt_s,loads.0.angle_deg\n0,91\n", "leaves the skin"),
         ("# scene: no.toml\nt_s,loads.0.force_N\n0,1\n", "no.toml"),
@@ -304,3 +304,21 @@ def test_a_skin_that_remembers_leaves_its_memory_in_a_log(folder: Path) -> None:
     np.testing.assert_allclose(found[2], for_good[2], rtol=1e-7)
     left = np.abs(found[3] - at_once[3]).max() / np.abs(found[2] - at_once[3]).max()
     assert 0.1 < left < 0.4  # a ghost of the dent
+
+
+def test_a_jump_between_frames_is_remembered_from_its_own_time(folder: Path) -> None:
+    """What a held load leaves depends on how long it has been held, not on the frames."""
+    scene = load_scene(folder / "scene.toml")
+    relaxation = RelaxationSpec(g=(0.4,), tau=(0.05,))
+    rubber = scene.material.model_copy(update={"relaxation": relaxation})
+    creeping = scene.model_copy(update={"material": rubber})
+
+    def read(rows: list[tuple[float, float]], frames: list[float]) -> np.ndarray:
+        time, force = np.array(rows).T
+        columns = {"loads.0.force_N": force, "loads.0.angle_deg": 0 * force + 5}
+        return capacitances(LoadPath(creeping, time, columns), np.array(frames))
+
+    late = read([(0, 0), (0.95, 0), (0.95, 8), (2, 8)], [0, 1, 2])
+    soon = read([(0, 0), (0, 8), (2, 8)], [0, 0.05, 2])
+    np.testing.assert_allclose(late[1:], soon[1:], rtol=2e-5)
+    assert np.abs(late[1] - late[2]).max() > 1e-3 * late[2].max()  # it still creeps

@@ -57,13 +57,15 @@ def capacitances(
     free, held = skin_of(scene, contact=False), skin_of(scene)
     run = jit(forward)
     section = free.geometry.section
-    loads = _loads(path, time, section)
+    moments = path.moments(time) if remembers else time
+    loads = _loads(path, moments, section)
     end = float(free.geometry.half_angle[0])
     if loads.angle.size and float(jnp.max(jnp.abs(loads.angle))) >= end:
         _, edge = clamped_edge(section, by_arc=not path.scene.geometry.has_angle)
         raise ValueError(f"a load leaves the skin, which ends at {edge}")
     if remembers:
-        return followed_section(scene, (free, held), time, loads, progress)
+        found = followed_section(scene, (free, held), path.times(moments), loads, progress)
+        return found[np.searchsorted(moments, time)]
     blocks = []
     for begin in range(0, len(time), _BLOCK):
         index = np.minimum(np.arange(begin, begin + _BLOCK), len(time) - 1)
@@ -109,13 +111,15 @@ def _lanes(
 def _remembering_pad(
     path: LoadPath, time: NDArray[np.float64], progress: Callable[[int], None]
 ) -> NDArray[np.float64]:
-    scene, moved, plans = pad_path(path, time)
+    moments = path.moments(time)
+    scene, moved, plans = pad_path(path, moments)
     if not all(same_mesh(plan, plans[0]) for plan in plans):
         raise ValueError(
             "loads move over a pad whose material relaxes, which is not followed: keep their "
             "places, or take `relaxation` out of [material]"
         )
-    return followed_pad(scene, plans[0], time, moved, progress)
+    found = followed_pad(scene, plans[0], path.times(moments), moved, progress)
+    return found[np.searchsorted(moments, time)]
 
 
 def _fields(loads: Loads) -> tuple[jnp.ndarray, ...]:

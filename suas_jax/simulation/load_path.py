@@ -11,8 +11,8 @@ The first column is time, the others are loads of the scene by the names that `s
 --json` gives them: `force_N`, `angle_deg` or `arc_m`, `direction_deg` (counter-clockwise from
 the inward radial) and `pressure_Pa`; in three dimensions also `axial_m`, `tilt_deg` (towards
 +axial) and the `diameter_m` of a round patch. `temperature_degC` is that of the whole skin,
-`water_depth_m` its depth below the surface. Between rows everything changes linearly; what no
-column names stays as the scene has it.
+`water_depth_m` its depth below the surface. Between rows everything changes linearly, two rows
+of one time are a jump; what no column names stays as the scene has it.
 """
 
 import re
@@ -46,12 +46,29 @@ class LoadPath:
     """Loads over time."""
 
     scene: SceneSpec  # whose loads move
-    time: NDArray[np.float64]  # of the rows [s]
+    time: NDArray[np.float64]  # of the rows, never falling [s]
     columns: dict[str, NDArray[np.float64]]  # values by name, in the units of the names [row]
 
     def at(self, time: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-        """Values at some times [s], linear between rows, constant beyond them."""
+        """Values at some times [s], linear between rows, constant beyond them.
+
+        At the time of a jump they are those after it.
+        """
         return {k: np.interp(time, self.time, v) for k, v in self.columns.items()}
+
+    def moments(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Rising times [s] with those between them at which the path turns, and before jumps.
+
+        The last time before a jump is the next smaller number.
+        """
+        jumps = self.time[1:][np.diff(self.time) == 0]
+        turns = np.concatenate([self.time, np.nextafter(jumps, -np.inf)])
+        return np.union1d(time, turns[(turns > time[0]) & (turns < time[-1])])
+
+    def times(self, moments: NDArray[np.float64]) -> NDArray[np.float64]:
+        """When moments are [s]: a jump takes no time."""
+        next_one = np.nextafter(moments, np.inf)
+        return np.where(np.isin(next_one, self.time), next_one, moments)
 
     def surroundings(self, time: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
         """Temperature [K] and depth [m], those that change, by their paths in a scene."""
@@ -84,10 +101,10 @@ def load_path(file: Path) -> LoadPath:
             if np.isnan(value):
                 where = f"{file}, line {line}, column {name}"
                 raise ValueError(f'{where}: "{text}": expected a number')
-    late = np.flatnonzero(~(np.diff(numbers[:, 0]) > 0))
-    if late.size:
-        line, _ = table.rows[late[0] + 1]
-        raise ValueError(f"{file}, line {line}, column t_s: time must increase")
+    early = np.flatnonzero(np.diff(numbers[:, 0]) < 0)
+    if early.size:
+        line, _ = table.rows[early[0] + 1]
+        raise ValueError(f"{file}, line {line}, column t_s: less than in the row before")
     columns = dict(zip(table.names[1:], numbers[:, 1:].T, strict=True))
     return LoadPath(_surrounded(str(file), scene, columns), numbers[:, 0], columns)
 

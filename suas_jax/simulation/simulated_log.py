@@ -163,9 +163,11 @@ def simulate_log(
         static, forces = static_state(scene)
         capacitance = np.tile(static, (count, 1))
     else:
-        capacitance = capacitances(path, path.time[0] + time, progress)
+        # Frames at a row's time are at it to the last digit: it may be that of a jump.
+        played = np.round(path.time[0] + time, 12)
+        capacitance = capacitances(path, played, progress)
         forces = [getattr(load, "force", None) or 0.0 for load in scene.loads]
-        moved = path.at(path.time[0] + time)
+        moved = path.at(played)
     untold, loads = "", {}
     try:
         loads = true_loads(scene, forces, moved, count)

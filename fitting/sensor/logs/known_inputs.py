@@ -151,7 +151,8 @@ def from_header(header: Mapping[str, str], rows: int, where: str) -> Known:
 def from_file(path: Path, time: np.ndarray, clock: str) -> tuple[Known, np.ndarray]:
     """Known inputs of a second file at the times of a log.
 
-    Numbers change linearly between rows, the fluid holds until the next row.
+    Numbers change linearly between rows, two of one time are a jump; the fluid holds until the
+    next row.
 
     The file is a CSV with a time column and known inputs, as load paths of `suas simulate` are.
     Times are those of the log's frames [s], and the clock says which of the log's clocks that
@@ -171,8 +172,8 @@ def from_file(path: Path, time: np.ndarray, clock: str) -> tuple[Known, np.ndarr
     rows = (fields for _, fields in table.rows)
     columns = dict(zip(table.names, zip(*rows, strict=True), strict=True))
     t = np.array([_number(x, clocks[0], str(path)) for x in columns.pop(clocks[0])])
-    if not np.all(np.diff(t) > 0):
-        raise ValueError(f"{path}, column {clocks[0]}: time must increase from row to row")
+    if not np.all(np.diff(t) >= 0):
+        raise ValueError(f"{path}, column {clocks[0]}: time must not fall from row to row")
     known = from_columns(columns, str(path))
     if not known.values and known.fluid is None:
         raise ValueError(
