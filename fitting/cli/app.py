@@ -28,6 +28,8 @@ def main() -> None:
     # Read when NumPy and SciPy are imported, which commands do. Each has a pool of threads of
     # its own, which on busy cores wait for one another longer than matrices this small take.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Else XLA asks for a bug report where a busy machine compiles a pad for two minutes.
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     import gc
 
     gc.set_threshold(100_000)  # as `configure` has it: imports make many objects that stay
