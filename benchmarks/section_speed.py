@@ -27,7 +27,7 @@ from suas_jax.runtime.compiled import OPTIONS
 from suas_jax.scene.build import build_problem, plan_for
 
 ELEMENTS, LANES, ROUNDS = 32, 256, 15
-PRESSES, FORCE = 16, 120.0  # at the wall, evenly over 60 degrees, and of each [N]
+PRESSES, FORCE = 16, 120.0  # loads that reach the wall, evenly over 60 degrees; of each [N]
 RADIUS = 57.5  # mm
 ONE = ("one equilibrium", "with its gradient by all inputs")
 _TURNS = np.linspace(-np.pi / 2, np.pi / 2, 9)

@@ -20,8 +20,8 @@ from fitting.design.search import (
     Found,
     Price,
     Trial,
+    _EndedError,
     _Program,
-    _VainError,
     best_first,
     search,
     worst,
@@ -212,7 +212,7 @@ def test_a_search_ends_after_thirty_designs_a_variable_and_one_more() -> None:
     program = _Program(Problem(), Problem().want)  # type: ignore[arg-type]
     for k in range(90):
         program._outcome(np.array([0.01 * k, 0.5]))
-    with pytest.raises(_VainError, match="after 90 designs"):
+    with pytest.raises(_EndedError, match="after 90 designs"):
         program._outcome(np.zeros(2))
 
 
@@ -327,7 +327,7 @@ def test_a_design_knows_how_near_buckling_its_skin_is(tmp_path: Path) -> None:
     assert problem.want.limits[-1].key == "buckling_share"
 
     def stands(fill: float) -> Outcome:
-        return problem._stands(np.array([0.3, fill, 0.5]))
+        return problem._buckling_share(np.array([0.3, fill, 0.5]))
 
     at_fit, near, other = stands(0.5), stands(0.4), stands(0.41)
     assert at_fit.values["buckling_share"][0] == pytest.approx(0, abs=1e-9)

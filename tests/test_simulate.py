@@ -313,12 +313,16 @@ def test_a_jump_between_frames_is_remembered_from_its_own_time(folder: Path) -> 
     rubber = scene.material.model_copy(update={"relaxation": relaxation})
     creeping = scene.model_copy(update={"material": rubber})
 
+    done: list[int] = []
+
     def read(rows: list[tuple[float, float]], frames: list[float]) -> np.ndarray:
         time, force = np.array(rows).T
         columns = {"loads.0.force_N": force, "loads.0.angle_deg": 0 * force + 5}
-        return capacitances(LoadPath(creeping, time, columns), np.array(frames))
+        path = LoadPath(creeping, time, columns)
+        return capacitances(path, np.array(frames), done.append)
 
     late = read([(0, 0), (0.95, 0), (0.95, 8), (2, 8)], [0, 1, 2])
     soon = read([(0, 0), (0, 8), (2, 8)], [0, 0.05, 2])
     np.testing.assert_allclose(late[1:], soon[1:], rtol=2e-5)
+    assert done == [3, 3]  # frames, not the rows between them
     assert np.abs(late[1] - late[2]).max() > 1e-3 * late[2].max()  # it still creeps

@@ -89,7 +89,7 @@ class Design(NamedTuple):
         """The same for a terminal."""
         want, found = self.problem.want, self.found
         word = WORDS[want.goal]
-        first = word.told(found.before) if found.start.found else "unknown, without a state,"
+        first = word.told(found.before) if found.start.found else "of a skin without a state"
         line = f"{word.title.lower()} {first} became {word.told(found.goal)}"
         inputs = want.inputs(found.x)
         own = continuous_inputs(want.spec)
@@ -107,7 +107,7 @@ class Design(NamedTuple):
             ReportTable("Data sheets", ("figure", "before", "after"), rows),
             *self._front(),
             *(Remark(self._price(p)) for p in found.prices),
-            *self._vain(),
+            *self._ended(),
             Remark(
                 f"{found.agreeing} of {len(found.trials)} starts agree on the goal; "
                 f"{self.calls} designs were evaluated."
@@ -118,8 +118,8 @@ class Design(NamedTuple):
         """The front where two goals are traded, else the section with its dimensions."""
         return plot_front(self) if self.front else plot_skin(self.after.spec)
 
-    def _vain(self) -> list[Part]:
-        """That the best search was ended, so that nothing says what holds its design."""
+    def _ended(self) -> list[Part]:
+        """Why the best search was ended, if it was; then nothing says what holds its design."""
         best = self.found.trials[0]
         return [] if best.multipliers.size else [Remark(f"The best search {best.message}.")]
 

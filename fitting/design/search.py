@@ -27,7 +27,9 @@ _STEPS = 80
 # Designs of one search at most, for each variable and one more; and those of them without a
 # state. Beside these the search has no slope to go by, and creeps.
 _TRIED, _LOST = 30, 12
-_RETREATS = 5  # of a start without a state, each half of the way to the skin file's design
+# Beginnings of one search, each half of the way from a start without a state to the skin file's
+# design; the first is the start.
+_BEGINNINGS = 5
 _KEPT = 1e-5  # share by which a limit may be missed
 _ACTIVE = 1e-4  # share within which a limit counts as reached
 _AGREE = 2e-3  # relative difference of goals that agree
@@ -171,8 +173,8 @@ def worst(want: Want, outcome: Outcome) -> float:
     return float(values.min() if want.maximise else values.max())
 
 
-class _VainError(Exception):
-    """Ends a search that leads nowhere; says why."""
+class _EndedError(Exception):
+    """Ends a search that gets nowhere; says why."""
 
 
 class _Program:
@@ -189,7 +191,7 @@ class _Program:
     def solve(self, start: Floats) -> Trial:
         """Search from a start, or from where towards the skin file's own design a state is."""
         begin = start
-        for _ in range(_RETREATS):
+        for _ in range(_BEGINNINGS):
             first = self._outcome(begin)
             if first.found or np.array_equal(start, self.want.start):
                 break
@@ -203,8 +205,8 @@ class _Program:
             x, why, multipliers = self._minimised(begin, first)
             last = self._outcome(x)
             goal = self._kept_goal(last)
-        except _VainError as vain:
-            x, why, multipliers, last, goal = begin, str(vain), none, first, float("nan")
+        except _EndedError as ended:
+            x, why, multipliers, last, goal = begin, str(ended), none, first, float("nan")
         if np.isnan(goal) and self._best is not None:
             (goal, x, last), multipliers = self._best, none
         return Trial(start, x, goal, why, multipliers, first, last, self._calls)
@@ -239,9 +241,9 @@ class _Program:
         if self._last is not None and np.array_equal(self._last[0], x):
             return self._last[1]
         if self._lost >= _LOST:
-            raise _VainError(f"was ended beside {_LOST} designs that buckle or have no state")
+            raise _EndedError(f"was ended beside {_LOST} designs that buckle or have no state")
         if self._calls >= _TRIED * (len(x) + 1):
-            raise _VainError(f"was ended after {self._calls} designs")
+            raise _EndedError(f"was ended after {self._calls} designs")
         outcome = self.problem(np.clip(x, 0.0, 1.0))
         self._last = (np.array(x), outcome)
         self._calls += 1
@@ -274,12 +276,12 @@ def _scale(want: Want, first: Outcome) -> float:
 
 def _prices(want: Want, trial: Trial) -> Iterator[Price]:
     """What holds the design that a search found."""
+    if not trial.multipliers.size:  # of a search that was ended, which has none
+        return
     x, outcome, scale = trial.x, trial.last, _scale(want, trial.first)
     goals, by_goal = _goals(want, outcome, scale)
     limits, by_limits = _limits(want, outcome)
     goal = abs(trial.goal) / scale
-    if not trial.multipliers.size:  # of a search that was ended, which has none
-        return
     own = trial.multipliers[len(goals) :]  # the first are those of the goal's places
     row = 0
     for limit in want.limits:

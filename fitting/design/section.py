@@ -44,7 +44,7 @@ from suas_jax.skin.prestress import is_prestressed
 _FURTHER = 1e-4  # share of first contact beyond it at which its change is read
 # Beyond buckling a skin has no figures, and before it none of them tells that it comes: a
 # search that sees no limit ends there.
-_STANDS = Limit("buckling_share", 0.95, least=False)
+_NOT_BUCKLED = Limit("buckling_share", 0.95, least=False)
 
 
 class Numbers(NamedTuple):
@@ -173,8 +173,9 @@ class SectionProblem(Problem):
     """The figures of a section under line loads."""
 
     def __init__(self, want: Want, elements: int = 32) -> None:
-        prestressed = is_prestressed(want.spec)
-        super().__init__(replace(want, limits=(*want.limits, _STANDS)) if prestressed else want)
+        if is_prestressed(want.spec):
+            want = replace(want, limits=(*want.limits, _NOT_BUCKLED))
+        super().__init__(want)
         self.elements = elements  # of the mesh
         variants = None if want.units is None else variants_of(want.spec)
         spec = want.spec if variants is None else variants.spec
@@ -206,9 +207,11 @@ class SectionProblem(Problem):
 
     def placed(self, x: Floats) -> Outcome:
         """The figures that have places; see the base class."""
-        stands = self._stands(x) if _STANDS in self.want.limits else Outcome({}, {}, True)
-        if not stands.found:
-            return stands
+        rest = Outcome({}, {}, True)
+        if _NOT_BUCKLED in self.want.limits:
+            rest = self._buckling_share(x)
+            if not rest.found:
+                return rest
         touch = self.first_contacts(x)
         known = np.where(np.isfinite(touch), touch, self.rated)
         by_x, (values, result) = jax.tree.map(
@@ -220,12 +223,12 @@ class SectionProblem(Problem):
         needed = "range_N" not in self.keys or np.isfinite(touch).all()
         found = bool(settled and needed and np.isfinite(values).all())
         return Outcome(
-            {**dict(zip(self.keys, values, strict=True)), **stands.values},
-            {**dict(zip(self.keys, by_x, strict=True)), **stands.slopes},
+            {**dict(zip(self.keys, values, strict=True)), **rest.values},
+            {**dict(zip(self.keys, by_x, strict=True)), **rest.slopes},
             found,
         )
 
-    def _stands(self, x: Floats) -> Outcome:
+    def _buckling_share(self, x: Floats) -> Outcome:
         """How near the skin at rest is to buckling."""
         steps = STEP * np.eye(len(x))
         rows = np.stack([x, *(x - steps), *(x + steps)], 1)
@@ -234,4 +237,4 @@ class SectionProblem(Problem):
         before, after = neighbours.reshape(2, -1)
         slopes = (after - before) / (2 * STEP)
         found = bool(np.isfinite(share[0]))
-        return Outcome({_STANDS.key: share[:1]}, {_STANDS.key: slopes[None]}, found)
+        return Outcome({_NOT_BUCKLED.key: share[:1]}, {_NOT_BUCKLED.key: slopes[None]}, found)

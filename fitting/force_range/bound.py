@@ -246,7 +246,7 @@ def first_contacts(skin: Skin, angle: Floats) -> tuple[Floats, Floats]:
     for _ in range(80):
         gap, p, _, result = _solved(skin, angle, force)
         closed = gap <= 0  # of a failure, too: the gap is that of the last equilibrium
-        # Where the smallest force leads nowhere, its gap is that of no state at all.
+        # A failure under the smallest force is one at rest: there is no state whose gap counts.
         lost |= (result != 0) & (~closed | (force <= _SMALLEST))
         low = np.where(closed, low, force)
         high = np.where(closed, force, high)

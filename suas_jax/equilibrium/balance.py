@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from suas_jax.mechanics.base import AbstractMechanics, Assembly, largest
-from suas_jax.numerics.array_types import Lanes, StationVector
+from suas_jax.numerics.array_types import LaneCounts, Lanes, StationVector
 from suas_jax.numerics.bordered_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
 from suas_jax.skin.oil import AbstractOil
 from suas_jax.skin.prestress import ContainedOil
@@ -173,6 +173,14 @@ def state_of(problem: Problem, y: BorderedVector, level: Lanes) -> State:
     return State(y.stations, border_of(y), level)
 
 
+def is_stable(problem: Problem, negative: LaneCounts) -> Bool[Array, " lane"]:
+    """Whether a tangent under given loads is positive where the oil keeps its volume.
+
+    `negative`: its negative eigenvalues; the border of trapped oil brings one of them.
+    """
+    return negative == int(problem.oil.trapped)
+
+
 class Verification(NamedTuple):
     """What the tangent at a state says under given loads."""
 
@@ -219,7 +227,7 @@ def verify(
         state.factor,
     )
     verdict = Verification(
-        solved.negative == (1 if trapped else 0),
+        is_stable(problem, solved.negative),
         better,
         largest(a.residual),
         forces_in_balance(problem, state, a),

@@ -20,6 +20,7 @@ from suas_jax.equilibrium.balance import (
     Problem,
     State,
     imbalance,
+    is_stable,
     omitted_forces,
     residual,
     unknowns_of,
@@ -55,7 +56,7 @@ class Equilibrium(NamedTuple):
     result: Int[Array, " lane"]  # index of the outcome, see `suas_jax.equilibrium.outcomes`
     iterations: LaneCounts  # Newton corrections taken, retries included
     smallest_pivot: Lanes  # smallest relative pivot met on the way
-    # whether the tangent at it is positive where the oil keeps its volume; of given loads only
+    # whether it is stable, see `is_stable`; without a meaning where the oil pressure is given
     stable: Bool[Array, " lane"]
     # first-order effect on the unknowns of what the mechanics leaves out, without derivatives;
     # None where it was not asked for or nothing is left out
@@ -70,7 +71,7 @@ class Equilibrium(NamedTuple):
             state = State(found.y.stations, pressure, found.border)
         else:
             state = State(found.y.stations, found.border, found.level)
-        stable = found.negative == int(problem.oil.trapped)
+        stable = is_stable(problem, found.negative)
         return cls(
             state, found.level, found.result, found.iterations, found.smallest_pivot, stable
         )

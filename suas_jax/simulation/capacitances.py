@@ -47,25 +47,12 @@ def capacitances(
 
     Raises NoSolutionError: some loads have no equilibrium.
     """
-    remembers = path.scene.material.relaxation is not None
-    scene = responding(path.scene, "instantaneous")
-    if scene.geometry.dimension == 3:
-        if remembers:
-            return _remembering_pad(dataclasses.replace(path, scene=scene), time, progress)
+    if path.scene.material.relaxation is not None:
+        return _remembering(path, time, progress)
+    if path.scene.geometry.dimension == 3:
         return pad_capacitances(path, time, progress)
-    moved = path.surroundings(time)
-    free, held = skin_of(scene, contact=False), skin_of(scene)
-    run = jit(forward)
-    section = free.geometry.section
-    moments = path.moments(time) if remembers else time
-    loads = _loads(path, moments, section)
-    end = float(free.geometry.half_angle[0])
-    if loads.angle.size and float(jnp.max(jnp.abs(loads.angle))) >= end:
-        _, edge = clamped_edge(section, by_arc=not path.scene.geometry.has_angle)
-        raise ValueError(f"a load leaves the skin, which ends at {edge}")
-    if remembers:
-        found = followed_section(scene, (free, held), path.times(moments), loads, progress)
-        return found[np.searchsorted(moments, time)]
+    scene, moved, run = path.scene, path.surroundings(time), jit(forward)
+    (free, held), loads = _section(path, time)
     blocks = []
     for begin in range(0, len(time), _BLOCK):
         index = np.minimum(np.arange(begin, begin + _BLOCK), len(time) - 1)
@@ -108,18 +95,46 @@ def _lanes(
     return found
 
 
-def _remembering_pad(
+def _section(path: LoadPath, time: NDArray[np.float64]) -> tuple[tuple[Skin, Skin], Loads]:
+    """A section without and with its wall, and its loads, a lane a frame."""
+    free, held = skin_of(path.scene, contact=False), skin_of(path.scene)
+    section, end = free.geometry.section, float(free.geometry.half_angle[0])
+    loads = _loads(path, time, section)
+    if loads.angle.size and float(jnp.max(jnp.abs(loads.angle))) >= end:
+        _, edge = clamped_edge(section, by_arc=not path.scene.geometry.has_angle)
+        raise ValueError(f"a load leaves the skin, which ends at {edge}")
+    return (free, held), loads
+
+
+def _remembering(
     path: LoadPath, time: NDArray[np.float64], progress: Callable[[int], None]
 ) -> NDArray[np.float64]:
+    """The same of a material that relaxes, followed along the rows between frames, too."""
+    path = dataclasses.replace(path, scene=responding(path.scene, "instantaneous"))
     moments = path.moments(time)
+    frames = np.searchsorted(time, moments, "right")  # done by then
+    follow = _along_pad if path.scene.geometry.dimension == 3 else _along_section
+    found = follow(path, moments, lambda done: progress(int(frames[done - 1])))
+    return found[np.searchsorted(moments, time)]
+
+
+def _along_section(
+    path: LoadPath, moments: NDArray[np.float64], progress: Callable[[int], None]
+) -> NDArray[np.float64]:
+    skins, loads = _section(path, moments)
+    return followed_section(path.scene, skins, path.times(moments), loads, progress)
+
+
+def _along_pad(
+    path: LoadPath, moments: NDArray[np.float64], progress: Callable[[int], None]
+) -> NDArray[np.float64]:
     scene, moved, plans = pad_path(path, moments)
     if not all(same_mesh(plan, plans[0]) for plan in plans):
         raise ValueError(
             "loads move over a pad whose material relaxes, which is not followed: keep their "
             "places, or take `relaxation` out of [material]"
         )
-    found = followed_pad(scene, plans[0], path.times(moments), moved, progress)
-    return found[np.searchsorted(moments, time)]
+    return followed_pad(scene, plans[0], path.times(moments), moved, progress)
 
 
 def _fields(loads: Loads) -> tuple[jnp.ndarray, ...]:

@@ -57,16 +57,16 @@ class LoadPath:
         return {k: np.interp(time, self.time, v) for k, v in self.columns.items()}
 
     def moments(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Rising times [s] with those between them at which the path turns, and before jumps.
+        """Times [s], which rise, with those of the rows between them.
 
-        The last time before a jump is the next smaller number.
+        A jump has two: its own and the next smaller number, at which it is still to come.
         """
         jumps = self.time[1:][np.diff(self.time) == 0]
         turns = np.concatenate([self.time, np.nextafter(jumps, -np.inf)])
         return np.union1d(time, turns[(turns > time[0]) & (turns < time[-1])])
 
     def times(self, moments: NDArray[np.float64]) -> NDArray[np.float64]:
-        """When moments are [s]: a jump takes no time."""
+        """What a clock shows at moments [s]: both those of a jump are at its own time."""
         next_one = np.nextafter(moments, np.inf)
         return np.where(np.isin(next_one, self.time), next_one, moments)
 

@@ -253,9 +253,9 @@ class ChartedSection(AbstractSection):
         return found
 
     def least_height(self, position: Float[Array, "2 *shape"], near: Array) -> Array:
-        """Over the circle that touches the face at `near` and is as flat as it ever is.
+        """The height over the circle that touches the face at `near` and is as flat as it gets.
 
-        It lies nowhere inside the face, and takes one look where a foot takes several.
+        The face lies nowhere outside that circle. One look-up, where a foot takes several.
         """
         x, y, direction = self._at(near, "x", "y", "direction")
         away, k = position[:2] - jnp.stack([x, y]), self.flattest

@@ -82,16 +82,13 @@ def check_section(geometry: SkinGeometry) -> None:
 
 def _sizes(at: Samples) -> list[tuple[str, str]]:
     tables = ("geometry.thickness", at.thickness), ("geometry.oil_gap", at.gap)
-    found = [
-        (
-            key,
-            f"would be {format_quantity(float(values.min()), 'length')} at arc = {share:.3g} "
-            "of the table, where the curve through its values undershoots; add values there",
-        )
-        for key, values in tables
-        if not values.min() > 0
-        for share in [(at.arc[np.argmin(values)] - at.arc[0]) / np.ptp(at.arc)]
-    ]
+    shares, found = (at.arc - at.arc[0]) / np.ptp(at.arc), []
+    for key, values in tables:
+        k = int(np.argmin(values))
+        if not values[k] > 0:
+            least = format_quantity(float(values[k]), "length")
+            text = f"would be {least} at arc = {shares[k]:.3g} of the table, where the curve"
+            found.append((key, f"{text} through its values undershoots; add values there"))
     if found:
         return found
     sharp = (

@@ -141,7 +141,7 @@ class AbstractSection(eqx.Module):
         """
 
     def least_height(self, position: Float[Array, "2 *shape"], near: Array) -> Array:
-        """A height [m] that the one by `foot` is nowhere below, where that is much cheaper."""
+        """A lower bound [m] of the height by `foot`, where it is much cheaper than that."""
         return self.foot(position, near)[1]
 
     def moved(self, angle: Array, length: Array, height: Array) -> Array:
