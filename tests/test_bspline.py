@@ -53,6 +53,29 @@ def test_open_splines_are_those_of_scipy(
     assert axis.stations == count - 2
 
 
+@pytest.mark.parametrize(
+    ("axis", "parity", "held"),
+    [
+        (SplineAxis(5), 1, True),
+        (SplineAxis(5), 1, False),
+        (SplineAxis(5, right="mirror"), -1, True),
+        (SplineAxis(5, "mirror", "mirror"), 1, True),
+        (SplineAxis(5, multiplicity=(1, 2, 1, 2)), 1, True),
+    ],
+)
+def test_shapes_at_places_are_those_of_the_elements(
+    axis: SplineAxis, parity: int, held: bool
+) -> None:
+    x = np.linspace(-1, 1, 41)
+    element = np.clip(np.searchsorted(BREAKS, x, side="right") - 1, 0, 4)
+    xi = (x - BREAKS[element]) / np.diff(BREAKS)[element]
+    folded = axis.folded(axis.extraction(jnp.asarray(BREAKS), None), parity, held)
+    matrix = np.asarray(axis.on_stations(folded))[:, element]
+    expected = np.einsum("ap,aps->ps", np.stack(bernstein(xi)), matrix)
+    found = axis.shapes_at(BREAKS, x, parity, held)
+    np.testing.assert_allclose(found, expected, atol=1e-14)
+
+
 @pytest.mark.parametrize("parity", [1, -1])
 def test_a_mirrored_end_is_half_of_the_whole(parity: int) -> None:
     half, breaks = SplineAxis(5, right="mirror"), BREAKS

@@ -13,11 +13,14 @@ from suas_jax.constitutive.deformation_gradient import DeformationGradient, Righ
 from suas_jax.constitutive.laws.mooney_rivlin import MooneyRivlin
 from suas_jax.constitutive.laws.ogden import Ogden
 from suas_jax.equilibrium.balance import Problem
+from suas_jax.mechanics.pad.model import PadMesh
 from suas_jax.mechanics.pad.net import Net, NetTopology
+from suas_jax.mechanics.pad_solid.model import PAD_SOLID
 from suas_jax.mechanics.pad_solid.points import dilatation, green
 from suas_jax.mechanics.pad_solid.solid import PadSolid
 from suas_jax.mechanics.pad_solid.thickness import levels, shapes_at, thickness
 from suas_jax.mechanics.solid.solid import Solid
+from suas_jax.mesh.pad_plan import PadPlan, plan_pad
 from suas_jax.numerics.bspline import SplineAxis
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints
@@ -139,6 +142,44 @@ def test_comparison_meshes_hold_the_deformation(pads: dict[bool, PadSolid]) -> N
     place = jnp.array([[0.31]]), jnp.array([[0.012]])
     one, other = (quick(pad.faces)(x, *place) for pad, x in ((even, q), (finer, there)))
     np.testing.assert_allclose(one.inner_strain, other.inner_strain, atol=1e-9)
+
+
+def on_plan(mesh: PadMesh) -> PadSolid:
+    """The thick pad on a mesh, without loads."""
+    nothing = PadLoadPoints(*(jnp.zeros((*x, 0, 1)) for x in ((), (), (3,))))
+    breaks = 1.4 * mesh.plan.arc, 0.06 * mesh.plan.axial
+    assert mesh.degree is not None
+    return solid(THICK, EPDM, mesh.plan.axes, breaks, nothing, mesh.degree)
+
+
+def test_a_state_is_carried_to_other_elements_and_degrees() -> None:
+    """A quarter of finer elements, a degree more: nearly the same faces."""
+
+    def plan(elements: int, mirrored: bool) -> PadPlan:
+        planes = (mirrored, mirrored)
+        size = (elements, elements)
+        return plan_pad(1.4, 0.12, 56e-3, 4e-3, [], elements=size, mirrored=planes)
+
+    coarse, fine = (PadMesh(plan(n, False), degree=d) for n, d in ((12, 2), (18, 3)))
+    part = PadMesh(plan(18, True), degree=3)
+    pad, finer, quarter = (on_plan(mesh) for mesh in (coarse, fine, part))
+    topology = pad.topology
+    x, z = (np.cos(np.pi / 2 * np.linspace(-1, 1, 13)) ** 2 for _ in range(2))
+    size = np.array([0, 1e-3, 0, 0, -2e-3, 0, 0, -3e-3, 0, 2e-4, -1e-4])  # even in both planes
+    q = topology.to_stations(jnp.asarray(x[:, None, None] * z[:, None] * size)[..., None])
+    angle, axial = (jnp.asarray(np.array(p))[:, None] for p in ([-1.1, -0.3], [-0.04, -0.01]))
+    faces = quick(lambda pad, q: pad.faces(q, angle, axial))
+    expected = faces(pad, q)
+    for mesh, target in ((fine, finer), (part, quarter)):
+        moved = PAD_SOLID.carried(np.asarray(q), coarse, mesh)
+        found = faces(target, jnp.asarray(moved))
+        for name in ("inner_displacement", "mid_displacement", "outer_displacement"):
+            np.testing.assert_allclose(
+                getattr(found, name), getattr(expected, name), atol=1e-2 * 3e-3
+            )
+        assert moved.shape == target.rest().shape
+    same = PAD_SOLID.carried(np.asarray(q), coarse, coarse)
+    np.testing.assert_allclose(same, q * topology.free[..., None], atol=1e-14)
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3, 4])

@@ -131,7 +131,7 @@ class SplineAxis:
         self, breakpoints: Float[Array, "breakpoint *lane"]
     ) -> Float[Array, "knot *lane"]:
         """All knots, those beyond the ends included."""
-        return jnp.asarray(self._weights) @ breakpoints
+        return self._weights @ breakpoints
 
     def abscissae(
         self, breakpoints: Float[Array, "breakpoint *lane"]
@@ -197,6 +197,26 @@ class SplineAxis:
     ) -> Float[Array, "4 element station"]:
         """Bernstein coefficients of all elements as a matrix on the stations' values."""
         return self.on_stations(self.extraction(breakpoints, parity))
+
+    def shapes_at(
+        self,
+        breakpoints: Float[np.ndarray, " breakpoint"],  # ascending
+        x: Float[np.ndarray, " place"],
+        parity: int,  # see `extraction`
+        held: bool,  # see `folded`
+    ) -> Float[np.ndarray, "place station"]:
+        """Values of the stations' splines at places."""
+        from scipy.interpolate import BSpline  # a fifth of the package's imports
+
+        knots = np.asarray(self.knots(breakpoints))
+        every = BSpline.design_matrix(x, knots, DEGREE).toarray()
+        shapes = every[:, 1:-1]
+        for end, at, outer in ((self.left, (0, 1), 0), (self.right, (-1, -2), -1)):
+            if end == "mirror":
+                shapes[:, at[1]] += parity * every[:, outer]
+            elif not held:
+                shapes[:, at[0]] += every[:, outer]
+        return shapes
 
     def on_stations(
         self, extraction: Float[Array, "4 4 element"]

@@ -31,6 +31,8 @@ _PLACED = 1e-3  # of a thickness: mirrored places shall stay so
 _NOTHING = 1e-15  # of a pressure, a force, a displacement [SI]: rounding at rest
 # Part of rtol that the model may take: some must be left for the mesh.
 _MODEL_SHARE = 0.9
+# Times that part by which a coarse mesh's estimate is more than any mesh brings it down.
+_HOPELESS = 1.3
 # Failures of the shell that need not be the solid's: its few fibres may leave the faces
 # beyond a limit that more layers keep to; it does not know how thin a membrane is squeezed.
 _SOLID_KNOWS = {
@@ -160,8 +162,10 @@ def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
     at_the_wall = shell.at_the_wall and scene.wall.contact
     solid = _attempt(scene, "solid", None, once=once, wall=at_the_wall, known=shell)
     if not solid.converged:
-        if at_the_wall and not shell.wall:
-            shell = _attempt(scene, "shell", None, once=once, wall=True)
+        if np.isnan(shell.mesh_error) or (at_the_wall and not shell.wall):
+            alone = with_solve(scene, model="shell")
+            shell = _attempt(alone, "shell", None, once=once, wall=at_the_wall)
+            shell = shell._replace(scene=scene)
         return shell, f"{_shell_chosen(shell, rtol)} The solid did not converge."
     if not (shell.model_too_coarse(rtol) or solid.mesh_error < shell.mesh_error):
         return shell, f"{_shell_chosen(shell, rtol)} The solid's mesh error is no smaller."
@@ -246,6 +250,8 @@ def _attempt(
                 wanted, counts = counts, model.coarser(counts)
             continue
         coarser = found
+        if other_next and found.model_error > _HOPELESS * _MODEL_SHARE * rtol:
+            return found
         if scene.bodies and found.converged and wanted is not None:
             counts, wanted = wanted, None
             continue

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from suas_jax.config import SceneSpec
+from suas_jax.config import SceneSpec, with_solve
 from suas_jax.equilibrium.balance import State
 from suas_jax.mechanics.model import AbstractModel, AbstractPlan
 from suas_jax.mechanics.registry import MODELS
@@ -45,10 +45,13 @@ class IndentationCurve(NamedTuple):
 
     @classmethod
     def of(cls, scene: SceneSpec, shares: Mapping[str, float]) -> Self:
-        """With the model and the mesh that the scene needs."""
-        found, _ = choose(scene, once=True)
-        model = MODELS[scene.geometry.dimension][found.plan.model]
-        return cls(scene, shares, model, found.plan, found.wall)
+        """With the model and the mesh that the scene needs; see `AbstractModel.for_curves`."""
+        models, asked = MODELS[scene.geometry.dimension], scene
+        if scene.solve.model == "auto" and not models["solid"].for_curves:
+            given = models["solid"].given(scene)
+            asked = with_solve(scene, model="shell" if given is None else "solid")
+        found, _ = choose(asked, once=True)
+        return cls(scene, shares, models[found.plan.model], found.plan, found.wall)
 
     def points(self, depths: np.ndarray) -> list[dict[str, Any]]:
         """Reports at given travels [m]."""

@@ -7,12 +7,15 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
 
 from suas_jax.config import BodyLoadSpec, LineLoadSpec, PatchLoadSpec, SceneSpec
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.mechanics.model import AbstractModel, AbstractPlan, Counts, Meshes
 from suas_jax.mechanics.pad.net import NetTopology
 from suas_jax.mechanics.pad.pad import Pad
+from suas_jax.mechanics.pad.refinement import nearest_splines
 from suas_jax.mesh.pad_plan import (
     SHELL_SIZES,
     ElementSizes,
@@ -61,8 +64,12 @@ class PadMesh(AbstractPlan):
     @property
     def unknowns_shape(self) -> tuple[int, int]:
         """See the base class."""
-        dof, stations = NetTopology(*self.plan.axes, self.degree).free.shape
+        dof, stations = self.net(self.degree).free.shape
         return dof, stations
+
+    def net(self, degree: int | None) -> NetTopology:
+        """The control net of a degree through the thickness."""
+        return NetTopology(*self.plan.axes, degree)
 
     @property
     def symmetric(self) -> bool:
@@ -143,6 +150,23 @@ class PadModel(AbstractModel):
         if not any(mirrored):
             return PadMesh(part, degree=degree)
         return PadMesh(part.unfolded(), part, degree)
+
+    def carried(self, q: np.ndarray, origin: AbstractPlan, target: AbstractPlan) -> np.ndarray:
+        """Splines nearest to the given ones; see the base class."""
+        assert isinstance(origin, PadMesh)
+        assert isinstance(target, PadMesh)
+        given, wanted = (mesh.net(target.degree) for mesh in (origin, target))
+        values = np.asarray(origin.net(origin.degree).by_direction(q[..., 0]))
+        values = values @ self._through(origin.degree, target.degree)
+        breaks = [(mesh.plan.arc, mesh.plan.axial) for mesh in (origin, target)]
+        return nearest_splines(values, given, wanted, *breaks)[..., None]
+
+    def _through(
+        self, old: int | None, new: int | None
+    ) -> Float[np.ndarray, "old_width new_width"]:
+        """Unknowns of a control value for one degree from those for another."""
+        del old, new  # a shell has none
+        return np.eye(3)
 
     def _planned(
         self, scene: SceneSpec, elements: tuple[int, int], mirrored: tuple[bool, bool]

@@ -229,14 +229,17 @@ class AbstractLane(abc.ABC):
         """
         qe, rays = self.net.gather(q), (angle, axial)
 
-        def step(place: Place, _: None) -> tuple[Place, None]:
-            return jax.lax.stop_gradient(self._beside(qe, rays, place)[0]), None
+        # One loop for all steps: each that is traced on its own takes a second to compile.
+        def step(place: Place, known: Array) -> tuple[Place, Array]:
+            moved, (_, _, height), slopes, off = self._beside(qe, rays, place)
+            fixed = jax.lax.stop_gradient(moved)
+            place = tuple(jnp.where(known, a, b) for a, b in zip(fixed, moved, strict=True))
+            return place, height + slopes[0] * off[0] + slopes[1] * off[1]
 
         first, second = jax.lax.stop_gradient(jnp.broadcast_arrays(angle, axial))
-        place, _ = jax.lax.scan(step, (first, second), None, length=_RAY_STEPS - 1)
-        place = self._beside(qe, rays, place)[0]
-        _, (_, _, height), slopes, off = self._beside(qe, rays, place)
-        return height + slopes[0] * off[0] + slopes[1] * off[1]
+        known = np.arange(_RAY_STEPS + 1) < _RAY_STEPS - 1
+        _, heights = jax.lax.scan(step, (first, second), known)
+        return heights[-1]
 
     def on_rays(self, q: Array, angle: Array, axial: Array, near: Place) -> OnRays:
         """The material points on rays from places near them: few steps, no derivatives.
@@ -288,13 +291,13 @@ class AbstractLane(abc.ABC):
         Returns their places, `_over_wall` of the old ones, the height's slopes by its angle and
         axial position there, and how far the rays are from them.
         """
-        one, zero = jnp.ones_like(place[0]), jnp.zeros_like(place[0])
 
-        def position(place: Place) -> tuple[Array, Array, Array]:
-            return self._over_wall(qe, place)
+        def along(way: Array) -> tuple[tuple[Array, Array, Array], tuple[Array, Array, Array]]:
+            ways = tuple(jnp.full_like(x, w) for x, w in zip(place, way, strict=True))
+            return jax.jvp(lambda place: self._over_wall(qe, place), (place,), (ways,))
 
-        here, by_angle = jax.jvp(position, (place,), ((one, zero),))
-        _, by_axial = jax.jvp(position, (place,), ((zero, one),))
+        here, slopes = jax.vmap(along, out_axes=(None, 0))(jnp.eye(2))
+        by_angle, by_axial = zip(*slopes, strict=True)
         off = rays[0] - here[0], rays[1] - here[1]
         determinant = by_angle[0] * by_axial[1] - by_axial[0] * by_angle[1]
         turn = (by_axial[1] * off[0] - by_axial[0] * off[1]) / determinant

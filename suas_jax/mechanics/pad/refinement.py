@@ -11,12 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from suas_jax.mechanics.pad.net import Net
+from suas_jax.mechanics.pad.net import Net, NetTopology
 from suas_jax.numerics.bspline import SplineAxis
 from suas_jax.skin.section import AbstractSection
 
 # Bernstein coefficients on the left half of an element from those on the whole.
 _SPLIT = np.array([[8, 0, 0, 0], [4, 4, 0, 0], [2, 4, 2, 0], [1, 3, 3, 1]]) / 8
+_SAMPLES = 5  # places of an element, its ends included, at which splines are compared
 
 
 def on_other_elements(
@@ -44,6 +45,36 @@ def on_other_elements(
     x = x if old.along_arc else jnp.swapaxes(x, 1, 2)
     y = jnp.einsum("cKk,ckm,cMm->cKM", arc, x, axial)
     return fine.local(y if new.along_arc else jnp.swapaxes(y, 1, 2))
+
+
+def nearest_splines(
+    values: Float[np.ndarray, "arc axial width"],  # control values on the given net
+    given: NetTopology,
+    wanted: NetTopology,
+    breaks: tuple[np.ndarray, np.ndarray],  # of the given net, along the arc and the axis
+    other_breaks: tuple[np.ndarray, np.ndarray],  # of the wanted one, within the former
+) -> Float[np.ndarray, "dof station"]:
+    """A deformation on a net with any other elements, as a start for Newton's method.
+
+    Components are those of the columns, between which they turn a little.
+    """
+    ways = zip((given.arc, given.axial), (wanted.arc, wanted.axial), breaks, other_breaks)
+    maps = []
+    for (old, new, ends, others), parities in zip(
+        ways, wanted.ordered(*wanted.parities), strict=True
+    ):
+        inside = np.linspace(0, 1, _SAMPLES)
+        x = np.unique(others[:-1, None] + inside * np.diff(others)[:, None])
+        of = [*zip(parities, wanted.held, strict=True)]
+        by_sign = {
+            sign: np.linalg.lstsq(
+                new.shapes_at(others, x, *sign), old.shapes_at(ends, x, *sign), rcond=None
+            )[0]
+            for sign in {*of}
+        }
+        maps.append(np.stack([by_sign[sign] for sign in of]))
+    moved = np.einsum("cKk,cMm,kmc->KMc", *maps, values, optimize=True)
+    return np.asarray(wanted.to_stations(moved)) * wanted.free
 
 
 def _halved(x: Float[Array, " breakpoint"]) -> Array:

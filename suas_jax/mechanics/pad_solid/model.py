@@ -3,11 +3,16 @@
 import math
 from typing import ClassVar
 
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import block_diag
+
 from suas_jax.config import SceneSpec
 from suas_jax.mechanics.model import Counts
 from suas_jax.mechanics.pad.model import PadModel, planned
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mechanics.pad_solid.solid import PadSolid
+from suas_jax.mechanics.pad_solid.thickness import levels, shapes_at
 from suas_jax.mesh.pad_plan import ElementSizes, PadPlan
 
 _MOST_DEGREES = 4
@@ -54,6 +59,15 @@ class PadSolidModel(PadModel):
     def coarser(self, counts: Counts) -> Counts:
         """Two thirds of the elements, in fours; see the base class."""
         return *(max(8, 4 * (n // 6)) for n in counts[:2]), counts[2]
+
+    def _through(
+        self, old: int | None, new: int | None
+    ) -> Float[np.ndarray, "old_width new_width"]:
+        """Displacements at other levels, pressures with more modes; see the base class."""
+        assert old is not None
+        assert new is not None
+        moved = np.kron(shapes_at(old, levels(new)), np.eye(3))
+        return block_diag(moved, np.eye(old, new))
 
 
 PAD_SOLID = PadSolidModel()
