@@ -131,7 +131,7 @@ class SplineAxis:
         self, breakpoints: Float[Array, "breakpoint *lane"]
     ) -> Float[Array, "knot *lane"]:
         """All knots, those beyond the ends included."""
-        return self._weights @ breakpoints
+        return jnp.asarray(self._weights) @ breakpoints
 
     def abscissae(
         self, breakpoints: Float[Array, "breakpoint *lane"]
@@ -208,8 +208,7 @@ class SplineAxis:
         """Values of the stations' splines at places."""
         from scipy.interpolate import BSpline  # a fifth of the package's imports
 
-        knots = np.asarray(self.knots(breakpoints))
-        every = BSpline.design_matrix(x, knots, DEGREE).toarray()
+        every = BSpline.design_matrix(x, self._weights @ breakpoints, DEGREE).toarray()
         shapes = every[:, 1:-1]
         for end, at, outer in ((self.left, (0, 1), 0), (self.right, (-1, -2), -1)):
             if end == "mirror":

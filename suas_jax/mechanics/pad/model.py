@@ -156,7 +156,7 @@ class PadModel(AbstractModel):
         assert isinstance(origin, PadMesh)
         assert isinstance(target, PadMesh)
         given, wanted = (mesh.net(target.degree) for mesh in (origin, target))
-        values = np.asarray(origin.net(origin.degree).by_direction(q[..., 0]))
+        values = np.asarray(origin.net(origin.degree).by_direction(jnp.asarray(q[..., 0])))
         values = values @ self._through(origin.degree, target.degree)
         breaks = [(mesh.plan.arc, mesh.plan.axial) for mesh in (origin, target)]
         return nearest_splines(values, given, wanted, *breaks)[..., None]

@@ -233,11 +233,11 @@ class AbstractLane(abc.ABC):
         def step(place: Place, known: Array) -> tuple[Place, Array]:
             moved, (_, _, height), slopes, off = self._beside(qe, rays, place)
             fixed = jax.lax.stop_gradient(moved)
-            place = tuple(jnp.where(known, a, b) for a, b in zip(fixed, moved, strict=True))
-            return place, height + slopes[0] * off[0] + slopes[1] * off[1]
+            first, second = (jnp.where(known, *x) for x in zip(fixed, moved, strict=True))
+            return (first, second), height + slopes[0] * off[0] + slopes[1] * off[1]
 
         first, second = jax.lax.stop_gradient(jnp.broadcast_arrays(angle, axial))
-        known = np.arange(_RAY_STEPS + 1) < _RAY_STEPS - 1
+        known = jnp.arange(_RAY_STEPS + 1) < _RAY_STEPS - 1
         _, heights = jax.lax.scan(step, (first, second), known)
         return heights[-1]
 
@@ -296,8 +296,8 @@ class AbstractLane(abc.ABC):
             ways = tuple(jnp.full_like(x, w) for x, w in zip(place, way, strict=True))
             return jax.jvp(lambda place: self._over_wall(qe, place), (place,), (ways,))
 
-        here, slopes = jax.vmap(along, out_axes=(None, 0))(jnp.eye(2))
-        by_angle, by_axial = zip(*slopes, strict=True)
+        here, both = jax.vmap(along, out_axes=(None, 0))(jnp.eye(2))
+        by_angle, by_axial = ([x[k] for x in both] for k in range(2))
         off = rays[0] - here[0], rays[1] - here[1]
         determinant = by_angle[0] * by_axial[1] - by_axial[0] * by_angle[1]
         turn = (by_axial[1] * off[0] - by_axial[0] * off[1]) / determinant

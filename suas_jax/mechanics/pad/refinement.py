@@ -5,6 +5,8 @@ pairs it is the nearest one.
 """
 
 import dataclasses
+import functools
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -58,23 +60,29 @@ def nearest_splines(
 
     Components are those of the columns, between which they turn a little.
     """
-    ways = zip((given.arc, given.axial), (wanted.arc, wanted.axial), breaks, other_breaks)
-    maps = []
-    for (old, new, ends, others), parities in zip(
-        ways, wanted.ordered(*wanted.parities), strict=True
-    ):
-        inside = np.linspace(0, 1, _SAMPLES)
-        x = np.unique(others[:-1, None] + inside * np.diff(others)[:, None])
-        of = [*zip(parities, wanted.held, strict=True)]
-        by_sign = {
-            sign: np.linalg.lstsq(
-                new.shapes_at(others, x, *sign), old.shapes_at(ends, x, *sign), rcond=None
-            )[0]
-            for sign in {*of}
-        }
-        maps.append(np.stack([by_sign[sign] for sign in of]))
+    along = _nearest_at((given.arc, wanted.arc), (breaks[0], other_breaks[0]))
+    across = _nearest_at((given.axial, wanted.axial), (breaks[1], other_breaks[1]))
+    signs = [[*zip(p, wanted.held, strict=True)] for p in wanted.ordered(*wanted.parities)]
+    maps = [
+        np.stack([way(s) for s in of]) for way, of in zip((along, across), signs, strict=True)
+    ]
     moved = np.einsum("cKk,cMm,kmc->KMc", *maps, values, optimize=True)
-    return np.asarray(wanted.to_stations(moved)) * wanted.free
+    return np.asarray(wanted.to_stations(jnp.asarray(moved))) * wanted.free
+
+
+def _nearest_at(
+    axes: tuple[SplineAxis, SplineAxis], breaks: tuple[np.ndarray, np.ndarray]
+) -> Callable[[tuple[int, bool]], Float[np.ndarray, "wanted given"]]:
+    """Stations' values of other splines from given ones, by parity and whether ends hold."""
+    inside = np.linspace(0, 1, _SAMPLES)
+    x = np.unique(breaks[1][:-1, None] + inside * np.diff(breaks[1])[:, None])
+
+    @functools.cache
+    def nearest(sign: tuple[int, bool]) -> np.ndarray:
+        old, new = (a.shapes_at(b, x, *sign) for a, b in zip(axes, breaks, strict=True))
+        return np.linalg.lstsq(new, old, rcond=None)[0]
+
+    return nearest
 
 
 def _halved(x: Float[Array, " breakpoint"]) -> Array:
