@@ -52,7 +52,7 @@ def judged(
             found[mode] = _told(value, band.nominal, band.half_width)
             if exact:
                 factors = nominal_factors(mode, stretch)
-                middle, deviation = fit.belief.reading(factors, 0.0)
+                middle, deviation = fit.belief.reading(factors)
                 found[mode] += _told(value, middle, half_width(deviation))
     return found
 
@@ -72,7 +72,7 @@ def kept_back(law: str) -> list[tuple[float, float]]:
         )
         assert isinstance(states, StressTest)
         belief = fit_material([known], law, starts=16, doubt=False).belief
-        middle, deviation = belief.reading(states.factors, belief.repeats)
+        middle, deviation = belief.of_another_test(states.factors, belief.reach)
         share, width = _told(states.value, middle, half_width(deviation))
         print(f"{name:18} {measured:22} {asked:18} {share:4.0%} +-{width:.0%}", flush=True)
         found.append((share, width))
