@@ -28,8 +28,17 @@ KEPT_BACK = (
     ("james1975", "uniaxial", "biaxial"),
     ("bitoh2011", "uniaxial", "equibiaxial"),
     ("bitoh2011", "uniaxial", "pure_shear"),
+    ("bitoh2011", "equibiaxial", "uniaxial"),
     ("bitoh2011", "equibiaxial", "pure_shear"),
+    ("bitoh2011", "pure_shear", "uniaxial"),
+    ("bitoh2011", "pure_shear", "equibiaxial"),
+    ("katashima2012", "equibiaxial", "pure_shear"),
     ("katashima2012", "equibiaxial", "biaxial"),
+    ("katashima2012", "pure_shear", "equibiaxial"),
+    ("kawamura2001", "uniaxial", "equibiaxial"),
+    ("kawamura2001", "uniaxial", "biaxial"),
+    ("kawamura2001", "equibiaxial", "uniaxial"),
+    ("kawamura2001", "equibiaxial", "biaxial"),
 )
 MEASURED = (("uniaxial",), ("equibiaxial",), ("pure_shear",), ("uniaxial", "pure_shear"))
 

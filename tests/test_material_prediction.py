@@ -96,6 +96,19 @@ def test_small_deformations_are_known_in_every_mode(tmp_path: pathlib.Path) -> N
         assert np.all(band.half_width < 0.1 * np.abs(exact))
 
 
+@pytest.mark.parametrize("moved", ["uniaxial", "pure_shear"])
+def test_a_test_may_begin_elsewhere(moved: str, tmp_path: pathlib.Path) -> None:
+    """Grips and slack move where a stretch begins; over a short range by as much less."""
+    curves = made(gent_gent(0.2, 40.0), 2.5, np.random.default_rng(1), 0.01)
+    curves[moved][:, 0] -= 0.015
+    fit = fitted(curves, tmp_path)
+    stretch, value = curves["pure_shear"].T
+    band = fit.predict("pure_shear", stretch)
+    assert np.all(np.abs(value - band.nominal) < band.half_width)
+    near = dataclasses.replace(fit, up_to=1.05).predict("pure_shear", stretch[:1])
+    assert near.half_width[0] < 0.15 * near.nominal[0] < 0.5 * band.half_width[0]
+
+
 def test_a_second_mode_narrows_the_third(tmp_path: pathlib.Path) -> None:
     curves = made(gent_gent(0.3, 40.0), 2.5, np.random.default_rng(2), 0.01)
     alone = fitted(curves, tmp_path)

@@ -104,9 +104,7 @@ class Belief:
             float(np.exp(strain)),
         )
 
-    def stress(
-        self, mode: str, stretch: Rows, up_to: float | None = None
-    ) -> tuple[Rows, Rows]:
+    def stress(self, mode: str, stretch: Rows, up_to: float | None = None) -> tuple[Rows, Rows]:
         """Mean and standard deviation of a mode's nominal stress [Pa], each [n].
 
         `up_to`: largest stretch of the test that would read it; None for that of the data.

@@ -15,6 +15,7 @@ from fitting.material.laws.blocks import Relaxation, Softening, TestZeros
 from fitting.material.laws.parameters import block_of
 from fitting.material.report.skin_inputs import inputs_report
 
+_FAR = 0.3  # of the logarithm of the largest stretch
 _UNKNOWN = 0.3
 _LEVELS = (("68", 0.6827), ("95", 0.95))
 # What a law becomes where a constant has no upper limit.
@@ -207,6 +208,11 @@ def _doubts_about_modes(prediction: dict[str, Any]) -> tuple[list[str], list[str
             continue
         stretch, middle, high, law = (
             np.array(band[key]) for key in ("stretch", "nominal_Pa", "high95_Pa", "law_Pa")
+        )
+        # Nearer to rest where a test begins is most of its reading, and tells of no rubber.
+        far = np.abs(np.log(stretch))
+        stretch, middle, high, law = (
+            x[far > _FAR * far.max()] for x in (stretch, middle, high, law)
         )
         half = (high - middle) / np.maximum(np.abs(middle), 1e-300)
         worst, at = float(np.max(half)), float(stretch[int(np.argmax(half))])
