@@ -47,7 +47,7 @@ _NOISE_STATED = (0.7, 1.0, 1.5, 2.5, 5.0)
 _MOST_ROWS, _PSEUDO = 120, 12
 _FAR = 12.0  # log evidence below the best that is nothing
 _GRID = 64
-_ASKED = 10  # stretches on either side of rest
+_ASKED, _NEAR = 15, 1.5  # stretches on either side of rest, and how they crowd there
 
 
 class Band(NamedTuple):
@@ -178,11 +178,16 @@ def begun_elsewhere(
 def asked_stretches(fit: FittedLaw, mode: str, up_to: float | None) -> np.ndarray:
     """Stretches at which a mode is told: those of the data, or as far as is asked for."""
     if up_to is not None:
-        log = np.log(up_to) * np.arange(-_ASKED, _ASKED + 1) / _ASKED
-        return np.exp(log[log != 0.0])
+        log = np.log(up_to) * _steps(_ASKED)
+        return np.exp(np.concatenate([-log[::-1], log]))
     largest = float(np.asarray(fit.problem.residuals.scales.strain))
     end = 0.5 * largest if mode == "equibiaxial" else largest  # as far, by the third stretch
-    return np.linspace(1.0, np.exp(end), 2 * _ASKED + 1)[1:]
+    return 1.0 + np.expm1(end) * _steps(2 * _ASKED)
+
+
+def _steps(count: int) -> Float[np.ndarray, " n"]:
+    """Shares of a range, to its end; a band bends most near rest."""
+    return (np.arange(1, count + 1) / count) ** _NEAR
 
 
 def measured_modes(sets: Sequence[Dataset]) -> frozenset[str]:
