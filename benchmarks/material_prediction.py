@@ -28,8 +28,17 @@ KEPT_BACK = (
     ("james1975", "uniaxial", "biaxial"),
     ("bitoh2011", "uniaxial", "equibiaxial"),
     ("bitoh2011", "uniaxial", "pure_shear"),
+    ("bitoh2011", "equibiaxial", "uniaxial"),
     ("bitoh2011", "equibiaxial", "pure_shear"),
+    ("bitoh2011", "pure_shear", "uniaxial"),
+    ("bitoh2011", "pure_shear", "equibiaxial"),
+    ("katashima2012", "equibiaxial", "pure_shear"),
     ("katashima2012", "equibiaxial", "biaxial"),
+    ("katashima2012", "pure_shear", "equibiaxial"),
+    ("kawamura2001", "uniaxial", "equibiaxial"),
+    ("kawamura2001", "uniaxial", "biaxial"),
+    ("kawamura2001", "equibiaxial", "uniaxial"),
+    ("kawamura2001", "equibiaxial", "biaxial"),
 )
 MEASURED = (("uniaxial",), ("equibiaxial",), ("pure_shear",), ("uniaxial", "pure_shear"))
 
@@ -52,7 +61,7 @@ def judged(
             found[mode] = _told(value, band.nominal, band.half_width)
             if exact:
                 factors = nominal_factors(mode, stretch)
-                middle, deviation = fit.belief.reading(factors, 0.0)
+                middle, deviation = fit.belief.reading(factors)
                 found[mode] += _told(value, middle, half_width(deviation))
     return found
 
@@ -72,7 +81,7 @@ def kept_back(law: str) -> list[tuple[float, float]]:
         )
         assert isinstance(states, StressTest)
         belief = fit_material([known], law, starts=16, doubt=False).belief
-        middle, deviation = belief.reading(states.factors, belief.repeats)
+        middle, deviation = belief.of_another_test(states.factors, belief.reach)
         share, width = _told(states.value, middle, half_width(deviation))
         print(f"{name:18} {measured:22} {asked:18} {share:4.0%} +-{width:.0%}", flush=True)
         found.append((share, width))

@@ -75,6 +75,8 @@ def test_a_specimen_has_failed_where_its_stress_falls_and_stays_low() -> None:
     stretch = np.linspace(1.0, 1.8, 9)
     test = tension(stretch, 1e6 * size)
     assert np.flatnonzero(broken(test)).tolist() == [6, 7, 8]
+    from_its_end = test.select(np.arange(9)[::-1])
+    assert np.flatnonzero(broken(from_its_end)).tolist() == [0, 1, 2]
     assert before_break(test).size == 6
     whole = tension(stretch)
     assert before_break(whole) is whole

@@ -88,12 +88,25 @@ def _halves(*bands: Band) -> tuple[np.ndarray, ...]:
 
 def test_small_deformations_are_known_in_every_mode(tmp_path: pathlib.Path) -> None:
     curves = made(gent_gent(0.2, 40.0), 2.0, np.random.default_rng(1), 0.01)
-    fit = fitted(curves, tmp_path)
+    fit = dataclasses.replace(fitted(curves, tmp_path), up_to=1.02)
     for mode, factor in (("uniaxial", 3.0), ("equibiaxial", 6.0), ("pure_shear", 4.0)):
         band = fit.predict(mode, np.array([0.99, 1.01]))
         exact = factor * 4e5 * np.log([0.99, 1.01])
         assert np.all(np.abs(band.nominal - exact) < band.half_width + 0.02 * np.abs(exact))
         assert np.all(band.half_width < 0.1 * np.abs(exact))
+
+
+@pytest.mark.parametrize("moved", ["uniaxial", "pure_shear"])
+def test_a_test_may_begin_elsewhere(moved: str, tmp_path: pathlib.Path) -> None:
+    """Grips and slack move where a stretch begins; over a short range by as much less."""
+    curves = made(gent_gent(0.2, 40.0), 2.5, np.random.default_rng(1), 0.01)
+    curves[moved][:, 0] -= 0.015
+    fit = fitted(curves, tmp_path)
+    stretch, value = curves["pure_shear"].T
+    band = fit.predict("pure_shear", stretch)
+    assert np.all(np.abs(value - band.nominal) < band.half_width)
+    near = dataclasses.replace(fit, up_to=1.05).predict("pure_shear", stretch[:1])
+    assert near.half_width[0] < 0.15 * near.nominal[0] < 0.5 * band.half_width[0]
 
 
 def test_a_second_mode_narrows_the_third(tmp_path: pathlib.Path) -> None:
@@ -156,7 +169,7 @@ def test_a_skin_file_holds_what_is_known_of_plane_strain(tmp_path: pathlib.Path)
     total = errors.directions[:, constants]
     modulus = 2.0 * fit.constants.sum()
     stated = float(np.linalg.norm(2.0 * total.sum(axis=1))) / modulus
-    band = fit.predict("pure_shear", np.array([1.05]))
+    band = dataclasses.replace(fit, up_to=1.05).predict("pure_shear", np.array([1.05]))
     known = np.hypot(band.half_width / 1.96, band.nominal - band.law) / band.law
     assert stated == pytest.approx(float(known[0]), rel=0.1)
     assert fit.uncertainty.standard_errors.max() / modulus > 1.5 * stated
@@ -172,7 +185,7 @@ def test_open_combinations_leave_their_sum_known_in_a_skin_file(tmp_path: pathli
     total = law.C1 + law.C2  # type: ignore[attr-defined]
     assert np.all(np.isfinite(sizes))
     assert sizes.max() < 2.0 * total
-    assert np.sqrt(covariance.sum()) < 0.1 * total
+    assert np.sqrt(covariance.sum()) < 0.15 * total  # the law is 11 % off at rest
 
 
 def test_relaxation_is_written_with_its_deviations(tmp_path: pathlib.Path) -> None:

@@ -123,8 +123,11 @@ def broken(data: Dataset) -> np.ndarray:
         if len(rows) < 2 * _SHORTEST:
             continue
         halves = half_cycles(h)
-        last = max((half for half in halves if half.outward), key=lambda x: h[x.rows].max())
-        inside = last.rows if len(halves) > 1 else np.argsort(h, kind="stable")
+        # One way alone may be listed from its end.
+        inside = np.argsort(h, kind="stable")
+        if len(halves) > 1:
+            outward = (half.rows for half in halves if half.outward)
+            inside = max(outward, key=lambda own: h[own].max())
         end = _failure(size[inside])
         if end is not None:
             after[rows[inside[end:]]] = True

@@ -39,13 +39,15 @@ from fitting.material.fit.stress_process import (
 
 _REPEATS = 0.03  # how closely tests of two modes repeat, beside 1.5 times the readings' noise
 _NOISES = 1.5
+# Deviation of where a test's stretch begins, from its range: grips, slack, a sheet that sags.
+_ZERO, _LONGEST = 0.01, 1.0
 _SHARES = (0.05, 0.15, 0.4)  # of α beside a law's
 _NOISE = (0.003, 0.006, 0.012, 0.025, 0.05, 0.1)
 _NOISE_STATED = (0.7, 1.0, 1.5, 2.5, 5.0)
 _MOST_ROWS, _PSEUDO = 120, 12
 _FAR = 12.0  # log evidence below the best that is nothing
 _GRID = 64
-_ASKED = 10  # stretches on either side of rest
+_ASKED, _NEAR = 15, 1.5  # stretches on either side of rest, and how they crowd there
 
 
 class Band(NamedTuple):
@@ -66,13 +68,15 @@ class Belief:
     parts: tuple[Part, ...]  # of the average, the most evident first
     measured: frozenset[str]  # modes whose own readings stand
     repeats: float  # relative deviation between tests of two modes
+    reach: float  # largest stretch of the data
 
     @classmethod
     def of(cls, fits: Sequence[FittedLaw]) -> Self:
         """From fits of several laws to the same data, the one to be told of first."""
         fit = fits[0]
         readings = _readings_of(fit)
-        modulus = float(np.asarray(fit.problem.residuals.scales.stress))
+        scales = fit.problem.residuals.scales
+        modulus, strain = float(np.asarray(scales.stress)), float(np.asarray(scales.strain))
         stated = fit.problem.kind in ("noise", "estimated")
         constant = First(np.zeros(1), np.full(1, 0.5 * modulus), 1, "")
         firsts = [constant, *(_first_of(each, modulus) for each in fits)]
@@ -91,18 +95,38 @@ class Belief:
         noise = float(np.median(best.noise * readings.scale / size))
         scatter = fit.specimens.mean_error if fit.specimens is not None else 0.0
         repeats = float(np.sqrt(_REPEATS**2 + (_NOISES * noise) ** 2 + scatter**2))
-        return cls(readings, modulus, tuple(kept), measured_modes(fit.sets), repeats)
+        return cls(
+            readings,
+            modulus,
+            tuple(kept),
+            measured_modes(fit.sets),
+            repeats,
+            float(np.exp(strain)),
+        )
 
-    def stress(self, mode: str, stretch: Rows) -> tuple[Rows, Rows]:
-        """Mean and standard deviation of a mode's nominal stress [Pa], each [n]."""
-        other = 0.0 if mode in self.measured else self.repeats
-        return self.reading(nominal_factors(mode, stretch), other)
+    def stress(self, mode: str, stretch: Rows, up_to: float | None = None) -> tuple[Rows, Rows]:
+        """Mean and standard deviation of a mode's nominal stress [Pa], each [n].
 
-    def reading(self, factors: Float[np.ndarray, "4 n"], other: float) -> tuple[Rows, Rows]:
-        """Mean and standard deviation of readings of homogeneous states [Pa], each [n].
-
-        `other`: by how much another test differs, relative; `repeats` of one not measured.
+        `up_to`: largest stretch of the test that would read it; None for that of the data.
         """
+        factors = nominal_factors(mode, stretch)
+        if mode in self.measured:
+            return self.reading(factors)
+        return self.of_another_test(factors, self.reach if up_to is None else up_to)
+
+    def of_another_test(
+        self, factors: Float[np.ndarray, "4 n"], up_to: float
+    ) -> tuple[Rows, Rows]:
+        """Readings of a test that was not made, up to a stretch, as `reading`.
+
+        Its specimen and machine differ, and its stretch begins elsewhere.
+        """
+        both = np.hstack([factors, begun_elsewhere(factors, up_to)])
+        (mean, moved), (deviation, _) = (np.split(x, 2) for x in self.reading(both))
+        return mean, np.sqrt(deviation**2 + (self.repeats * mean) ** 2 + (moved - mean) ** 2)
+
+    def reading(self, factors: Float[np.ndarray, "4 n"]) -> tuple[Rows, Rows]:
+        """Mean and standard deviation of the rubber's own in homogeneous states [Pa] [n]."""
         asked = States.of(factors)
         parts = [part for part in self.parts if reaches(part.first, asked.i1)]
         # The weight of all sizes of the constant law keeps the average from being empty.
@@ -122,7 +146,7 @@ class Belief:
             squares.append(np.maximum(variance, 0.0) + mean**2)
         mean = weights @ np.array(means)
         variance = np.maximum(weights @ np.array(squares) - mean**2, 0.0)
-        return mean, np.sqrt(variance + (other * mean) ** 2)
+        return mean, np.sqrt(variance)
 
     def weights(self) -> dict[str, float]:
         """Share of each law in the average, by title, largest first."""
@@ -141,14 +165,29 @@ def half_width(deviation: Rows, level: float = 0.95) -> Rows:
     return float(stats.norm.ppf(0.5 + 0.5 * level)) * deviation
 
 
+def begun_elsewhere(
+    factors: Float[np.ndarray, "4 n"], up_to: float
+) -> Float[np.ndarray, "4 n"]:
+    """Factors of readings whose stretch begins one standard deviation further on."""
+    e = factors[:2]
+    longest = np.max(np.abs(e), axis=0)
+    ahead = _ZERO * min(up_to - 1.0, _LONGEST) / np.where(longest > 0.0, longest, np.inf)
+    return np.concatenate([e * (1.0 + ahead), factors[2:]])
+
+
 def asked_stretches(fit: FittedLaw, mode: str, up_to: float | None) -> np.ndarray:
     """Stretches at which a mode is told: those of the data, or as far as is asked for."""
     if up_to is not None:
-        log = np.log(up_to) * np.arange(-_ASKED, _ASKED + 1) / _ASKED
-        return np.exp(log[log != 0.0])
+        log = np.log(up_to) * _steps(_ASKED)
+        return np.exp(np.concatenate([-log[::-1], log]))
     largest = float(np.asarray(fit.problem.residuals.scales.strain))
     end = 0.5 * largest if mode == "equibiaxial" else largest  # as far, by the third stretch
-    return np.linspace(1.0, np.exp(end), 2 * _ASKED + 1)[1:]
+    return 1.0 + np.expm1(end) * _steps(2 * _ASKED)
+
+
+def _steps(count: int) -> Float[np.ndarray, " n"]:
+    """Shares of a range, to its end; a band bends most near rest."""
+    return (np.arange(1, count + 1) / count) ** _NEAR
 
 
 def measured_modes(sets: Sequence[Dataset]) -> frozenset[str]:
@@ -181,10 +220,15 @@ def _readings_of(fit: FittedLaw) -> Readings:
         if isinstance(data, StressTest) and not data.follows_history:
             used = inverse[place] > 0.0
             # A zero that was found with the law moves the reading, not the law.
-            value = fit.stress(data.factors)[0] - misfit
+            law = fit.stress(data.factors)[0]
+            value = law - misfit
+            reach = float(np.exp(np.max(np.abs(data.states))))
+            ahead = fit.stress(begun_elsewhere(data.factors, reach))[0] - law
+            # Each specimen begins where it does.
+            own = data.specimen[:, None] == np.unique(data.specimen)
+            shared = (own * ahead[:, None])[used].T
             states = States.of(data.factors[:, used])
-            none = np.zeros((0, int(used.sum())))
-            part = Readings(states, value[used], 1.0 / inverse[place][used], none)
+            part = Readings(states, value[used], 1.0 / inverse[place][used], shared)
             parts.append(_fewer(part, means=data.is_curve))
             continue
         mode = _mode_of(data)
@@ -222,9 +266,10 @@ def _fewer(readings: Readings, *, means: bool) -> Readings:
     def mean(values: np.ndarray) -> np.ndarray:
         return np.bincount(runs[kept], values[kept]) / number
 
-    states, value, scale, _ = readings
+    states, value, scale, shared = readings
     scale = mean(scale) / np.sqrt(number)
-    return Readings(States(*map(mean, states)), mean(value), scale, np.zeros((0, len(scale))))
+    shared = np.stack([*map(mean, shared)])
+    return Readings(States(*map(mean, states)), mean(value), scale, shared)
 
 
 def _first_of(fit: FittedLaw, modulus: float) -> First:
@@ -244,56 +289,3 @@ def _first_of(fit: FittedLaw, modulus: float) -> First:
     sound = np.isfinite(alpha) & (alpha > 0.0) & (stretch > low) & (stretch < high)
     end = len(sound) if sound.all() else int(np.argmin(sound))
     return First(along(states.i1)[:end], alpha[:end], fit.family.law_size, fit.family.title)
-
-
-# A skin stretches by this much where nothing else is asked for.
-_STRETCH = 1.05
-# Combinations that the data leave open may change by their natural size: the signs of a law's
-# constants hold, and so do small steps along them.
-_OPEN = 1.0
-
-
-def constants_root(
-    fit: FittedLaw, belief: Belief, constants: Float[np.ndarray, " p"], up_to: float | None
-) -> Float[np.ndarray, "k n"]:
-    """R of the constants that a file states, with R Rᵀ their covariance, SI units.
-
-    Three errors add: what the readings leave open of the constants together, zeros of the tests
-    included; how specimens of one rubber scatter, for a skin is a further one; and how far the
-    law is off in plane strain, the skin's own state, if that was not measured or the law does
-    not follow it. The last two are factors on all stresses.
-
-    `constants`: of the law and of what is beside
-    it, but for the tests' zeros, shape [k]. `up_to`: largest stretch of the skin; None for
-    1.05.
-    """
-    count = len(constants)
-    # A file's deviations are read as normal: Student's t of few readings is wider.
-    normal = float(stats.norm.ppf(0.975))
-    wider = fit.uncertainty.quantile(0.95) / normal
-    own = wider * fit.uncertainty.root[:count]
-    size = np.maximum(np.abs(constants), 1e-300)
-    u, s, _ = np.linalg.svd(own / size[:, None], full_matrices=False)
-    own = size[:, None] * (u * np.minimum(s, _OPEN))
-    stretch = np.array([_STRETCH if up_to is None else up_to])
-    # What is known of the stresses there is known of the constants, however ill the law follows
-    # the data elsewhere.
-    off, slopes = {}, {}
-    for mode in PATHS:
-        middle, deviation = belief.stress(mode, stretch)
-        law, slope = fit.stress(nominal_factors(mode, stretch))
-        off[mode] = float(np.hypot(deviation[0], middle[0] - law[0]) / law[0])
-        slopes[mode] = slope[0, :count] / law[0]
-    seen = np.stack([slopes[mode] @ own / off[mode] for mode in PATHS])
-    _, s, vt = np.linalg.svd(seen)
-    shrunk = np.ones(own.shape[1])
-    shrunk[: len(s)] = 1.0 / np.sqrt(1.0 + s[: own.shape[1]] ** 2)
-    own = own @ vt.T * shrunk
-    told = float(np.linalg.norm(slopes["pure_shear"] @ own))
-    scatter = 0.0 if fit.specimens is None else fit.specimens.scatter.further / normal
-    # How tests of two modes repeat is how their specimens scatter, where that is not known.
-    repeats = 0.0 if "pure_shear" in belief.measured else belief.repeats
-    factor = max(off["pure_shear"] ** 2 - told**2 - repeats**2, 0.0)
-    factor = np.sqrt(factor + max(scatter, repeats) ** 2)
-    stresses = fit.family.stresses[:count] & (np.arange(count) < fit.family.law_size)
-    return np.column_stack([own, np.where(stresses, factor * constants, 0.0)])

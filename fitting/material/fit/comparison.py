@@ -104,7 +104,7 @@ class Comparison:
         for mode in PATHS:
             if mode not in belief.measured:
                 stretch = asked_stretches(self.fits[0], mode, self.up_to)
-                middle, deviation = belief.stress(mode, stretch)
+                middle, deviation = belief.stress(mode, stretch, self.up_to)
                 found[mode] = stretch, middle, half_width(deviation)
         return found
 

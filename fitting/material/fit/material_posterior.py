@@ -95,10 +95,6 @@ class MaterialPosterior:
                 "68": spread[[1, 3]].tolist(),
                 "95": spread[[0, 4]].tolist(),
             }
-        tests = self.fit.problem.residuals.experiments
-        points = sum(int(getattr(test, "equilibria", 0)) for test in tests)
-        if points:
-            report["equilibria_per_s"] = points * report["evaluations_per_s"]
         return report
 
     def _warnings(self) -> list[str]:

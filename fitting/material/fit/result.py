@@ -11,11 +11,12 @@ from scipy import stats
 from fitting.material.experiments.artefacts import Suspect
 from fitting.material.experiments.measurements import PATHS
 from fitting.material.experiments.prediction import mode_factors
-from fitting.material.fit.band import Band, Belief, constants_root, half_width, nominal_factors
+from fitting.material.fit.band import Band, Belief, half_width, nominal_factors
 from fitting.material.fit.fitted_law import STABLE_LIMITS, FittedLaw
 from fitting.material.fit.intervals import Intervals, intervals_of, modulus_and_slope
 from fitting.material.fit.noise import Noise
 from fitting.material.fit.problem import readings
+from fitting.material.fit.stated_constants import constants_root
 from fitting.material.laws.blocks import Relaxation, Softening
 from fitting.material.laws.parameters import block_of
 from fitting.statistics.diagnostics import Misfit, information_criteria
@@ -105,7 +106,7 @@ class MaterialFit(FittedLaw):
         Of stretches λ > 0; no law's form narrows it, and the mode may be measured or not.
         """
         stretch = np.asarray(stretch, float)
-        middle, deviation = self.belief.stress(mode, stretch)
+        middle, deviation = self.belief.stress(mode, stretch, self.up_to)
         law, _ = self.stress(nominal_factors(mode, stretch))
         return Band(stretch, middle, half_width(deviation, level), law)
 

@@ -15,6 +15,7 @@ from fitting.material.laws.blocks import Relaxation, Softening, TestZeros
 from fitting.material.laws.parameters import block_of
 from fitting.material.report.skin_inputs import inputs_report
 
+_FAR = 0.3  # of the logarithm of the largest stretch
 _UNKNOWN = 0.3
 _LEVELS = (("68", 0.6827), ("95", 0.95))
 # What a law becomes where a constant has no upper limit.
@@ -28,7 +29,7 @@ def material_report(fit: MaterialFit) -> dict[str, Any]:
     size = family.law_size
     stable = fit.stable
     prediction = prediction_report(fit)
-    unknown_modes, extrapolated = _doubts_about_modes(prediction)
+    unknown_modes, extrapolated = _doubts_about_modes(prediction, compared=bool(fit.others))
     report: dict[str, Any] = {
         "law": family.law_name,
         "parameters": family.tree(map(float, fit.constants)),
@@ -199,18 +200,25 @@ def prediction_report(fit: MaterialFit) -> dict[str, Any]:
     return found
 
 
-def _doubts_about_modes(prediction: dict[str, Any]) -> tuple[list[str], list[str]]:
-    """Modes of which little is known, and warnings about those that were not measured."""
+def _doubts_about_modes(
+    prediction: dict[str, Any], *, compared: bool
+) -> tuple[list[str], list[str]]:
+    """Modes of which little is known, and warnings about those that were not measured.
+
+    `compared`: the law is the best of several.
+    """
     unknown, parts, off = [], [], []
     for mode, band in prediction["modes"].items():
         if band["measured"]:
             continue
-        stretch, middle, high, law = (
-            np.array(band[key]) for key in ("stretch", "nominal_Pa", "high95_Pa", "law_Pa")
-        )
+        rows = np.array([band[x] for x in ("stretch", "nominal_Pa", "high95_Pa", "law_Pa")])
+        # Nearer to rest where a test begins is most of its reading, and tells of no rubber.
+        far = np.abs(np.log(rows[0]))
+        stretch, middle, high, law = rows[:, far > _FAR * far.max()]
         half = (high - middle) / np.maximum(np.abs(middle), 1e-300)
         worst, at = float(np.max(half)), float(stretch[int(np.argmax(half))])
-        amount = f"+-{100.0 * worst:.2g} %" if worst < 10.0 else "no useful accuracy"
+        rounded = float(f"{100.0 * worst:.2g}")  # without an exponent
+        amount = f"+-{rounded:g} %" if worst < 10.0 else "no useful accuracy"
         parts.append(f"{mode} to {amount} (at a stretch of {at:.3g})")
         if not worst < _UNKNOWN:
             unknown.append(
@@ -230,9 +238,10 @@ def _doubts_about_modes(prediction: dict[str, Any]) -> tuple[list[str], list[str
             f"{', '.join(done) or 'other tests'} (95 %){'; measure it' if unknown else ''}"
         )
     if off:
+        hint = "; for a skin take a law that stays within the band (--law auto)"
         warnings.append(
-            f"the law itself leaves the 95 % band: up to {', '.join(off)}; for a skin take a "
-            "law that stays within the band (--law auto)"
+            f"the law itself leaves the 95 % band: up to {', '.join(off)}"
+            f"{'' if compared else hint}"
         )
     return unknown, warnings
 
