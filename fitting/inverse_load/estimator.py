@@ -42,6 +42,7 @@ from fitting.inverse_load.estimate.at_rest import chi2_at_rest, drifting, untouc
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
 from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.estimate.place import ContactPlaces
+from fitting.inverse_load.field.fallback import FieldFallback
 from fitting.inverse_load.film_motion import (
     FilmFollower,
     FilmMotion,
@@ -111,6 +112,8 @@ class LoadEstimator:
         workers: that solve a pad's table (`fitting.workers`); None: this process, on all
             cores.
         resolution: of a pad's table; None: fine enough for thin membranes.
+        load_fields: whether a pressure over the skin is tried where contacts explain a frame
+            poorly, and in logs where several do; None: on sections, as one takes a pad seconds.
         budget: time that a live frame on a pad may take [s]; its status is `coarse` where more
             is left to try, which goes on with the next frames. None: as long as it takes.
 
@@ -134,6 +137,7 @@ class LoadEstimator:
     workers: Executor | None = None
     resolution: "PadResolution | None" = None
     budget: float | None = None
+    load_fields: bool | None = None
     input_errors: InputErrors = field(init=False)
     skin: Any = field(init=False)
     table: Any = field(init=False)
@@ -199,6 +203,20 @@ class LoadEstimator:
                 most_contacts=self.most_contacts,
                 penalty=max(penalty, asked),
             )
+
+    @cached_property
+    def _field(self) -> FieldFallback | None:
+        """Load fields; None where they are not wanted, or the membrane remembers."""
+        wanted = self.load_fields
+        if wanted is None:
+            wanted = self.spec.geometry.dimension == 2
+        if not wanted or self._memory is not None:
+            return None
+        fitter = self._parts.fitter
+        places = fitter.parameters.places
+        how = {"per_contact": fitter.per_contact, "coordinates": places, "live": self.live}
+        edge = np.atleast_1d(fitter.edge)
+        return FieldFallback(self.skin, edge, self.along, self._systematic, **how)
 
     @cached_property
     def _film(self) -> FilmFollower | None:
@@ -564,4 +582,7 @@ class LoadEstimator:
         if moved is not None:
             motion = covariance_by_motion(best, moved, per_contact)
         assess = self._parts.assessment.estimates
-        return best, assess(best, others, full_scale, covariance, motion)
+        told = assess(best, others, full_scale, covariance, motion)
+        if self._field is not None and selection is self.selection:
+            told = self._field.told(told, best, y, weight)
+        return best, told
