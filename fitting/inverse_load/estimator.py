@@ -213,10 +213,15 @@ class LoadEstimator:
         if not wanted or self._memory is not None:
             return None
         fitter = self._parts.fitter
-        places = fitter.parameters.places
-        how = {"per_contact": fitter.per_contact, "coordinates": places, "live": self.live}
-        edge = np.atleast_1d(fitter.edge)
-        return FieldFallback(self.skin, edge, self.along, self._systematic, **how)
+        return FieldFallback(
+            self.skin,
+            np.atleast_1d(fitter.edge),
+            self.along,
+            self._systematic,
+            per_contact=fitter.per_contact,
+            coordinates=fitter.parameters.places,
+            live=self.live,
+        )
 
     @cached_property
     def _film(self) -> FilmFollower | None:

@@ -5,8 +5,8 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimate.load_field import Interval, LoadField
+from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.field.forward import FieldForward, FieldState, nodes_of
 from fitting.inverse_load.field.posterior import FieldPosterior, LinearReadings, Scales
 from suas_jax.equilibrium.balance import State

@@ -1,8 +1,8 @@
-"""Readings under a load field: forces at many nodes of the outer face, with derivatives by all.
+"""Readings under a load field: forces at many nodes of the outer face, and derivatives.
 
-Nodes lie on an even grid, along the arc of a section, along arc and axis of a pad; each carries a
-dead force along the inward normal. Between nodes that are closer than a dent is wide, a row of
-them presses as an even pressure does.
+Nodes lie on an even grid, along the arc of a section, along arc and axis of a pad. Each carries
+a dead force along the inward normal. They are closer than a dent is wide, so that forces of the
+same size press as an even pressure does.
 """
 
 import dataclasses
@@ -68,8 +68,10 @@ class FieldForward:
     def __init__(self, skin: Skin, nodes: FieldNodes) -> None:
         g, self._nodes = skin.geometry, nodes
         if isinstance(skin.elements, tuple):
-            sizes = (float(x[0]) for x in (g.half_angle, g.width, g.mid_size, g.thickness))
-            plan = plan_pad(*sizes, (), elements=skin.elements)
+            half, width, mid, thick = (
+                float(x[0]) for x in (g.half_angle, g.width, g.mid_size, g.thickness)
+            )
+            plan = plan_pad(half, width, mid, thick, (), elements=skin.elements)
             mesh: PadPlan = jax.tree.map(lambda x: np.asarray(x)[..., None], plan)
             skin = dataclasses.replace(skin, mesh=mesh)
         self._skin = skin

@@ -1,23 +1,22 @@
 """What readings say of forces at many nodes: a linear model, forces of zero or more.
 
-With readings scaled by their noise, b = A f + e. Forces at nodes are a Gaussian field of one size
-s and one length l along the face::
+With readings scaled by their noise, b = A f + e. Forces at nodes are a Gaussian field of one
+size s and one length l along the face::
 
     f ~ N(0, s^2 K),  K_ij = exp(-|x_i - x_j| / l),    b ~ N(0, 1 + s^2 A K A^T)
 
-The second is the evidence of s and l, which it weighs. Samples of the forces are the ends of
-fits to disturbed data (randomise, then optimise), over f >= 0::
+The second is the evidence of s and l, which weighs them. Samples of the forces are the ends
+of fits to disturbed data (randomise, then optimise), over f >= 0::
 
     |A f - b - e|^2 + |f - z|^2 / (s^2 K) + 2 r 1.f / s,    e ~ N(0, 1)
 
-Oil that can't be compressed hides a pressure that is even all over the skin, so that no reading
-tells how much of the skin is untouched. Half of the samples expect little more than readings ask
-for (z = 0, r = 2), half a field that goes on everywhere (z ~ N(0, s^2 K), r = 0). Together they
-hold true totals of simulated palms as often as they say (`benchmarks/load_field.py`).
+Oil that can't be compressed hides a pressure that is even all over the skin, so that readings
+hardly tell what presses where little moves. Half of the samples expect as little as readings
+ask for (z = 0, r = 2), half a field that goes on everywhere (z ~ N(0, s^2 K), r = 0).
 """
 
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import nnls
@@ -80,11 +79,11 @@ class FieldPosterior:
 
     @cached_property
     def _inverses(self) -> list[Floats]:
-        return [np.linalg.inv(kernel) for kernel in self._kernels]
+        return [np.asarray(np.linalg.inv(kernel), float) for kernel in self._kernels]
 
     @cached_property
     def _roots(self) -> list[Floats]:
-        return [np.linalg.cholesky(kernel) for kernel in self._kernels]
+        return [np.asarray(np.linalg.cholesky(x), float) for x in self._kernels]
 
     def scales(self, linear: LinearReadings) -> Scales:
         """Evidence of all sizes and lengths, forces of either sign."""
@@ -117,17 +116,17 @@ class FieldPosterior:
             scale, sparse = scales.each[i], bool(k % 2)
             noise = random.normal(size=len(linear.target))
             target = linear.target + noise + random.normal(size=len(errors)) @ errors
-            drawn = scale.size * self._roots[scale.length] @ random.normal(
-                size=len(self._distance)
+            drawn = (
+                scale.size * self._roots[scale.length] @ random.normal(size=len(self._distance))
             )
             how = (0.0, _SPARSE) if sparse else (drawn, 0.0)
             found.append(self._least(linear.design, target, scale, *how))
         return np.array(found)
 
     def _least(
-        self, design: Floats, target: Floats, scale: Scale, expected: Floats | float, rate: float
+        self, design: Floats, target: Floats, scale: Scale, expected: Any, rate: float
     ) -> Floats:
-        """Forces of zero or more at the least of the objective [node]."""
+        """Forces of zero or more at the least of the objective; z is `expected` [node]."""
         precision = self._inverses[scale.length] / scale.size**2
         normal = design.T @ design + precision
         right = design.T @ target - rate / scale.size

@@ -84,7 +84,8 @@ class PadErrors(AbstractSystematicErrors):
         del per_contact
         parameters = best.parameters[:, : 3 * contacts].reshape(-1, 3, contacts)
         by_force = best.jacobian[:, 2 * contacts : 3 * contacts]
-        return self._under(*parameters.swapaxes(0, 1), by_force, best.so[:, :-1], best.pressure)
+        angle, axial, force = parameters.swapaxes(0, 1)
+        return self._under(angle, axial, force, by_force, best.so[:, :-1], best.pressure)
 
     def under_field(
         self, places: Floats, force: Floats, jacobian: Floats, so: Floats, pressure: float
@@ -95,8 +96,9 @@ class PadErrors(AbstractSystematicErrors):
         readings by the forces [taxel, node]; readings are [taxel].
         """
         by_force = np.pad(jacobian.T, ((0, 0), (0, 1)))[None]
-        given = *places.T[:, None], force[None], by_force, so[None], np.array([pressure])
-        return self._under(*given)[0, :, :-1]
+        angle, axial = places.T[:, None]
+        given = force[None], by_force, so[None], np.array([pressure])
+        return self._under(angle, axial, *given)[0, :, :-1]
 
     def _under(
         self,
