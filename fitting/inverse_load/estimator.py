@@ -113,7 +113,8 @@ class LoadEstimator:
             cores.
         resolution: of a pad's table; None: fine enough for thin membranes.
         load_fields: whether a pressure over the skin is tried where contacts explain a frame
-            poorly, and in logs where several do; None: on sections, as one takes a pad seconds.
+            poorly, and in logs where wide or several ones do; None: on sections, as one takes
+            a pad seconds.
         budget: time that a live frame on a pad may take [s]; its status is `coarse` where more
             is left to try, which goes on with the next frames. None: as long as it takes.
 
@@ -483,6 +484,8 @@ class LoadEstimator:
         """Compile, or load, what a stream needs before the first frame comes."""
         shift = 0.0 if self.rest is None else np.nan_to_num(self.rest - self.model_rest)
         time = None if self._memory is None else np.zeros(1)
+        if self._field is not None:
+            self._field.warm_up(self.model_rest)
         drift, self._drift = self._drift, None  # trials say nothing of it
         budget, self._budget = self._budget, None
         if budget is not None:

@@ -19,6 +19,7 @@ from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.field.fitter import FieldErrors, FieldFitter
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.selection import PLAUSIBLE
+from fitting.inverse_load.fit.wide_contact import UNUSUAL
 from suas_jax.scene.skin import Skin
 
 _CLOSE = 10.0  # difference of cost below which both are told
@@ -30,8 +31,8 @@ _UNEXPLAINED = frozenset(("poor_fit", "model_mismatch", "no_convergence"))
 class FieldFallback:
     """Load fields of frames that one contact does not explain, on one skin.
 
-    `coordinates`: of a contact's place. `live`: frames come one by one, and several contacts
-    that explain them are believed; in a log a field is tried for them, too.
+    `coordinates`: of a contact's place. `live`: frames come one by one, and contacts that
+    explain them are believed; in a log a field is tried beside several and wide ones, too.
     """
 
     def __init__(
@@ -59,7 +60,8 @@ class FieldFallback:
         Explanations, readings [frame, channel] and inverse variances are those of the frames.
         """
         plausible = best.p_value(self._per_contact) >= PLAUSIBLE
-        few = (best.contacts == 1) | self._live
+        wide = np.nan_to_num(best.beside[:, 0, :2, 0]).max(1, initial=0.0) > UNUSUAL
+        few = (best.contacts == 1) & ~wide | self._live
         found = list(estimates)
         for i, estimate in enumerate(estimates):
             pulled = any(contact.force < 0 for contact in estimate.contacts)

@@ -25,7 +25,7 @@ from scipy.spatial.distance import cdist
 from fitting.arrays import Floats
 
 _LENGTHS = (8e-3, 16e-3, 32e-3, 64e-3, 128e-3)  # l [m]
-_PRESSURES = np.geomspace(6.0, 2e4, 16)  # s over a node's part of the face [Pa]
+_PRESSURES = np.geomspace(6.0, 6e5, 24)  # s over a node's part of the face [Pa]
 _SPARSE = 2.0  # r of samples that expect little
 _JITTER = 1e-9
 
