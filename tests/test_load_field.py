@@ -112,9 +112,9 @@ def test_a_palm_is_a_load_field_and_a_finger_is_a_contact(estimator: LoadEstimat
         assert not estimate.contacts
         field = estimate.field
         assert field is not None
-        assert field.preferred_by > 10
+        assert field.preferred_by > 6
         assert field.force.low < total < field.force.high
-        assert field.force.low > total / 2
+        assert field.force.value == pytest.approx(total, rel=0.25)
         assert field.angle.low < np.deg2rad(middle) < field.angle.high
     finger = found[2]
     assert finger.status == "ok"

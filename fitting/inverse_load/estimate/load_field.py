@@ -7,7 +7,7 @@ from typing import NamedTuple
 class Interval(NamedTuple):
     """A quantity with the interval that holds it in 95 of 100 cases."""
 
-    value: float  # as many cases lie below as above
+    value: float  # of the likeliest forces
     low: float
     high: float
 

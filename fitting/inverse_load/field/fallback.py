@@ -22,7 +22,7 @@ from fitting.inverse_load.fit.selection import PLAUSIBLE
 from fitting.inverse_load.fit.wide_contact import UNUSUAL
 from suas_jax.scene.skin import Skin
 
-_CLOSE = 10.0  # difference of cost below which both are told
+_CLOSE = 6.0  # difference of cost below which both are told
 # Statuses of contacts that explain a frame, or don't; the wall's are about the wall.
 _EXPLAINED = frozenset(("ok", "imprecise", "ambiguous", "pull", "at_edge"))
 _UNEXPLAINED = frozenset(("poor_fit", "model_mismatch", "no_convergence"))
@@ -63,12 +63,15 @@ class FieldFallback:
         wide = np.nan_to_num(best.beside[:, 0, :2, 0]).max(1, initial=0.0) > UNUSUAL
         few = (best.contacts == 1) & ~wide | self._live
         found = list(estimates)
+        # On a pad the model of a wide contact is rough.
+        rough = wide & (best.contacts == 1) & (self._coordinates == 2)
         for i, estimate in enumerate(estimates):
             pulled = any(contact.force < 0 for contact in estimate.contacts)
             known = estimate.status in _EXPLAINED | _UNEXPLAINED
             if known and (pulled or not (plausible[i] and few[i])):
                 own = y[i, : self._taxels], weight[i, : self._taxels]
-                found[i] = self._or_field(estimate, float(best.score[i]), pulled, *own)
+                how = float(best.score[i]), pulled, bool(rough[i])
+                found[i] = self._or_field(estimate, *how, *own)
         return found
 
     def warm_up(self, y: Floats) -> None:
@@ -76,7 +79,13 @@ class FieldFallback:
         self._fitter.fit(y, np.ones(self._taxels))
 
     def _or_field(
-        self, contacts: LoadEstimate, score: float, pulled: bool, y: Any, weight: Any
+        self,
+        contacts: LoadEstimate,
+        score: float,  # what they cost
+        pulled: bool,  # whether one of them pulls
+        rough: bool,  # whether their model is
+        y: Any,
+        weight: Any,
     ) -> LoadEstimate:
         fit, used = self._fitter.fit(y, weight), int((weight > 0).sum())
         explained = fit is not None and chdtrc(used, fit.chi2) > POOR
@@ -84,9 +93,12 @@ class FieldFallback:
             return contacts
         gain = score + (self._coordinates + 1) * np.log(used) - fit.cost
         # Oil that can't be compressed makes a pull read as a push all around it does.
-        if gain < -_CLOSE and not pulled:
+        if gain < -_CLOSE and not (pulled or rough):
             return contacts
         field = self._fitter.told(fit, weight, float(gain))
+        total = sum(contact.force for contact in contacts.contacts)
+        if gain < -_CLOSE and rough and field.force.low <= total <= field.force.high:
+            return contacts
         if gain <= _CLOSE and contacts.status in _EXPLAINED:
             status = contacts.status if pulled else "ambiguous"
             return replace(contacts, status=status, field=field)

@@ -13,6 +13,7 @@ from suas_jax.equilibrium.balance import State
 from suas_jax.scene.skin import Skin
 
 _STEPS, _HALVES = 10, 6  # of a fit, of a step that leads nowhere
+_WORSE = 4.0  # by which a step may raise chi2, where it lessens what is odd of the forces
 _MOVED = 0.01  # share of the total force below which a step is the last
 _FIRST = 1e-3  # where fits begin [N]
 _SAMPLES = 80
@@ -68,21 +69,25 @@ class FieldFitter:
             self._rest = self._forward.rest()
         force = np.full(len(self.nodes.places), _FIRST)
         here = self._forward(force, self._rest)
+        if not _usable(here):
+            return None
         for _ in range(_STEPS):
-            if not _usable(here):
-                return None
             linear = _linear(y, weight, force, here)
             scale = self._posterior.scales(linear).best
             move = self._posterior.likeliest(linear, scale) - force
-            there, share = self._towards(force, move, here.state)
+            most = _chi2(y, weight, here) + _WORSE
+            for share in 0.5 ** np.arange(_HALVES):
+                there = self._forward(force + share * move, here.state)
+                if _usable(there) and _chi2(y, weight, there) <= most:
+                    break
+            else:
+                break
             force, here = force + share * move, there
             if share * np.abs(move).sum() < _MOVED * force.sum():
                 break
-        if not _usable(here):
-            return None
-        linear, root = _linear(y, weight, force, here), np.sqrt(weight)
-        chi2 = float(((root * (np.where(weight > 0, y, 0.0) - np.asarray(here.so))) ** 2).sum())
-        return FieldFit(force, here, linear, self._posterior.scales(linear), chi2)
+        linear = _linear(y, weight, force, here)
+        scales = self._posterior.scales(linear)
+        return FieldFit(force, here, linear, scales, _chi2(y, weight, here))
 
     def told(self, fit: FieldFit, weight: Floats, preferred_by: float) -> LoadField:
         """What a fit says, with what noise and the inputs' errors leave open."""
@@ -95,10 +100,11 @@ class FieldFitter:
             errors = slopes * np.sqrt(weight)
         random = np.random.default_rng(0)  # the same frame, the same answer
         samples = self._posterior.samples(fit.linear, fit.scales, errors, _SAMPLES, random)
-        return self._summed(samples[samples.any(1)], preferred_by)
+        kept = samples[samples.any(1)]
+        return self._summed(np.concatenate([fit.force[None], kept]), preferred_by)
 
     def _summed(self, samples: Floats, preferred_by: float) -> LoadField:
-        """What forces at nodes [sample, node] amount to."""
+        """What forces at nodes [sample, node] amount to, the likeliest of which come first."""
         nodes, total = self.nodes, samples.sum(1)
         inward = -np.stack([np.sin(nodes.direction), np.cos(nodes.direction)])
         share = samples / total[:, None]
@@ -119,20 +125,10 @@ class FieldFitter:
             _interval(extent[:, 1]) if pad else None,
         )
 
-    def _towards(self, force: Floats, move: Floats, state: State) -> tuple[FieldState, float]:
-        """The model after as much of a step as has a state, and that share."""
-        share = 1.0
-        for _ in range(_HALVES):
-            there = self._forward(force + share * move, state)
-            if _usable(there):
-                break
-            share /= 2
-        return there, share
-
 
 def _interval(values: Floats) -> Interval:
-    low, middle, high = np.percentile(values, [2.5, 50.0, 97.5]).tolist()
-    return Interval(middle, low, high)
+    value, (low, high) = float(values[0]), np.percentile(values[1:], [2.5, 97.5]).tolist()
+    return Interval(value, min(value, low), max(value, high))
 
 
 def _usable(here: FieldState) -> bool:
@@ -140,7 +136,15 @@ def _usable(here: FieldState) -> bool:
     return bool(known and int(here.outcome) == 0)
 
 
+def _chi2(y: Floats, weight: Floats, here: FieldState) -> float:
+    """Weighted squares of the residuals."""
+    residual = np.where(weight > 0, y - np.asarray(here.so), 0.0)
+    return float((weight * residual**2).sum())
+
+
 def _linear(y: Floats, weight: Floats, force: Floats, here: FieldState) -> LinearReadings:
-    root, jacobian = np.sqrt(weight), np.asarray(here.jacobian)
-    change = np.where(weight > 0, y, 0.0) - np.asarray(here.so) + jacobian @ force
+    """The model about a state: reciprocal readings are nearly linear in the forces."""
+    root, jacobian, so = np.sqrt(weight), np.asarray(here.jacobian), np.asarray(here.so)
+    read = np.where(weight > 0, np.maximum(y, 1.0), so)
+    change = so**2 * (1 / so - 1 / read) + jacobian @ force
     return LinearReadings(root[:, None] * jacobian, root * change)

@@ -58,7 +58,7 @@ CONTACT_KEYS = {
 """Keys of an entry of `loads`."""
 
 FIELD_KEYS = {
-    "force_N": "total along the inward normals; as likely more as less",
+    "force_N": "total along the inward normals, of the likeliest forces",
     "force_interval_N": "holds it in 95 of 100 cases, as the other intervals do: noise, "
     "tolerances, and a pressure even all over the skin, which oil hides",
     "angle_deg": "centre of the forces, with `angle_interval_deg`",
