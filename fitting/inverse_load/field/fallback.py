@@ -22,7 +22,7 @@ from fitting.inverse_load.fit.selection import PLAUSIBLE
 from fitting.inverse_load.fit.wide_contact import UNUSUAL
 from suas_jax.scene.skin import Skin
 
-_CLOSE = 6.0  # difference of cost below which both are told
+_CLOSE = 10.0  # difference of cost below which both are told
 # Statuses of contacts that explain a frame, or don't; the wall's are about the wall.
 _EXPLAINED = frozenset(("ok", "imprecise", "ambiguous", "pull", "at_edge"))
 _UNEXPLAINED = frozenset(("poor_fit", "model_mismatch", "no_convergence"))
