@@ -60,9 +60,9 @@ class Truth(NamedTuple):
     so: np.ndarray
 
 
-def skin_of_40() -> SkinSpec:
-    """The paper's skin with 40 taxels."""
-    taxels = [{"angle": angle} for angle in np.deg2rad(np.linspace(-80, 80, 40)).tolist()]
+def skin_of_40(count: int = 40) -> SkinSpec:
+    """The paper's skin with 40 taxels, or another count."""
+    taxels = [{"angle": angle} for angle in np.deg2rad(np.linspace(-80, 80, count)).tolist()]
     spec = load_skin(SKIN)
     electrodes = ElectrodesSpec(taxels=taxels, noise=NOISE, lsb=spec.electrodes.lsb)  # type: ignore[union-attr]
     return spec.model_copy(update={"electrodes": electrodes})

@@ -22,7 +22,8 @@ from rich.text import Text
 from fitting.cli.app import app
 from fitting.cli.commands import EXAMPLES, commands_of
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate, Tap
-from fitting.inverse_load.report.frame_keys import CONTACT_KEYS, FRAME_KEYS
+from fitting.inverse_load.estimate.load_field import Interval, LoadField
+from fitting.inverse_load.report.frame_keys import CONTACT_KEYS, FIELD_KEYS, FRAME_KEYS
 from fitting.inverse_load.report.text import frame_json
 from suas_jax import load_scene
 from suas_jax.config.validation import TABLES
@@ -370,10 +371,13 @@ def test_keys_of_a_frame_are_described_and_occur() -> None:
         arc_force=(0.0, 0.0),
         axial_force=(0.0, 0.0),
     )
+    one = Interval(0.0, 0.0, 0.0)
+    field = LoadField(one, (one, one), one, one, 0.0, arc=one, axial=one, axial_extent=one)
     estimate = LoadEstimate(
         True,
         (everything,),
         alternatives=(everything,),
+        field=field,
         at_least=1.0,
         drift=(0.0, 0.0),
         tap=Tap(0.0, 0.1, everything, 0.0, 0.0),
@@ -381,3 +385,6 @@ def test_keys_of_a_frame_are_described_and_occur() -> None:
     line = frame_json(0.0, 1, estimate, filtered=[], dropped=0, posterior={})
     assert line.keys() == FRAME_KEYS.keys()
     assert line["loads"][0].keys() == {*CONTACT_KEYS, "spread_deviation_m"}
+    told = {key.replace("_interval_", "_") for key in line["field"]}
+    assert told == {key.replace("_interval_", "_") for key in FIELD_KEYS}
+    assert FIELD_KEYS.keys() <= line["field"].keys()

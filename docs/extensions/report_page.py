@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from fitting.inverse_load.estimate.estimate import STATUS
-from fitting.inverse_load.report.frame_keys import CONTACT_KEYS, FRAME_KEYS
+from fitting.inverse_load.report.frame_keys import CONTACT_KEYS, FIELD_KEYS, FRAME_KEYS
 from suas_jax.scene.report_keys import LOAD_KEYS, REPORT_KEYS, REST_KEYS, TAXEL_KEYS
 
 HEAD = """# JSON reports
@@ -32,6 +32,7 @@ def page() -> str:
             _table("`rest`", REST_KEYS),
             _table("suas invert", FRAME_KEYS),
             _table("A contact", CONTACT_KEYS),
+            _table("A load field", FIELD_KEYS),
             _table("Statuses of a frame", STATUS, "status"),
         ]
     )

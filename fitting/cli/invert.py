@@ -92,6 +92,14 @@ def invert(
             metavar="PRESSURE",
         ),
     ] = None,
+    load_fields: Annotated[
+        bool | None,
+        option(
+            "Try a pressure over the skin (palms, straps) where one contact does not explain a "
+            "frame; default on sections, takes seconds a frame on pads.",
+            "--load-fields/--no-load-fields",
+        ),
+    ] = None,
     workers: Workers = None,
     trust_network: TrustNetwork = False,
     noise: Annotated[
@@ -143,6 +151,7 @@ def invert(
             "noise": noise,
             "live": live is not None,
             "model_error": model_error,
+            "load_fields": load_fields,
             "follow_drift": baseline is not None,
         }
         making = _making(baseline, settings, workers, trust_network)

@@ -42,6 +42,7 @@ from fitting.inverse_load.estimate.at_rest import chi2_at_rest, drifting, untouc
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
 from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.estimate.place import ContactPlaces
+from fitting.inverse_load.field.fallback import FieldFallback
 from fitting.inverse_load.film_motion import (
     FilmFollower,
     FilmMotion,
@@ -111,6 +112,9 @@ class LoadEstimator:
         workers: that solve a pad's table (`fitting.workers`); None: this process, on all
             cores.
         resolution: of a pad's table; None: fine enough for thin membranes.
+        load_fields: whether a pressure over the skin is tried where contacts explain a frame
+            poorly, and in logs where wide or several ones do; None: on sections, as one takes
+            a pad seconds.
         budget: time that a live frame on a pad may take [s]; its status is `coarse` where more
             is left to try, which goes on with the next frames. None: as long as it takes.
 
@@ -134,6 +138,7 @@ class LoadEstimator:
     workers: Executor | None = None
     resolution: "PadResolution | None" = None
     budget: float | None = None
+    load_fields: bool | None = None
     input_errors: InputErrors = field(init=False)
     skin: Any = field(init=False)
     table: Any = field(init=False)
@@ -199,6 +204,25 @@ class LoadEstimator:
                 most_contacts=self.most_contacts,
                 penalty=max(penalty, asked),
             )
+
+    @cached_property
+    def _field(self) -> FieldFallback | None:
+        """Load fields; None where they are not wanted, or the membrane remembers."""
+        wanted = self.load_fields
+        if wanted is None:
+            wanted = self.spec.geometry.dimension == 2
+        if not wanted or self._memory is not None:
+            return None
+        fitter = self._parts.fitter
+        return FieldFallback(
+            self.skin,
+            np.atleast_1d(fitter.edge),
+            self.along,
+            self._systematic,
+            per_contact=fitter.per_contact,
+            coordinates=fitter.parameters.places,
+            live=self.live,
+        )
 
     @cached_property
     def _film(self) -> FilmFollower | None:
@@ -460,6 +484,8 @@ class LoadEstimator:
         """Compile, or load, what a stream needs before the first frame comes."""
         shift = 0.0 if self.rest is None else np.nan_to_num(self.rest - self.model_rest)
         time = None if self._memory is None else np.zeros(1)
+        if self._field is not None:
+            self._field.warm_up(self.model_rest)
         drift, self._drift = self._drift, None  # trials say nothing of it
         budget, self._budget = self._budget, None
         if budget is not None:
@@ -564,4 +590,7 @@ class LoadEstimator:
         if moved is not None:
             motion = covariance_by_motion(best, moved, per_contact)
         assess = self._parts.assessment.estimates
-        return best, assess(best, others, full_scale, covariance, motion)
+        told = assess(best, others, full_scale, covariance, motion)
+        if self._field is not None and selection is self.selection:
+            told = self._field.told(told, best, y, weight)
+        return best, told

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.arrays import Floats
+from fitting.inverse_load.estimate.load_field import LoadField
 
 # Accuracy beyond which an estimate is called imprecise: standard deviations.
 WANTED = {
@@ -28,8 +29,12 @@ STATUS = {
     "than 3 counts, which are taken off.",
     "imprecise": "The readings leave more open than 2 degrees or mm, 20 % of the force or 10 "
     "degrees of direction (one standard deviation, without the skin file's tolerances).",
-    "ambiguous": "Another load explains the readings almost as well: see alternatives.",
-    "pull": "Something pulls the skin outwards: the force is negative.",
+    "ambiguous": "Another load explains the readings almost as well: see alternatives, or "
+    "field.",
+    "load_field": "No small number of contacts explains the readings, but a pressure over the "
+    "skin does, such as a palm's, a strap's or many fingers': see field.",
+    "pull": "Something pulls the skin outwards: the force is negative. Or something presses it "
+    "all around: see field, if there is one.",
     "at_edge": "The contact is at the clamp or beyond the taxels, where readings say little: "
     "how far place and force are off is not known.",
     "moving": "The film is still moving: more than 5 % of the readings' change may be motion, "
@@ -182,6 +187,8 @@ class LoadEstimate:
     # None where none is followed
     drift: tuple[float, float] | None = None
     tap: Tap | None = None  # that is over with this frame; None where none is
+    # a pressure over the skin that explains the readings as well as contacts do, or better
+    field: LoadField | None = None
 
     @property
     def status_text(self) -> str:

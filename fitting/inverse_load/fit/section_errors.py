@@ -163,6 +163,20 @@ class SectionErrors(AbstractSectionErrors):
         left = left * force[:, None, None] + alike @ np.nan_to_num(jacobian)
         return np.asarray(left + self.rest)
 
+    def under_field(
+        self, places: Floats, force: Floats, jacobian: Floats, so: Floats, pressure: float
+    ) -> Floats:
+        """Change of readings under a load field [error, taxel]: the sum of its nodes'.
+
+        Nodes have angles [node, 1] and forces [node]; the jacobian is that of readings by the
+        forces [taxel, node]. Neither the readings nor the oil's pressure are needed.
+        """
+        del so, pressure
+        angle = places[:, 0]
+        by_angle = force[:, None] * np.gradient(jacobian.T, angle, axis=0)
+        each = self.under_one(angle, force, np.stack([by_angle, jacobian.T], 1)) - self.rest
+        return np.asarray(self.rest + each.sum(0))
+
     def _tabulated(self) -> tuple[NDArray[Any], NDArray[Any], Floats]:
         """What errors do at all states and at rest.
 

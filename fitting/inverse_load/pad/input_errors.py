@@ -82,11 +82,35 @@ class PadErrors(AbstractSystematicErrors):
     def slopes(self, best: Explanations, per_contact: int, contacts: int) -> Floats:
         """See the base class."""
         del per_contact
-        angle, axial, force = (
-            best.parameters[:, : 3 * contacts].reshape(-1, 3, contacts).swapaxes(0, 1)
-        )
-        along = force[..., None] * best.jacobian[:, 2 * contacts : 3 * contacts]
-        so = best.so[:, :-1]
+        parameters = best.parameters[:, : 3 * contacts].reshape(-1, 3, contacts)
+        by_force = best.jacobian[:, 2 * contacts : 3 * contacts]
+        angle, axial, force = parameters.swapaxes(0, 1)
+        return self._under(angle, axial, force, by_force, best.so[:, :-1], best.pressure)
+
+    def under_field(
+        self, places: Floats, force: Floats, jacobian: Floats, so: Floats, pressure: float
+    ) -> Floats:
+        """Change of readings under a load field [error, taxel].
+
+        Nodes have places [node, (angle, axial)] and forces [node]; the jacobian is that of
+        readings by the forces [taxel, node]; readings are [taxel].
+        """
+        by_force = np.pad(jacobian.T, ((0, 0), (0, 1)))[None]
+        angle, axial = places.T[:, None]
+        given = force[None], by_force, so[None], np.array([pressure])
+        return self._under(angle, axial, *given)[0, :, :-1]
+
+    def _under(
+        self,
+        angle: Floats,  # of forces [frame, force] [rad]
+        axial: Floats,  # likewise [m]
+        force: Floats,  # likewise [N]
+        by_force: Floats,  # derivatives of the channels by them [frame, force, channel]
+        so: Floats,  # readings [frame, taxel]
+        pressure: Floats,  # of the oil [frame] [Pa]
+    ) -> Floats:
+        """Change of channels by each error [frame, error, channel]."""
+        along = force[..., None] * by_force
         u = 1 / np.maximum(so - self._stray, 1e-9)
         change = self._constant + self._relative * (u - self._at_rest)[:, None]
         electrical = self._by_stray - change / u[:, None] ** 2
@@ -95,7 +119,7 @@ class PadErrors(AbstractSystematicErrors):
         total = np.abs(force).sum(1, keepdims=True)
         weight = np.abs(force) / np.where(total > 0, total, 1.0)
         moved = own - np.einsum("fce,fcx->fex", stiffer, along)
-        moved[..., -1] += np.einsum("fce,fc->fe", stiffer, weight) * best.pressure[:, None]
+        moved[..., -1] += np.einsum("fce,fc->fe", stiffer, weight) * pressure[:, None]
         return np.asarray(moved - self._moved_at_rest + self.rest)
 
     def unexplained(self, best: Explanations, per_contact: int) -> Floats | None:

@@ -19,6 +19,7 @@ FRAME_KEYS = {
     "and `largest` over the taxels",
     "alternatives": "other loads that explain the frame almost as well, where there are any: "
     "another place of one contact, or two contacts in place of a wide one",
+    "field": "a load field that explains the frame as well as contacts do, or better",
     "tap": "with the first frame at rest after a tap: `t_s` before it, `duration_s` that the "
     "skin moved, the place, `impulse_Ns` and its standard deviation `impulse_deviation_Ns`",
     "filtered": "with `--filter`: the loads followed over time",
@@ -55,3 +56,19 @@ CONTACT_KEYS = {
     "arc_position_m": "place on the undeformed outer face, from the symmetry axis",
 }
 """Keys of an entry of `loads`."""
+
+FIELD_KEYS = {
+    "force_N": "total along the inward normals, of the likeliest forces",
+    "force_interval_N": "holds it in 95 of 100 cases, as the other intervals do: noise, "
+    "tolerances, and a pressure even all over the skin, which oil hides",
+    "angle_deg": "centre of the forces, with `angle_interval_deg`",
+    "arc_m": "the same as arc length of the inner face, with `arc_interval_m`; not on a circle",
+    "axial_m": "on a pad: the same along the axis, with `axial_interval_m`",
+    "extent_arc_m": "along the arc, as of contacts, with `extent_arc_interval_m`",
+    "extent_axial_m": "on a pad: along the axis, with `extent_axial_interval_m`",
+    "resultant_right_N": "sum of the forces as vectors, to the right (growing angles at the "
+    "crown), with `resultant_right_interval_N`",
+    "resultant_up_N": "likewise towards the crown, with `resultant_up_interval_N`",
+    "preferred_by": "how much less -2 log(evidence) is than that of contacts",
+}
+"""Keys of `field`; those with an interval have a second key for it."""

@@ -7,6 +7,7 @@ import numpy as np
 
 from fitting.arrays import Floats
 from fitting.inverse_load.estimate.estimate import BESIDE, STATUS, Contact, LoadEstimate, Tap
+from fitting.inverse_load.estimate.load_field import Interval, LoadField
 from fitting.inverse_load.frame_posterior import LoadMode
 from suas_jax.acquisition.terminal import new_console
 
@@ -86,11 +87,52 @@ def frame_json(
         line["drift_counts"] = {"mean": mean, "largest": largest}
     if estimate.alternatives:
         line["alternatives"] = [contact_json(contact) for contact in estimate.alternatives]
+    if estimate.field is not None:
+        line["field"] = field_json(estimate.field)
     if estimate.tap is not None:
         line["tap"] = _tap_json(estimate.tap)
     if filtered is not None:
         line["filtered"] = [contact_json(contact) for contact in filtered]
     return line | more
+
+
+def field_json(field: LoadField) -> dict[str, Any]:
+    """A load field: values, and intervals that hold them in 95 of 100 cases."""
+    told = {
+        "force_N": (field.force, 1.0),
+        "angle_deg": (field.angle, _DEGREES),
+        "arc_m": (field.arc, 1.0),
+        "axial_m": (field.axial, 1.0),
+        "extent_arc_m": (field.arc_extent, 1.0),
+        "extent_axial_m": (field.axial_extent, 1.0),
+        "resultant_right_N": (field.resultant[0], 1.0),
+        "resultant_up_N": (field.resultant[1], 1.0),
+    }
+    entry: dict[str, Any] = {}
+    for key, (known, scale) in told.items():
+        if known is not None:
+            entry[key] = scale * known.value
+            name, _, unit = key.rpartition("_")
+            entry[f"{name}_interval_{unit}"] = [scale * known.low, scale * known.high]
+    return entry | {"preferred_by": field.preferred_by}
+
+
+def field_text(field: LoadField) -> str:
+    """A load field for a person."""
+
+    def told(name: str, known: Interval, scale: float, unit: str) -> str:
+        return f"{name}{scale * known.value:.3g} ({scale * known.low:.3g} to " + (
+            f"{scale * known.high:.3g}){unit}"
+        )
+
+    place = told("about ", field.angle, _DEGREES, "°")
+    if field.arc is not None:
+        place = told("about ", field.arc, 1e3, " mm along the arc")
+    parts = [told("load field of ", field.force, 1.0, " N"), place]
+    if field.axial is not None:
+        parts.append(told("", field.axial, 1e3, " mm"))
+    extents = [x for x in (field.arc_extent, field.axial_extent) if x is not None]
+    return ", ".join([*parts, *(told("over ", x, 1e3, " mm") for x in extents)])
 
 
 def _tap_json(tap: Tap) -> dict[str, Any]:
@@ -155,7 +197,9 @@ def print_table(time: Floats, estimates: Sequence[LoadEstimate]) -> None:
     console = new_console(markup=False)  # which would swallow the units in brackets
     table = Table("t [s]", "loads", "oil [kPa]", "χ²/dof", "status")
     for t, e in zip(time.tolist(), estimates, strict=True):
-        loads = "\n".join(contact_text(contact) for contact in e.contacts) or "–"
+        lines = [contact_text(contact) for contact in e.contacts]
+        lines += [field_text(e.field)] if e.field is not None else []
+        loads = "\n".join(lines) or "–"
         pressure = "–" if np.isnan(e.oil_pressure) else f"{1e-3 * e.oil_pressure:.2f}"
         table.add_row(f"{t:.3f}", loads, pressure, f"{e.chi2_per_dof:.2f}", e.status_text)
     console.print(table)

@@ -1,0 +1,1 @@
+"""Load fields: a pressure over the skin where no small number of contacts tells it."""

@@ -1,0 +1,150 @@
+"""Fits of a load field to a frame: Gauss-Newton over forces of zero or more at nodes."""
+
+from typing import NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+
+from fitting.arrays import Floats
+from fitting.inverse_load.estimate.load_field import Interval, LoadField
+from fitting.inverse_load.estimate.place import ContactPlaces
+from fitting.inverse_load.field.forward import FieldForward, FieldState, nodes_of
+from fitting.inverse_load.field.posterior import FieldPosterior, LinearReadings, Scales
+from suas_jax.equilibrium.balance import State
+from suas_jax.scene.skin import Skin
+
+_STEPS, _HALVES = 10, 6  # of a fit, of a step that leads nowhere
+_WORSE = 4.0  # by which a step may raise chi2, where it lessens what is odd of the forces
+_MOVED = 0.01  # share of the total force below which a step is the last
+_FIRST = 1e-3  # where fits begin [N]
+_SAMPLES = 80
+
+
+class FieldFit(NamedTuple):
+    """A load field that was fitted to a frame."""
+
+    force: Floats  # [node] [N]
+    found: FieldState  # the model there
+    linear: LinearReadings  # the readings about it
+    scales: Scales
+    chi2: float  # weighted squares of the residuals
+
+    @property
+    def cost(self) -> float:
+        """-2 log(evidence), less what it is of readings that are met exactly."""
+        return -2 * float(self.scales.log_evidence.max())
+
+
+@runtime_checkable
+class FieldErrors(Protocol):
+    """Errors of a skin's inputs, as they show under a load field."""
+
+    def under_field(
+        self, places: Floats, force: Floats, jacobian: Floats, so: Floats, pressure: float
+    ) -> Floats:
+        """Change of readings by one standard deviation of each [error, taxel]."""
+        ...
+
+
+class FieldFitter:
+    """Fits load fields on one skin; readings are its taxels', in counts."""
+
+    def __init__(
+        self,
+        skin: Skin,
+        edge: Floats,  # largest angle [rad] and axial position [m] of a load
+        along: ContactPlaces,
+        errors: FieldErrors | None,  # of the skin's inputs
+    ) -> None:
+        self._along, self._errors = along, errors
+        self.nodes = nodes_of(skin, edge, along)
+        self._forward = FieldForward(skin, self.nodes)
+        width = np.ptp(self.nodes.metres[:, 1]) if skin.is_pad else skin.geometry.width[0]
+        face = float(np.ptp(self.nodes.metres[:, 0]) * width)
+        self._posterior = FieldPosterior(self.nodes.metres, face / len(self.nodes.places))
+        self._rest: State | None = None
+
+    def fit(self, y: Floats, weight: Floats) -> FieldFit | None:
+        """Fit a frame's readings [taxel], by inverse variances; None where nothing is found."""
+        if self._rest is None:
+            self._rest = self._forward.rest()
+        force = np.full(len(self.nodes.places), _FIRST)
+        here = self._forward(force, self._rest)
+        if not _usable(here):
+            return None
+        for _ in range(_STEPS):
+            linear = _linear(y, weight, force, here)
+            scale = self._posterior.scales(linear).best
+            move = self._posterior.likeliest(linear, scale) - force
+            most = _chi2(y, weight, here) + _WORSE
+            for share in 0.5 ** np.arange(_HALVES):
+                there = self._forward(force + share * move, here.state)
+                if _usable(there) and _chi2(y, weight, there) <= most:
+                    break
+            else:
+                break
+            force, here = force + share * move, there
+            if share * np.abs(move).sum() < _MOVED * force.sum():
+                break
+        linear = _linear(y, weight, force, here)
+        scales = self._posterior.scales(linear)
+        return FieldFit(force, here, linear, scales, _chi2(y, weight, here))
+
+    def told(self, fit: FieldFit, weight: Floats, preferred_by: float) -> LoadField:
+        """What a fit says, with what noise and the inputs' errors leave open."""
+        errors = np.zeros((0, len(weight)))
+        if self._errors is not None:
+            here = fit.found
+            jacobian, so = np.asarray(here.jacobian), np.asarray(here.so)
+            state = jacobian, so, float(here.pressure)
+            slopes = self._errors.under_field(self.nodes.places, fit.force, *state)
+            errors = slopes * np.sqrt(weight)
+        random = np.random.default_rng(0)  # the same frame, the same answer
+        samples = self._posterior.samples(fit.linear, fit.scales, errors, _SAMPLES, random)
+        kept = samples[samples.any(1)]
+        return self._summed(np.concatenate([fit.force[None], kept]), preferred_by)
+
+    def _summed(self, samples: Floats, preferred_by: float) -> LoadField:
+        """What forces at nodes [sample, node] amount to, the likeliest of which come first."""
+        nodes, total = self.nodes, samples.sum(1)
+        inward = -np.stack([np.sin(nodes.direction), np.cos(nodes.direction)])
+        share = samples / total[:, None]
+        middle = share @ nodes.metres
+        second = share @ nodes.metres**2 - middle**2
+        extent = 4 * np.sqrt(np.maximum(second, 0.0))
+        outer, order = nodes.metres[:, 0], np.argsort(nodes.metres[:, 0], kind="stable")
+        angle = np.interp(middle[:, 0], outer[order], nodes.places[order, 0])
+        arc, pad = self._along.arc(angle), middle.shape[1] == 2
+        return LoadField(
+            _interval(total),
+            (_interval(samples @ inward[0]), _interval(samples @ inward[1])),
+            _interval(self._along.angle(angle)),
+            _interval(extent[:, 0]),
+            preferred_by,
+            None if arc is None else _interval(arc),
+            _interval(middle[:, 1]) if pad else None,
+            _interval(extent[:, 1]) if pad else None,
+        )
+
+
+def _interval(values: Floats) -> Interval:
+    value, (low, high) = float(values[0]), np.percentile(values[1:], [2.5, 97.5]).tolist()
+    return Interval(value, min(value, low), max(value, high))
+
+
+def _usable(here: FieldState) -> bool:
+    known = np.isfinite(here.so).all() and np.isfinite(here.jacobian).all()
+    return bool(known and int(here.outcome) == 0)
+
+
+def _chi2(y: Floats, weight: Floats, here: FieldState) -> float:
+    """Weighted squares of the residuals."""
+    residual = np.where(weight > 0, y - np.asarray(here.so), 0.0)
+    return float((weight * residual**2).sum())
+
+
+def _linear(y: Floats, weight: Floats, force: Floats, here: FieldState) -> LinearReadings:
+    """The model about a state: reciprocal readings are nearly linear in the forces."""
+    root, jacobian, so = np.sqrt(weight), np.asarray(here.jacobian), np.asarray(here.so)
+    read = np.where(weight > 0, np.maximum(y, 1.0), so)
+    change = so**2 * (1 / so - 1 / read) + jacobian @ force
+    return LinearReadings(root[:, None] * jacobian, root * change)

@@ -1,0 +1,123 @@
+"""Load fields: their posterior against closed forms, their model, palms on a section."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from benchmarks.inverse_load import skin_of_40, with_tolerances
+from fitting.arrays import Floats
+from fitting.inverse_load.estimator import LoadEstimator
+from fitting.inverse_load.field.forward import FieldForward, nodes_of
+from fitting.inverse_load.field.posterior import FieldPosterior, LinearReadings, Scale, Scales
+from suas_jax.scene.forward import forward
+from suas_jax.scene.loads import Loads
+from suas_jax.scene.skin import skin_of
+
+NODES, CHANNELS = 7, 5
+SPACING = 4e-3  # [m]
+LENGTH, SIZE = 1, 0.2  # of 16 mm; [N]
+RADIUS = 59e-3  # of the outer face [m]
+RNG = np.random.default_rng(4)
+DESIGN = RNG.normal(size=(CHANNELS, NODES))
+PLACES = SPACING * np.arange(NODES)[:, None]
+POSTERIOR = FieldPosterior(PLACES, area=1e-4)
+KERNEL = np.exp(-np.abs(PLACES - PLACES.T) / 16e-3)
+
+
+def test_evidence_is_that_of_gaussian_forces() -> None:
+    target = RNG.normal(size=CHANNELS)
+    found = POSTERIOR.scales(LinearReadings(DESIGN, target))
+    own = [k for k, scale in enumerate(found.each) if scale.length == LENGTH]
+    for k in own[::5]:
+        covariance = found.each[k].size ** 2 * DESIGN @ KERNEL @ DESIGN.T + np.eye(CHANNELS)
+        expected = multivariate_normal.logpdf(target, np.zeros(CHANNELS), covariance)
+        exact = CHANNELS / 2 * np.log(2 * np.pi)  # what the evidence leaves out
+        assert found.log_evidence[k] == pytest.approx(expected + exact, rel=1e-6)
+
+
+def test_likeliest_forces_are_the_posterior_mean_or_zero_where_it_pulls() -> None:
+    precision = np.linalg.inv(SIZE**2 * KERNEL)
+    normal, scale = DESIGN.T @ DESIGN + precision, Scale(LENGTH, SIZE)
+    expected = np.full(NODES, 0.3)
+    pushes = LinearReadings(DESIGN, DESIGN @ expected)
+    mean = np.linalg.solve(normal, DESIGN.T @ pushes.target)
+    assert (mean > 0).all()
+    np.testing.assert_allclose(POSTERIOR.likeliest(pushes, scale, 0.0), mean, rtol=1e-6)
+    # Where forces would pull, those of Karush, Kuhn and Tucker.
+    target = DESIGN @ np.linspace(-3, 3, NODES)
+    force = POSTERIOR.likeliest(LinearReadings(DESIGN, target), scale, rate=1.0)
+    slope = normal @ force - DESIGN.T @ target + 1.0 / SIZE
+    assert (force >= 0).all()
+    assert 0 < (force > 0).sum() < NODES
+    np.testing.assert_allclose(slope[force > 0], 0, atol=1e-6)
+    assert (slope[force == 0] >= 0).all()
+
+
+def test_forces_that_readings_tell_are_known_to_their_noise_and_to_errors_of_inputs() -> None:
+    told, force, error = 100.0, np.full(NODES, 1.0), 0.03  # counts over noise per newton; [N]
+    linear = LinearReadings(told * np.eye(NODES), told * force)
+    scales = Scales([Scale(LENGTH, SIZE)], np.zeros(1))
+    for errors in (np.zeros((0, NODES)), np.full((1, NODES), told * error)):
+        samples = POSTERIOR.samples(linear, scales, errors, 2000, np.random.default_rng(1))
+        own = np.hypot(1 / told, len(errors) * error)
+        np.testing.assert_allclose(samples.mean(0), force, atol=4 * own / np.sqrt(2000) + 5e-3)
+        np.testing.assert_allclose(samples.std(0), own, rtol=0.1)
+
+
+# --- on a section -------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def estimator(tmp_path_factory: pytest.TempPathFactory) -> LoadEstimator:
+    spec = with_tolerances(skin_of_40(), exact=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("field")))
+        patch.setattr("fitting.inverse_load.search.table._FORCES", 12)
+        return LoadEstimator(spec, most_contacts=1)
+
+
+def test_oil_hides_a_pressure_that_is_even_all_over(estimator: LoadEstimator) -> None:
+    edge = np.atleast_1d(estimator._parts.fitter.edge)
+    nodes = nodes_of(estimator.skin, edge, estimator.along)
+    model, count = FieldForward(estimator.skin, nodes), len(nodes.places)
+    even = model(np.full(count, 10 / count), model.rest())
+    one = model(np.where(np.arange(count) == count // 2, 10.0, 0.0), model.rest())
+    dent, change = (np.abs(x.so - estimator.model_rest).max() for x in (one, even))
+    assert change < 0.05 * dent
+    # The derivatives are those of the model, but for what shear adds to them.
+    step = np.where(np.arange(count) == count // 3, 1e-3, 0.0)
+    moved = model(10 / count + step, even.state)
+    slope = np.asarray(even.jacobian)[:, count // 3]
+    np.testing.assert_allclose((moved.so - even.so) / 1e-3, slope, atol=0.03 * slope.max())
+
+
+def palm(middle: float, arc: float, force: float, points: int = 40) -> Floats:
+    """Angles [rad] and forces [N] of an even pressure over an arc [m] [2, point]."""
+    along = (np.arange(points) + 0.5) / points - 0.5
+    return np.stack(
+        [np.deg2rad(middle) + along * arc / RADIUS, np.full(points, force / points)]
+    )
+
+
+def test_a_palm_is_a_load_field_and_a_finger_is_a_contact(estimator: LoadEstimator) -> None:
+    finer = skin_of(estimator.spec, elements=64, contact=False)
+    fingers = np.zeros((2, 40))
+    fingers[:, 0] = np.deg2rad(20), 6.0
+    touches = [palm(3, 0.11, 40), palm(-15, 0.09, 25), fingers]
+    angle, force = (np.stack(x, 1) for x in zip(*touches, strict=True))
+    so = np.asarray(forward(finer, Loads.line(angle, force)).so).T
+    found = estimator.estimate(np.round(so + np.random.default_rng(1).normal(0, 2, so.shape)))
+    for estimate, middle, total in zip(found[:2], (3, -15), (40, 25), strict=True):
+        assert estimate.status == "load_field"
+        assert not estimate.contacts
+        field = estimate.field
+        assert field is not None
+        assert field.preferred_by > 6
+        assert field.force.low < total < field.force.high
+        assert field.force.value == pytest.approx(total, rel=0.25)
+        assert field.angle.low < np.deg2rad(middle) < field.angle.high
+    finger = found[2]
+    assert finger.status == "ok"
+    assert finger.field is None
+    (contact,) = finger.contacts
+    assert contact.force == pytest.approx(6.0, rel=0.05)
