@@ -50,7 +50,7 @@ from suas_jax.numerics.lanes import number
 from suas_jax.scene import build
 from suas_jax.scene.assessment import error_by_squeezing, touched_by_bodies
 from suas_jax.scene.build import plan_for
-from suas_jax.scene.contact_zone import body_observables
+from suas_jax.scene.contact_zone import _resolved, body_observables
 from suas_jax.scene.indentation import IndentationCurve, Point
 from suas_jax.scene.loads import loads_of
 from suas_jax.scene.parts import scene_parts, skin_parts
@@ -747,3 +747,16 @@ def test_what_knows_dead_forces_alone_says_so() -> None:
     with pytest.raises(ConfigError, match="own depth"):
         scene(body(0, 1.0), oil_pressure=1e3)
     assert isinstance(scene(body(0, 1.0)).loads[0], BodyLoadSpec)
+
+
+@pytest.mark.parametrize(("along", "across", "told"), [(40, 40, True), (40, 20, False)])
+def test_a_zone_on_a_pad_is_resolved_by_points_along_arc_and_axis(
+    along: int, across: int, told: bool
+) -> None:
+    """Any number of points along one of them do not tell how wide it is."""
+    rows, columns = np.ogrid[-30:30, -30:30]
+    inside = (2 * rows / along) ** 2 + (2 * columns / across) ** 2 < 1
+    gap = jnp.asarray(np.where(inside, -1e-6, 1e-6))[..., None]
+    vector, none = jnp.zeros((3, *gap.shape)), jnp.zeros_like(gap)
+    contact = BodyContact(none, vector, gap, none, vector, none, axial=none)
+    assert bool(_resolved(contact)[0]) is told

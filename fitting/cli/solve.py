@@ -162,6 +162,8 @@ def _rows(report: dict[str, Any], *, by_arc: bool) -> Iterator[tuple[str, str]]:
         if load["kind"] == "body":
             depth = f"{1e3 * load['depth_m']:.5g}{spread(own + 'depth_m', 1e3)} mm"
             area = f"touches {1e6 * load['contact_area_m2']:.4g} mm²"
+            if not load["contact_resolved"]:
+                area = "touches less than the mesh resolves"
             yield "", f"by a body {depth} in, which {area}"
         moved = f"{1e3 * load['displacement_m']:.4g}{spread(own + 'displacement_m', 1e3)}"
         yield (

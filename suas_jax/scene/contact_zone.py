@@ -14,6 +14,8 @@ from suas_jax.skin.geometry import SkinGeometry
 
 # Points of contact from which a zone's width and its peak pressure are told.
 _RESOLVED = 12
+# The same along either direction of a pad, whose elements have 17: a zone of two elements.
+_RESOLVED_PAD = 32
 # Gap between two zones of contact up to which they count as one, in thicknesses.
 _TOGETHER = 1e-3
 
@@ -53,6 +55,15 @@ def contact_zone(contact: ContactState, geometry: SkinGeometry) -> dict[str, Any
     }
 
 
+def _resolved(contact: BodyContact) -> Bool[Array, " lane"]:
+    """Whether enough points touch, on a pad along either direction."""
+    closed = contact.gap < 0
+    if contact.axial is None:
+        return jnp.sum(closed, (0, 1)) >= _RESOLVED
+    across = [jnp.max(jnp.sum(closed, way), 0) for way in (0, 1)]
+    return jnp.minimum(*across) >= _RESOLVED_PAD
+
+
 def body_observables(
     contact: BodyContact,  # the outer face at its contact points
     body: Body,  # that is pressed on it
@@ -80,7 +91,7 @@ def body_observables(
         "moment_Nm": -moment * width,
         **_extent(contact, body, geometry, touched),
         "max_contact_pressure_Pa": jnp.max(contact.pressure, (0, 1)),
-        "contact_resolved": ~touched | (jnp.sum(contact.gap < 0, (0, 1)) >= _RESOLVED),
+        "contact_resolved": ~touched | _resolved(contact),
     }
     if len(force) == 3:
         found["tangential_force_axial_N"] = force[2]
