@@ -19,6 +19,7 @@ from fitting.material.fit.fit import fit_material
 from fitting.material.fit.result import MaterialFit
 from fitting.material.report.plots import plot_material
 from fitting.material.report.summary import material_report
+from fitting.report.description import percent_text
 from suas_jax.config import input_errors, scene_from_dict
 from suas_jax.config.input_errors import STIFFNESS
 from suas_jax.config.tolerance import deviation_of
@@ -118,6 +119,11 @@ def test_a_second_mode_narrows_the_third(tmp_path: pathlib.Path) -> None:
     assert np.all(narrow.half_width < 0.8 * wide.half_width)
     true = np.interp(stretch, *curves["pure_shear"].T)
     assert np.all(np.abs(narrow.nominal - true) < narrow.half_width)
+
+
+def test_a_percent_beyond_a_hundred_has_no_power_of_ten() -> None:
+    shares = (0.0012, 0.069, 0.996, 1.68, 12.3)
+    assert [*map(percent_text, shares)] == ["0.12 %", "6.9 %", "100 %", "170 %", "1200 %"]
 
 
 def test_report_text_and_figure_show_the_same_band(treloar: MaterialFit) -> None:

@@ -22,7 +22,7 @@ from suas_jax.config import (
     scene_from_dict,
     with_inputs,
 )
-from suas_jax.config.input_errors import DEFAULTS, STIFFNESS
+from suas_jax.config.input_errors import DEFAULTS, STIFFNESS, as_assembled
 from suas_jax.config.schema_calibration import CalibrationSpec
 from suas_jax.config.tolerance import parse_uncertain
 from suas_jax.scene.gradient import gradient
@@ -114,6 +114,9 @@ def test_a_skin_that_states_nothing_has_the_defaults_and_says_so() -> None:
     errors = input_errors(scene())
     assert errors.names == errors.assumed == tuple(DEFAULTS)
     assert "no tolerances" in errors.text
+    # What hands decide moves a force most, and counts where loads are estimated.
+    assert "mounting" not in errors.text
+    assert "mounting 0.05 %, fill 0.3 %" in input_errors(as_assembled(scene())).text
     own = continuous_inputs(scene())
     row = errors.directions[errors.names.index(STIFFNESS)]
     stiffness = dict(zip(errors.paths, row, strict=True))

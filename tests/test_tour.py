@@ -46,8 +46,11 @@ def test_pad_and_curves_are_what_the_scenes_give(name: str) -> None:
     assert differences(KEPT[name], answer(name, solution.report) | curves(solution)) == []
 
 
-def test_the_tour_prints_pictures_and_what_to_do_next(tmp_path: Path) -> None:
+def test_the_tour_prints_pictures_and_what_to_do_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     figure = tmp_path / "tour.png"
+    monkeypatch.chdir(ROOT)
     done = CliRunner().invoke(app, ["tour", "--plot", str(figure)])
     assert done.exit_code == 0, done.output
     assert figure.read_bytes().startswith(b"\x89PNG")
@@ -57,5 +60,8 @@ def test_the_tour_prints_pictures_and_what_to_do_next(tmp_path: Path) -> None:
         parse(line)
         files = [word for word in shlex.split(line) if "configs/" in word]
         assert all((ROOT / word.split("=")[-1]).exists() for word in files)
+    assert "suas examples" not in done.stdout  # they are here already: it would refuse
+    monkeypatch.chdir(tmp_path)
+    assert "suas examples" in CliRunner().invoke(app, ["tour"]).stdout
     again = CliRunner().invoke(app, ["tour", "--json"])
     assert json.loads(again.stdout)["scenes"] == list(KEPT.values())

@@ -204,7 +204,9 @@ def _rows(report: dict[str, Any], *, by_arc: bool) -> Iterator[tuple[str, str]]:
     error = f"{mesh:.1e} by the mesh, {model:.1e} by the model" if known else "unknown"
     yield "estimated error", error
     times = report["timings_s"]
-    yield "solve / compile", f"{1e3 * times['solve']:.2f} ms / {times['compile']:.2f} s"
+    solving, short = times["solve"], times["solve"] < 1
+    took = f"{1e3 * solving:.3g} ms" if short else f"{solving:.2f} s"
+    yield "solve / compile", f"{took} / {times['compile']:.2f} s"
 
 
 _ANGLE, _ARC = ("angle_deg", 1.0, "deg"), ("arc_m", 1e3, "mm along the arc")

@@ -55,7 +55,8 @@ def tour(as_json: AsJson = False, plot: Plot = None, overwrite: Overwrite = Fals
     for state in states:
         console.print(f"{_title(state)}\n{_map(state)}\n", soft_wrap=True)
     console.print("These answers were computed before. `suas solve SCENE` computes one anew.\n")
-    console.print("suas examples    # first: copies skins, scenes and data into configs")
+    if not Path("configs").exists():  # as it does in a checkout
+        console.print("suas examples    # first: copies skins, scenes and data into configs")
     for job, lines in NEXT.items():
         text = "\n".join([f"\nTo {job}:", *(f"  {line}" for line in lines)])
         console.print(text, soft_wrap=True)

@@ -22,6 +22,7 @@ from fitting.cli.options import (
     TaxelsOnly,
     argument,
     option,
+    remark,
 )
 from fitting.cli.progress import spinner
 from suas_jax.acquisition.terminal import say
@@ -89,6 +90,7 @@ def view(
 
             with ViewServer(hub, host, port) as server:
                 say(server.url)
+                remark("the page is at this address; Ctrl-C ends")
                 if browser:
                     webbrowser.open(server.url)
                 yield

@@ -114,8 +114,10 @@ def _report(found: "Zero", target: Path) -> dict[str, Any]:
 
 
 def _print(found: "Zero", target: Path) -> None:
+    from fitting.report.description import percent_text
+
     for press, before, after in zip(found.presses, found.before, found.after, strict=True):
-        known = f"{100 * after:.2g} % ({100 * before:.2g} % without the zero)"
+        known = f"{percent_text(after)} ({percent_text(before)} without the zero)"
         say(f"{press.text}: forces there are known to {known}")
     causes = ", ".join(cause.text for cause in found.causes)
     say(f"what moved, the likeliest first (± one standard deviation): {causes}")

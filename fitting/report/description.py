@@ -59,6 +59,11 @@ def print_parts(console: Console, parts: Sequence[Part]) -> None:
             console.print(table)
 
 
+def percent_text(share: float) -> str:
+    """A share to two digits, in percent: ``170 %``, never ``1.7e+02 %``."""
+    return f"{float(f'{100 * share:.2g}'):g} %"
+
+
 def quantity_text(value: float, unit: str, digits: int = 5) -> str:
     """A number in SI units with the unit that suits its size; an infinite one has no limit."""
     if np.isinf(value):

@@ -77,16 +77,21 @@ class InputErrors(NamedTuple):
     @property
     def text(self) -> str:
         """What is assumed, in a sentence; empty where the file states everything."""
-        if not self.assumed:
+        sizes = [(name, 100 * DEFAULTS[name], "%") for name in self.assumed]
+        for name, column in _typical(self.spec):
+            if name in _ASSEMBLY:
+                kelvin = name.endswith("temperature")
+                size = column[name] if kelvin else 100 * column[name]
+                sizes.append((name, size, "K" if kelvin else "%"))
+        if not sizes:
             return ""
         listed = ", ".join(
-            f"{name.rpartition('.')[2].replace('_', ' ')} {100 * DEFAULTS[name]:g} %"
-            for name in self.assumed
+            f"{name.rpartition('.')[2].replace('_', ' ')} {size:g} {unit}"
+            for name, size, unit in sizes
         )
         return (
-            "the skin file states no tolerances for these numbers; one standard deviation is "
-            f'assumed: {listed} (state your own, such as thickness = "1.50 mm +- 0.03 mm", or '
-            '"+- 0" where a value is exact)'
+            f"where the skin file states no tolerances, ± assumes {listed} (state your own, "
+            'such as thickness = "1.50 mm +- 0.03 mm")'
         )
 
 

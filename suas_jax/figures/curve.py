@@ -9,6 +9,8 @@ from suas_jax.figures.style import CONTACT, styled, written
 from suas_jax.scene.curve import total_force
 from suas_jax.scene.sweep import Sweep
 
+_ABOVE = (0.5, 1.0)  # the place of a legend, off the data
+
 
 @styled
 def plot_sweep(sweep: Sweep, file: Path | None = None) -> Figure:
@@ -30,20 +32,22 @@ def plot_sweep(sweep: Sweep, file: Path | None = None) -> Figure:
         degrees = points[0]["loads"][i]["angle_deg"] if points else 0.0
         left.plot(moved, force, "o-", ms=3, label=f"load at {degrees:.4g}°")
     left.set(xlabel="displacement of the mid-surface along the load [mm]", ylabel="force [N]")
-    left.legend()
-    right.plot(total, pressure, "o-", ms=3)
+    handles = right.plot(total, pressure, "o-", ms=3, label="oil pressure")
     right.set(xlabel="total force [N]", ylabel="oil pressure [kPa]")
     wall = [p["wall"]["force_N"] if p["wall"] else 0.0 for p in points]
     if any(wall):
         carried = right.twinx()
-        carried.plot(total, wall, "s--", ms=3, color=CONTACT, label="carried by the wall")
+        label = "carried by the wall (right)"
+        handles += carried.plot(total, wall, "s--", ms=3, color=CONTACT, label=label)
         carried.set(ylabel="force on the wall [N]")
-        carried.legend(loc="lower right")
     contact = sweep.first_contact
     if contact is not None:
         at = (contact["force_N"], 1e-3 * contact["oil_pressure_Pa"])
-        right.plot(*at, "x", color=CONTACT, ms=9, label=f"first wall contact, {at[0]:.4g} N")
-        right.legend()
+        label = f"first contact, {at[0]:.4g} N"
+        handles += right.plot(*at, "x", color=CONTACT, ms=9, label=label)
+    left.legend(loc="lower center", bbox_to_anchor=_ABOVE, ncols=3)
+    if len(handles) > 1:
+        right.legend(handles=handles, loc="lower center", bbox_to_anchor=_ABOVE, ncols=3)
     for axes in (left, right):
         axes.grid(alpha=0.3)
     return written(figure, file)
@@ -68,9 +72,8 @@ def _over_time(points: list[dict[str, Any]]) -> Figure:
     lines += force.plot(
         time, [total_force(p) for p in points], "s--", ms=3, color="0.5", label=label
     )
-    above = (0.5, 1.0)  # off the data
-    left.legend(loc="lower center", bbox_to_anchor=above, ncols=3)
-    right.legend(handles=lines, loc="lower center", bbox_to_anchor=above, ncols=2)
+    left.legend(loc="lower center", bbox_to_anchor=_ABOVE, ncols=3)
+    right.legend(handles=lines, loc="lower center", bbox_to_anchor=_ABOVE, ncols=2)
     force.set(ylabel="total force [N]")
     for axes in (left, right):
         axes.grid(alpha=0.3)

@@ -12,6 +12,7 @@ from matplotlib.collections import EllipseCollection, PatchCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse, Rectangle
+from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 
 from suas_jax.config import SkinSpec, continuous_inputs
@@ -154,6 +155,8 @@ def plot_pad_surface(solution: Solution) -> Figure:
                        antialiased=False, rcount=200, ccount=200)  # fmt: skip
     spans = [float(np.ptp(top[k])) for k in (0, 2, 1)]
     space.set_box_aspect(spans, zoom=0.92)
+    for axis, span in zip((space.xaxis, space.yaxis, space.zaxis), spans, strict=True):
+        axis.set_major_locator(MaxNLocator(max(2, round(7 * span / max(spans)))))
     space.set(xlabel="x [mm]", ylabel="axis [mm]", zlabel="y [mm]")
     space.view_init(elev=38, azim=-58)
     report = solution.report

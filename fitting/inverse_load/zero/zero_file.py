@@ -199,5 +199,5 @@ def skin_with_zero(skin: Path, zero: Path | str | None = None) -> tuple[SkinSpec
         return spec, ""
     path = beside if zero is None else Path(zero)
     record = read_zero(path, skin)
-    said = f"with the zero of {path}, {record.created} (zero: none leaves it out)"
+    said = f"with the zero of {path}, {record.created} (--zero none leaves it out)"
     return zeroed(spec, record), said

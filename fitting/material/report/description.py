@@ -13,6 +13,7 @@ from fitting.report.description import (
     Part,
     Remark,
     ReportTable,
+    percent_text,
     print_parts,
     quantity_text,
 )
@@ -137,9 +138,9 @@ def _prediction(prediction: dict[str, Any]) -> ReportTable:
         log = np.log(band["stretch"])
         for i in (int(np.argmin(np.abs(log - 0.5 * log[-1]))), len(log) - 1):
             middle, high = band["nominal_Pa"][i], band["high95_Pa"][i]
-            share = 100.0 * (high - middle) / max(abs(middle), 1e-300)
+            share = (high - middle) / max(abs(middle), 1e-300)
             law = quantity_text(band["law_Pa"][i], "Pa")
-            stress = f"{quantity_text(middle, 'Pa')} ± {share:.2g} %"
+            stress = f"{quantity_text(middle, 'Pa')} ± {percent_text(share)}"
             rows.append((name, f"{band['stretch'][i]:.4g}", stress, law))
             name = ""
     names = ("mode", "stretch", "nominal stress (95 %)", "law alone")

@@ -14,6 +14,7 @@ from fitting.material.fit.suspects import zero_in_units, zeros_of
 from fitting.material.laws.blocks import Relaxation, Softening, TestZeros
 from fitting.material.laws.parameters import block_of
 from fitting.material.report.skin_inputs import inputs_report
+from fitting.report.description import percent_text
 
 _FAR = 0.3  # of the logarithm of the largest stretch
 _UNKNOWN = 0.3
@@ -217,8 +218,7 @@ def _doubts_about_modes(
         stretch, middle, high, law = rows[:, far > _FAR * far.max()]
         half = (high - middle) / np.maximum(np.abs(middle), 1e-300)
         worst, at = float(np.max(half)), float(stretch[int(np.argmax(half))])
-        rounded = float(f"{100.0 * worst:.2g}")  # without an exponent
-        amount = f"+-{rounded:g} %" if worst < 10.0 else "no useful accuracy"
+        amount = f"+-{percent_text(worst)}" if worst < 10.0 else "no useful accuracy"
         parts.append(f"{mode} to {amount} (at a stretch of {at:.3g})")
         if not worst < _UNKNOWN:
             unknown.append(
