@@ -749,6 +749,19 @@ def test_what_knows_dead_forces_alone_says_so() -> None:
     assert isinstance(scene(body(0, 1.0)).loads[0], BodyLoadSpec)
 
 
+@pytest.mark.long  # a curve on a pad
+def test_a_pad_stores_what_a_ball_does_on_it() -> None:
+    """To a few per cent: kinks of the first-order correction are no strains."""
+    spec = pad_scene(body(0, 1.0, shape="sphere", radius="10 mm"))
+    spec = with_solve(spec, model="shell")
+    points = sweep(spec, depths=np.linspace(0, 1e-3, 9).tolist()).points
+    depth, force = np.array(
+        [[p["loads"][0][k] for k in ("depth_m", "force_N")] for p in points]
+    ).T
+    work = np.sum((force[1:] + force[:-1]) / 2 * np.diff(depth))
+    assert points[-1]["strain_energy_J"] == pytest.approx(work, rel=0.03)
+
+
 @pytest.mark.parametrize(("along", "across", "told"), [(40, 40, True), (40, 20, False)])
 def test_a_zone_on_a_pad_is_resolved_by_points_along_arc_and_axis(
     along: int, across: int, told: bool

@@ -75,6 +75,8 @@ class Pad(AbstractMechanics):
     relief: Sheet | None = None  # of the outer face; see `SkinGeometry`
     # of a material with a past at the quadrature points, see `Layers`; None of an elastic one
     response: Response | None = None
+    # that a state to be read is a correction of, as by shear; None where it is none
+    equilibrium: StationVector | None = None
 
     @property
     def topology(self) -> NetTopology:
@@ -212,8 +214,16 @@ class Pad(AbstractMechanics):
         return gradient * self.topology.free[..., None], more
 
     def stored_energy(self, q: StationVector) -> Lanes:
-        """Strain energy, less that of shear: q has the displacement by shear in it [J]."""
-        return self.strain_energy(q) - self._by_lane(PadLane.relaxed_energy, q)
+        """Strain energy of the state that is reported, to first order; see the base class."""
+        root = self.equilibrium
+        if root is None:
+            return self.strain_energy(q)
+        stored, more = jax.jvp(self.strain_energy, (root,), (q - root,))
+        return stored + more - self._by_lane(PadLane.relaxed_energy, root)
+
+    def around(self, equilibrium: StationVector) -> Self:
+        """See the base class; kinks of a correction are not strains."""
+        return dataclasses.replace(self, equilibrium=equilibrium)
 
     @classmethod
     def build(
