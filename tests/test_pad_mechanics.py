@@ -18,7 +18,7 @@ from suas_jax.constitutive.laws.mooney_rivlin import MooneyRivlin
 from suas_jax.constitutive.laws.ogden import Ogden
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.equilibrium import differentiable
-from suas_jax.mechanics.pad.faces import face_displacement
+from suas_jax.mechanics.pad.faces import Faces, face_displacement, unbent
 from suas_jax.mechanics.pad.fibres import energy_density, layers, resultants
 from suas_jax.mechanics.pad.mid_surface import Rest, Surface, components, surface
 from suas_jax.mechanics.pad.net import Net, NetTopology
@@ -593,6 +593,21 @@ def test_a_grid_of_samples_is_what_its_places_are(name: str) -> None:
     at_each = at_places(pad, q, *(x.reshape(-1, 1) for x in (grid.angle, grid.axial)))
     for got, wanted in zip(grid, at_each, strict=True):
         np.testing.assert_allclose(got.reshape(wanted.shape), wanted, rtol=1e-9, atol=1e-14)
+
+
+def test_a_correction_stretches_the_faces_and_does_not_bend_them() -> None:
+    inner, outer, stretched, bent = np.random.default_rng(4).normal(size=(4, 3, 5, 1))
+    none = jnp.zeros((5, 1))
+
+    def faces(inner: np.ndarray, outer: np.ndarray) -> Faces:
+        still = (jnp.zeros((3, 5, 1)),) * 3
+        return Faces(none, none, *still, jnp.asarray(inner), jnp.asarray(outer), none)
+
+    equilibrium = faces(inner, outer)
+    shown = faces(inner + stretched - bent, outer + stretched + bent)
+    found = unbent(shown, equilibrium)
+    np.testing.assert_allclose(found.inner_strain, inner + stretched, atol=1e-14)
+    np.testing.assert_allclose(found.outer_strain, outer + stretched, atol=1e-14)
 
 
 @pytest.mark.long  # a fine net is solved; splines in test_bspline

@@ -51,6 +51,8 @@ class IndentationCurve(NamedTuple):
             given = models["solid"].given(scene)
             asked = with_solve(scene, model="shell" if given is None else "solid")
         found, _ = choose(asked, once=True)
+        if asked is not scene and not found.converged:  # the solid may know more
+            found, _ = choose(scene, once=True)
         return cls(scene, shares, models[found.plan.model], found.plan, found.wall)
 
     def points(self, depths: np.ndarray) -> list[dict[str, Any]]:

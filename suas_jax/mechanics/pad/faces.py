@@ -87,6 +87,19 @@ def faces(
     )
 
 
+def unbent(shown: Faces, equilibrium: Faces) -> Faces:
+    """Faces of a state that is a first-order correction of an equilibrium.
+
+    The correction stretches the mid-surface, which shows in the mean of both faces, but does
+    not bend it: beneath loads and at clamps a membrane that shears has kinks, which are no
+    strains.
+    """
+    strains = [(x.inner_strain, x.outer_strain) for x in (shown, equilibrium)]
+    after, before = ((inner + outer) / 2 for inner, outer in strains)
+    inner, outer = (x + (after - before) for x in strains[1])
+    return shown._replace(inner_strain=inner, outer_strain=outer)
+
+
 def principal_stretches(strain: Float[Array, "3 *point"]) -> Float[Array, "2 *point"]:
     """Smallest and largest stretch in the plane from C - 1, entries (11, 22, 12)."""
     mean = (strain[0] + strain[1]) / 2

@@ -21,7 +21,7 @@ from suas_jax.mechanics.base import AbstractMechanics, Assembly, Displacements
 from suas_jax.mechanics.contact.face import BodyContact, ContactState
 from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.pad.contact import ContactFace
-from suas_jax.mechanics.pad.faces import Faces
+from suas_jax.mechanics.pad.faces import Faces, unbent
 from suas_jax.mechanics.pad.lane import PadLane
 from suas_jax.mechanics.pad.mirroring import (
     breaks_on_both_sides,
@@ -336,7 +336,10 @@ class Pad(AbstractMechanics):
 
     def shape(self, q: StationVector) -> PadShape:
         """The deformed pad, sampled; see the base class."""
-        return PadShape(self.sampled(q, SAMPLES))
+        samples, root = self.sampled(q, SAMPLES), self.equilibrium
+        if root is not None and self.corrected:
+            samples = unbent(samples, self.sampled(root, SAMPLES))
+        return PadShape(samples)
 
     def face(self, q: StationVector) -> "PadFace":
         """The deformed inner face along rays; see the base class."""
