@@ -9,7 +9,7 @@ meanwhile: the times are those of the clock.
 import statistics
 
 from benchmarks.demo import CASES, ROOT
-from benchmarks.inverse_load import skin_of_40
+from benchmarks.inverse_load import skin_of_taxels
 from benchmarks.inverse_load_speed import slide, timed
 from benchmarks.pages import write_section
 from benchmarks.shell_speed import BATCH, measured
@@ -61,7 +61,7 @@ def speed() -> list[str]:
     with_gradient = found["solve and gradient by all inputs"].seconds
     batches = (f"batch of {BATCH}, two threads", "  from 95 % of the loads")
     from_rest, from_near = (found[name].rate for name in batches)
-    spec = skin_of_40()
+    spec = skin_of_taxels()
     live = LoadEstimator(spec, live=True)
     counts = slide(LoadEstimator(spec))
     live.warm_up()

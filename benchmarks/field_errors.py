@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.stats import chi2
 
-from benchmarks.inverse_load import NOISE, skin_of_40, with_tolerances
+from benchmarks.inverse_load import NOISE, skin_of_taxels, with_tolerances
 from fitting.inverse_load.check.section_log import section_verdict
 from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
@@ -154,7 +154,7 @@ def main() -> None:
     options.add_argument("--only", help="rows whose name holds this")
     given = options.parse_args()
     configure()
-    spec = skin_of_40()
+    spec = skin_of_taxels()
     if given.exact:
         spec = with_tolerances(spec, exact=True)
     print(f"{'':34} wrong  2+ contacts  force error  stated   statuses")

@@ -60,8 +60,8 @@ class Truth(NamedTuple):
     so: np.ndarray
 
 
-def skin_of_40(count: int = 40) -> SkinSpec:
-    """The paper's skin with 40 taxels, or another count."""
+def skin_of_taxels(count: int = 40) -> SkinSpec:
+    """The paper's skin with so many taxels, evenly over 160 degrees."""
     taxels = [{"angle": angle} for angle in np.deg2rad(np.linspace(-80, 80, count)).tolist()]
     spec = load_skin(SKIN)
     electrodes = ElectrodesSpec(taxels=taxels, noise=NOISE, lsb=spec.electrodes.lsb)  # type: ignore[union-attr]
@@ -280,7 +280,7 @@ def main() -> None:
     options = parser.parse_args()
     configure()
     spec = with_tolerances(
-        skin_of_40(), exact=True
+        skin_of_taxels(), exact=True
     )  # readings are of this very skin: it is exact
     sets = truths(spec, options.truth, options.frames)
     if options.write is not None:

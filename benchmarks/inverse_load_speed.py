@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import least_squares
 
-from benchmarks.inverse_load import SKIN, measured, skin_of_40
+from benchmarks.inverse_load import SKIN, measured, skin_of_taxels
 from fitting.inverse_load.estimator import LoadEstimator
 from suas_jax import configure, jit
 from suas_jax.scene.forward import forward
@@ -161,7 +161,7 @@ def main() -> None:
     options = parser.parse_args()
     configure()
     print(f"load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
-    spec = skin_of_40()
+    spec = skin_of_taxels()
     batch, live = LoadEstimator(spec), LoadEstimator(spec, live=True)
     counts = slide(batch)
     live.warm_up()

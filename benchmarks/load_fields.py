@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.inverse_load import NOISE, skin_of_40, with_tolerances
+from benchmarks.inverse_load import NOISE, skin_of_taxels, with_tolerances
 from fitting.arrays import Floats
 from fitting.inverse_load.estimate.load_field import Interval
 from fitting.inverse_load.estimator import LoadEstimate, LoadEstimator
@@ -91,7 +91,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     configure()
-    spec = with_tolerances(skin_of_40(options.taxels), exact=True)
+    spec = with_tolerances(skin_of_taxels(options.taxels), exact=True)
     estimator = LoadEstimator(spec)
     random = np.random.default_rng(options.seed)
     touches = [touch(kind, random) for kind in _KINDS for _ in range(options.touches)]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from benchmarks.inverse_load import skin_of_40, with_tolerances
+from benchmarks.inverse_load import skin_of_taxels, with_tolerances
 from fitting.arrays import Floats
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.field.forward import FieldForward, nodes_of
@@ -69,7 +69,7 @@ def test_forces_that_readings_tell_are_known_to_their_noise_and_to_errors_of_inp
 
 @pytest.fixture(scope="module")
 def estimator(tmp_path_factory: pytest.TempPathFactory) -> LoadEstimator:
-    spec = with_tolerances(skin_of_40(), exact=True)
+    spec = with_tolerances(skin_of_taxels(), exact=True)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("field")))
         patch.setattr("fitting.inverse_load.search.table._FORCES", 12)

@@ -204,8 +204,8 @@ def _rows(report: dict[str, Any], *, by_arc: bool) -> Iterator[tuple[str, str]]:
     error = f"{mesh:.1e} by the mesh, {model:.1e} by the model" if known else "unknown"
     yield "estimated error", error
     times = report["timings_s"]
-    solving, short = times["solve"], times["solve"] < 1
-    took = f"{1e3 * solving:.3g} ms" if short else f"{solving:.2f} s"
+    seconds = times["solve"]
+    took = f"{1e3 * seconds:.3g} ms" if seconds < 1 else f"{seconds:.2f} s"
     yield "solve / compile", f"{took} / {times['compile']:.2f} s"
 
 

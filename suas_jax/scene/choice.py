@@ -31,7 +31,7 @@ _PLACED = 1e-3  # of a thickness: mirrored places shall stay so
 _NOTHING = 1e-15  # of a pressure, a force, a displacement [SI]: rounding at rest
 # Part of rtol that the model may take: some must be left for the mesh.
 _MODEL_SHARE = 0.9
-# Times that part by which a coarse mesh's estimate is more than any mesh brings it down.
+# A coarse mesh's estimate so many times that part stays above it on finer meshes.
 _HOPELESS = 1.3
 # Failures of the shell that need not be the solid's: its few fibres may leave the faces
 # beyond a limit that more layers keep to; it does not know how thin a membrane is squeezed.

@@ -47,9 +47,9 @@ class IndentationCurve(NamedTuple):
     def of(cls, scene: SceneSpec, shares: Mapping[str, float]) -> Self:
         """With the model and the mesh that the scene needs; see `AbstractModel.for_curves`."""
         models, asked = MODELS[scene.geometry.dimension], scene
-        if scene.solve.model == "auto" and not models["solid"].for_curves:
-            given = models["solid"].given(scene)
-            asked = with_solve(scene, model="shell" if given is None else "solid")
+        solid = models["solid"]
+        if scene.solve.model == "auto" and not (solid.for_curves or solid.given(scene)):
+            asked = with_solve(scene, model="shell")
         found, _ = choose(asked, once=True)
         if asked is not scene and not found.converged:  # the solid may know more
             found, _ = choose(scene, once=True)

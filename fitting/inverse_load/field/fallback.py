@@ -16,9 +16,10 @@ from fitting.arrays import Floats
 from fitting.inverse_load.estimate.assessment import POOR
 from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimate.place import ContactPlaces
-from fitting.inverse_load.field.fitter import FieldErrors, FieldFitter
+from fitting.inverse_load.field.fitter import FieldFitter
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.selection import PLAUSIBLE
+from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.fit.wide_contact import UNUSUAL
 from suas_jax.scene.skin import Skin
 
@@ -40,14 +41,13 @@ class FieldFallback:
         skin: Skin,
         edge: Floats,  # largest coordinates of a place
         along: ContactPlaces,
-        errors: object,  # of the skin's inputs
+        errors: AbstractSystematicErrors | None,  # of the skin's inputs
         *,
         per_contact: int,  # parameters of a contact
         coordinates: int,
         live: bool,
     ) -> None:
-        known = errors if isinstance(errors, FieldErrors) else None
-        self._fitter = FieldFitter(skin, edge, along, known)
+        self._fitter = FieldFitter(skin, edge, along, errors)
         self._taxels = len(skin.electrodes.taxels.angle)
         self._per_contact, self._coordinates = per_contact, coordinates
         self._live = live

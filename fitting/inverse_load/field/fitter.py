@@ -1,6 +1,6 @@
 """Fits of a load field to a frame: Gauss-Newton over forces of zero or more at nodes."""
 
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from fitting.inverse_load.estimate.load_field import Interval, LoadField
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.field.forward import FieldForward, FieldState, nodes_of
 from fitting.inverse_load.field.posterior import FieldPosterior, LinearReadings, Scales
+from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from suas_jax.equilibrium.balance import State
 from suas_jax.scene.skin import Skin
 
@@ -34,17 +35,6 @@ class FieldFit(NamedTuple):
         return -2 * float(self.scales.log_evidence.max())
 
 
-@runtime_checkable
-class FieldErrors(Protocol):
-    """Errors of a skin's inputs, as they show under a load field."""
-
-    def under_field(
-        self, places: Floats, force: Floats, jacobian: Floats, so: Floats, pressure: float
-    ) -> Floats:
-        """Change of readings by one standard deviation of each [error, taxel]."""
-        ...
-
-
 class FieldFitter:
     """Fits load fields on one skin; readings are its taxels', in counts."""
 
@@ -53,7 +43,7 @@ class FieldFitter:
         skin: Skin,
         edge: Floats,  # largest angle [rad] and axial position [m] of a load
         along: ContactPlaces,
-        errors: FieldErrors | None,  # of the skin's inputs
+        errors: AbstractSystematicErrors | None,  # of the skin's inputs
     ) -> None:
         self._along, self._errors = along, errors
         self.nodes = nodes_of(skin, edge, along)
@@ -97,7 +87,8 @@ class FieldFitter:
             jacobian, so = np.asarray(here.jacobian), np.asarray(here.so)
             state = jacobian, so, float(here.pressure)
             slopes = self._errors.under_field(self.nodes.places, fit.force, *state)
-            errors = slopes * np.sqrt(weight)
+            if slopes is not None:
+                errors = slopes * np.sqrt(weight)
         random = np.random.default_rng(0)  # the same frame, the same answer
         samples = self._posterior.samples(fit.linear, fit.scales, errors, _SAMPLES, random)
         kept = samples[samples.any(1)]

@@ -20,7 +20,6 @@ from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import differentiable, equilibrium
 from suas_jax.mechanics.pad.pad import Pad
-from suas_jax.mesh.pad_plan import PadPlan, plan_pad
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import Skin
@@ -66,15 +65,7 @@ class FieldForward:
     """The model of one skin under forces at nodes."""
 
     def __init__(self, skin: Skin, nodes: FieldNodes) -> None:
-        g, self._nodes = skin.geometry, nodes
-        if isinstance(skin.elements, tuple):
-            half, width, mid, thick = (
-                float(x[0]) for x in (g.half_angle, g.width, g.mid_size, g.thickness)
-            )
-            plan = plan_pad(half, width, mid, thick, (), elements=skin.elements)
-            mesh: PadPlan = jax.tree.map(lambda x: np.asarray(x)[..., None], plan)
-            skin = dataclasses.replace(skin, mesh=mesh)
-        self._skin = skin
+        self._skin, self._nodes = skin.around(_no_patches()), nodes
 
     def rest(self) -> State:
         """The undeformed state, where fits of a load field begin."""
@@ -94,13 +85,17 @@ def _problem(skin: Skin, nodes: FieldNodes, force: Float[Array, "node 1"]) -> Pr
     angle = places[:, 0]
     if not skin.is_pad:
         return skin.problem(Loads(angle, force, jnp.zeros_like(force), zero))
-    assert skin.mesh is not None
-    plan = jax.tree.map(lambda x: x[..., 0], skin.mesh)
     inward = -outward(jnp.asarray(nodes.direction)[:, None])
     towards = jnp.concatenate([inward, jnp.zeros_like(inward[:1])])
     points = PadLoadPoints(angle, places[:, 1], force * towards)
-    pad = Pad.build(skin.geometry, skin.law, plan, ())
-    return Problem(dataclasses.replace(pad, points=points), skin.oil, zero)
+    problem = skin.problem(_no_patches())
+    pad = problem.mechanics
+    assert isinstance(pad, Pad)
+    return dataclasses.replace(problem, mechanics=dataclasses.replace(pad, points=points))
+
+
+def _no_patches() -> Loads:
+    return Loads.patch(*[np.zeros((0, 1))] * 4)
 
 
 def _evaluated(

@@ -166,11 +166,7 @@ class SectionErrors(AbstractSectionErrors):
     def under_field(
         self, places: Floats, force: Floats, jacobian: Floats, so: Floats, pressure: float
     ) -> Floats:
-        """Change of readings under a load field [error, taxel]: the sum of its nodes'.
-
-        Nodes have angles [node, 1] and forces [node]; the jacobian is that of readings by the
-        forces [taxel, node]. Neither the readings nor the oil's pressure are needed.
-        """
+        """The sum of what the errors do under its nodes; see the base class."""
         del so, pressure
         angle = places[:, 0]
         by_angle = force[:, None] * np.gradient(jacobian.T, angle, axis=0)

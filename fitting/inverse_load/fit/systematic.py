@@ -63,6 +63,18 @@ class AbstractSystematicErrors(abc.ABC):
         """Covariances of the parameters that come from the model itself, if there are any."""
         return None
 
+    def under_field(
+        self,
+        places: Floats,  # of the field's nodes [node, coordinate]
+        force: Floats,  # at each [N]
+        jacobian: Floats,  # of readings by the forces [taxel, node]
+        so: Floats,  # readings [taxel]
+        pressure: float,  # of the oil [Pa]
+    ) -> Floats | None:
+        """Change of readings under a load field [error, taxel]; None where none is known."""
+        del places, force, jacobian, so, pressure
+        return None
+
     def of(self, best: Explanations, residual: Floats, per_contact: int) -> ErrorsOfFrames:
         """What frames of one number of contacts say about the errors.
 

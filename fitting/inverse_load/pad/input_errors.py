@@ -90,11 +90,7 @@ class PadErrors(AbstractSystematicErrors):
     def under_field(
         self, places: Floats, force: Floats, jacobian: Floats, so: Floats, pressure: float
     ) -> Floats:
-        """Change of readings under a load field [error, taxel].
-
-        Nodes have places [node, (angle, axial)] and forces [node]; the jacobian is that of
-        readings by the forces [taxel, node]; readings are [taxel].
-        """
+        """See the base class."""
         by_force = np.pad(jacobian.T, ((0, 0), (0, 1)))[None]
         angle, axial = places.T[:, None]
         given = force[None], by_force, so[None], np.array([pressure])

@@ -121,9 +121,8 @@ def field_text(field: LoadField) -> str:
     """A load field for a person."""
 
     def told(name: str, known: Interval, scale: float, unit: str) -> str:
-        return f"{name}{scale * known.value:.3g} ({scale * known.low:.3g} to " + (
-            f"{scale * known.high:.3g}){unit}"
-        )
+        value, low, high = (f"{scale * x:.3g}" for x in known)
+        return f"{name}{value} ({low} to {high}){unit}"
 
     place = told("about ", field.angle, _DEGREES, "°")
     if field.arc is not None:

@@ -223,7 +223,7 @@ class Pad(AbstractMechanics):
 
     def around(self, equilibrium: StationVector) -> Self:
         """See the base class; kinks of a correction are not strains."""
-        return dataclasses.replace(self, equilibrium=equilibrium)
+        return dataclasses.replace(self, equilibrium=equilibrium) if self.corrected else self
 
     @classmethod
     def build(
@@ -337,7 +337,7 @@ class Pad(AbstractMechanics):
     def shape(self, q: StationVector) -> PadShape:
         """The deformed pad, sampled; see the base class."""
         samples, root = self.sampled(q, SAMPLES), self.equilibrium
-        if root is not None and self.corrected:
+        if root is not None:
             samples = unbent(samples, self.sampled(root, SAMPLES))
         return PadShape(samples)
 

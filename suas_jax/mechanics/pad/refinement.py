@@ -5,8 +5,6 @@ pairs it is the nearest one.
 """
 
 import dataclasses
-import functools
-from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -60,29 +58,27 @@ def nearest_splines(
 
     Components are those of the columns, between which they turn a little.
     """
-    along = _nearest_at((given.arc, wanted.arc), (breaks[0], other_breaks[0]))
-    across = _nearest_at((given.axial, wanted.axial), (breaks[1], other_breaks[1]))
+    axes = (given.arc, wanted.arc), (given.axial, wanted.axial)
+    ways = zip(axes, zip(breaks, other_breaks, strict=True), strict=True)
     signs = [[*zip(p, wanted.held, strict=True)] for p in wanted.ordered(*wanted.parities)]
-    maps = [
-        np.stack([way(s) for s in of]) for way, of in zip((along, across), signs, strict=True)
-    ]
+    maps = [_maps(*way, of) for way, of in zip(ways, signs, strict=True)]
     moved = np.einsum("cKk,cMm,kmc->KMc", *maps, values, optimize=True)
     return np.asarray(wanted.to_stations(jnp.asarray(moved))) * wanted.free
 
 
-def _nearest_at(
-    axes: tuple[SplineAxis, SplineAxis], breaks: tuple[np.ndarray, np.ndarray]
-) -> Callable[[tuple[int, bool]], Float[np.ndarray, "wanted given"]]:
-    """Stations' values of other splines from given ones, by parity and whether ends hold."""
+def _maps(
+    axes: tuple[SplineAxis, SplineAxis],  # the given splines, and the wanted ones
+    breaks: tuple[np.ndarray, np.ndarray],  # of both
+    signs: list[tuple[int, bool]],  # parity of every component, and whether ends hold it
+) -> Float[np.ndarray, "width wanted given"]:
+    """Stations' values of splines from those of others, by least squares at places."""
     inside = np.linspace(0, 1, _SAMPLES)
     x = np.unique(breaks[1][:-1, None] + inside * np.diff(breaks[1])[:, None])
-
-    @functools.cache
-    def nearest(sign: tuple[int, bool]) -> np.ndarray:
+    by_sign = {}
+    for sign in {*signs}:
         old, new = (a.shapes_at(b, x, *sign) for a, b in zip(axes, breaks, strict=True))
-        return np.linalg.lstsq(new, old, rcond=None)[0]
-
-    return nearest
+        by_sign[sign] = np.linalg.lstsq(new, old, rcond=None)[0]
+    return np.stack([by_sign[sign] for sign in signs])
 
 
 def _halved(x: Float[Array, " breakpoint"]) -> Array:

@@ -43,10 +43,6 @@ class PadSolid(Pad):
         """The same: a solid is not a sum over fibres."""
         return self
 
-    def stored_energy(self, q: StationVector) -> Lanes:
-        """Strain energy [J]."""
-        return self.strain_energy(q)
-
     def omitted_gradient(self, q: StationVector, factor: Lanes) -> None:
         """Nothing is left out."""
         del q, factor
