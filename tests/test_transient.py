@@ -118,6 +118,15 @@ def test_a_large_swing_keeps_the_oil_and_comes_to_rest_where_statics_has_it() ->
     )
 
 
+def test_a_blow_over_thin_oil_is_followed_until_it_has_faded() -> None:
+    given = history_of([0.0, 0.0, 1.0, 1e3], force_N=[0.0, 5.0, 5.0, 5.0])
+    points = history_sweep(tapped(viscosity="5 cSt"), given).points
+    held = solve(tapped()).report["oil_pressure_Pa"]
+    assert points[2]["time_steps"] > 5_000
+    assert abs(points[2]["oil_pressure_Pa"] / held - 1) > 1e-2  # it rings
+    assert points[-1]["oil_pressure_Pa"] == pytest.approx(held, rel=1e-6)
+
+
 def test_what_moves_has_the_derivative_that_short_steps_need() -> None:
     # Thick, on fine elements: the mass of its turning fibres counts.
     scene = with_solve(with_inputs(tapped(), {"geometry.thickness": 3e-3}), elements=40)

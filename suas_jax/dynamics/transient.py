@@ -17,7 +17,7 @@ from suas_jax.dynamics.driven import DrivenSkin, Values, membrane_of
 from suas_jax.dynamics.half_step import Inverse
 from suas_jax.dynamics.motion import free_unknowns
 from suas_jax.dynamics.moving_skin import MovingSkin
-from suas_jax.dynamics.steps import MOST_STEPS, Rows, begun, bend_weight, observed_at
+from suas_jax.dynamics.steps import Rows, begun, bend_weight, observed_at
 from suas_jax.dynamics.tr_bdf2 import Moving, tried
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.model import AbstractPlan
@@ -25,6 +25,8 @@ from suas_jax.scene.structure import Inputs, Structure
 
 _LONGER, _WORTH, _SHORTER = 4.0, 2.5, 0.2  # of the next step
 _SMALLEST = 1e-12  # step over a row at which the history is given up
+# Between two rows: after a blow a skin over thin oil rings for thousands of them.
+_MOST_STEPS = 100_000
 
 
 def moving_part(scene: SceneSpec, plan: AbstractPlan) -> AbstractPlan:
@@ -113,7 +115,7 @@ def through_film(
 
         def going(now: Moving) -> Array:
             left = now.time < row.end
-            return left & jnp.all(now.result == 0) & (now.steps < MOST_STEPS)
+            return left & jnp.all(now.result == 0) & (now.steps < _MOST_STEPS)
 
         now = jax.lax.while_loop(going, lambda now: _step(moving, now, row, tolerance), now)
         late = (now.time < row.end) & (now.result == 0)

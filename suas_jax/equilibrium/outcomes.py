@@ -18,8 +18,9 @@ class RESULTS(enum.Enum):
         "stability window against the stretches reached."
     )
     max_steps = (
-        "The step budget ran out before the full load. The state reported is the last "
-        "equilibrium found. Reduce the load."
+        "The step budget ran out before the full load, or before the next row of a history. "
+        "The state reported is the last one found. Reduce the load, or give a history more "
+        "rows: each has a budget of its own."
     )
     unreachable_pressure = (
         "No factor on these loads, starting from zero, brings the oil to the wanted "

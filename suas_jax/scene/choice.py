@@ -233,7 +233,8 @@ def _attempt(
         report, state, shown, part, outcome = solved
         coarsest = coarsest or Tried(plan, part)
         found = Attempt(report, state, shown, outcome, plan, wall, part, coarsest, scene)
-        if scene.bodies and coarser is not None and coarser.wall == wall:
+        again = coarser is not None and coarser.plan.counts == counts
+        if scene.bodies and coarser is not None and coarser.wall == wall and not again:
             before = coarser.report
             if driven_by_force(scene):
                 before = _at_travels_of(found, scene, coarser, once=once)
@@ -253,7 +254,9 @@ def _attempt(
         if other_next and found.model_error > _HOPELESS * _MODEL_SHARE * rtol:
             return found
         if scene.bodies and found.converged and wanted is not None:
-            counts, wanted = wanted, None
+            # Two meshes tell an error if both have stations where bodies touch.
+            if slid or not any(_slid(scene, found)):
+                counts, wanted = wanted, None
             continue
         excess = found.mesh_excess(rtol)
         if given or other_next or not found.converged or excess <= 1:

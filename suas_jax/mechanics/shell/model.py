@@ -67,9 +67,12 @@ class ShellModel(AbstractModel):
     def plan(
         self, scene: SceneSpec, counts: Counts, decay: float, slid: Sequence[float] = ()
     ) -> ShellPlan:
-        """Stations at clamps and loads, and gathered there; see the base class."""
-        del slid  # its elements bend smoothly
-        return ShellPlan(plan_section(scene, counts[0], decay))
+        """Stations at clamps and loads, and gathered there; see the base class.
+
+        Under a body the mid-line of a membrane that shears has a kink: elements that bend
+        smoothly have none but at a station.
+        """
+        return ShellPlan(plan_section(scene, counts[0], decay, slid=slid))
 
     def build(
         self,
