@@ -26,6 +26,7 @@ from fitting.inverse_load.pad.pad_least_squares import (
 from fitting.inverse_load.pad.parts import PadNodeSearch
 from fitting.inverse_load.pad.rest import GapLine, gap_line
 from fitting.inverse_load.pad.solved import near
+from fitting.inverse_load.pad.solved_patch import patch_points
 from fitting.inverse_load.pad.spline import SplineBasis, TensorSpline
 from fitting.inverse_load.pad.stiffening import Stiffening
 from fitting.inverse_load.pad.table import PadTable, reciprocal
@@ -1058,6 +1059,20 @@ def test_a_correction_holds_within_millimetres_and_a_share_of_the_force(
         most = share * limit if k < 4 else limit
         assert holds(k, 0.99 * most)
         assert not holds(k, 1.01 * most)
+
+
+@pytest.mark.parametrize("slender", [0.2, -0.8])
+def test_points_of_a_wide_contact_have_the_second_moments_of_its_ellipse(
+    slender: float,
+) -> None:
+    radius, diameter, turn = 0.06, 40e-3, 0.5
+    contact = np.array([0.2, -0.01, 7.0, diameter, slender, 0.1, 0.2, turn])
+    places, share = patch_points(contact, radius)
+    assert share.sum() == pytest.approx(1)
+    metres = (places - contact[:2]) * [radius, 1.0]
+    np.testing.assert_allclose(share @ metres, 0, atol=1e-12)
+    both = extents(np.array(diameter), np.array(slender), turn)
+    np.testing.assert_allclose(share @ metres**2, both**2 / 16, rtol=1e-9)
 
 
 def test_values_of_a_quarter_are_even_between_its_probes() -> None:
