@@ -26,7 +26,7 @@ from fitting.inverse_load.pad.pad_least_squares import (
 from fitting.inverse_load.pad.parts import PadNodeSearch
 from fitting.inverse_load.pad.rest import GapLine, gap_line
 from fitting.inverse_load.pad.solved import near
-from fitting.inverse_load.pad.solved_patch import patch_points
+from fitting.inverse_load.pad.solved_patch import SolvedPatch, patch_points
 from fitting.inverse_load.pad.spline import SplineBasis, TensorSpline
 from fitting.inverse_load.pad.stiffening import Stiffening
 from fitting.inverse_load.pad.table import PadTable, reciprocal
@@ -905,7 +905,11 @@ def strip(turn: float, length: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("turn", [0.0, 90.0, 45.0, -30.0])
-def test_a_strip_is_one_contact_of_its_length_and_force(spec: SkinSpec, turn: float) -> None:
+def test_a_strip_is_one_contact_of_its_length_and_force(
+    spec: SkinSpec, turn: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The table is made up: no pad has these dents.
+    monkeypatch.setattr(SolvedPatch, "correction", lambda *_: None)
     skin = skin_of(spec, elements=(8, 8), contact=False)
     interpolant, told = PadInterpolant(dent_table(), RADIUS), Told(False, False)
     kinds = [
@@ -930,7 +934,10 @@ def test_a_strip_is_one_contact_of_its_length_and_force(spec: SkinSpec, turn: fl
     assert np.isnan(found.beside[0, 0, 2:]).all()  # of tangents this pad says nothing
 
 
-def test_two_fingers_stand_beside_one_wide_contact(spec: SkinSpec) -> None:
+def test_two_fingers_stand_beside_one_wide_contact(
+    spec: SkinSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(SolvedPatch, "correction", lambda *_: None)  # likewise
     skin = skin_of(spec, elements=(8, 8), contact=False)
     interpolant, told = PadInterpolant(dent_table(), RADIUS), Told(False, False)
     fitter = PadFitter(skin, interpolant, told, live=False, most_contacts=2)
