@@ -1,6 +1,6 @@
 """Palms, many fingers and palms with a finger on a section: docs/load_evidence.md.
 
-    python -m benchmarks.load_fields [--touches N] [--taxels N]
+    python -m benchmarks.load_fields [--touches N] [--taxels N] [--pressure-noise PA]
 
 Readings are those of 64 elements under up to 48 line loads, radial ones, with 2 counts of noise
 and rounding; the estimator's fields have nodes 4 mm apart on 32 elements. Palms are even, or
@@ -89,10 +89,12 @@ def main() -> None:
     parser.add_argument("--touches", type=int, default=8, help="of each kind")
     parser.add_argument("--taxels", type=int, default=40)
     parser.add_argument("--seed", type=int, default=1)
+    text = "of a measured oil pressure [Pa]; none is measured without it"
+    parser.add_argument("--pressure-noise", type=float, default=np.inf, help=text)
     options = parser.parse_args()
     configure()
     spec = with_tolerances(skin_of_taxels(options.taxels), exact=True)
-    estimator = LoadEstimator(spec)
+    estimator = LoadEstimator(spec, pressure_noise=options.pressure_noise)
     random = np.random.default_rng(options.seed)
     touches = [touch(kind, random) for kind in _KINDS for _ in range(options.touches)]
     angle, force = np.zeros((2, _POINTS, len(touches)))
@@ -102,11 +104,15 @@ def main() -> None:
     off = (np.asarray(found.result) == 0) & (np.asarray(found.min_gap) > 0)
     so = np.asarray(found.so).T
     y = np.round(so + random.normal(0, NOISE, so.shape))
+    pressure = np.full(len(y), np.nan)
+    if np.isfinite(options.pressure_noise):
+        measured = np.asarray(found.oil_pressure)
+        pressure = measured + random.normal(0, options.pressure_noise, len(y))
     estimator.estimate(y)  # compiles
     rows: dict[str, list[tuple[Touch, LoadEstimate, float]]] = {kind: [] for kind in _KINDS}
     for k in np.flatnonzero(off).tolist():
         begin = time.process_time()
-        (estimate,) = estimator.estimate(y[k : k + 1])
+        (estimate,) = estimator.estimate(y[k : k + 1], pressure=pressure[k : k + 1])
         seconds = time.process_time() - begin
         rows[touches[k].kind].append((touches[k], estimate, seconds))
     for kind in _KINDS:

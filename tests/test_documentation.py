@@ -372,7 +372,7 @@ def test_keys_of_a_frame_are_described_and_occur() -> None:
         axial_force=(0.0, 0.0),
     )
     one = Interval(0.0, 0.0, 0.0)
-    field = LoadField(one, (one, one), one, one, 0.0, arc=one, axial=one, axial_extent=one)
+    field = LoadField(one, one, one, one, one, 0.0, arc=one, axial=one, axial_extent=one)
     estimate = LoadEstimate(
         True,
         (everything,),

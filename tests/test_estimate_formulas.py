@@ -29,6 +29,7 @@ from fitting.inverse_load.check.verdict import (
 from fitting.inverse_load.drift import Drift, DriftDensities, ReadingWeights, zero_of_readings
 from fitting.inverse_load.estimate.assessment import LoadAssessment
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate, load_array
+from fitting.inverse_load.estimate.measured_pressure import contradicted, with_doubts
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.selection import Alternative, Selection
@@ -252,7 +253,8 @@ def test_readings_are_weighed_by_noise_drift_and_the_model_s_own_error() -> None
         variance=np.array([4.0, 9.0, 1.0]),
         model_rest=np.array([1000.0, 1000.0, 1000.0]),
         model_error=0.01,
-        pressure_noise=None,
+        pressure_noise=50.0,
+        beside=False,
     )
     assert weights.taxels == 3
     so = np.array([[1210.0, 1020.0, 1000.0], [65535.0, np.nan, 1.0]])
@@ -268,7 +270,7 @@ def test_readings_are_weighed_by_noise_drift_and_the_model_s_own_error() -> None
 
 
 def test_a_measured_pressure_is_one_more_channel() -> None:
-    weights = ReadingWeights(np.zeros(1), np.ones(1), np.full(1, 1e3), 0.01, 50.0)
+    weights = ReadingWeights(np.zeros(1), np.ones(1), np.full(1, 1e3), 0.01, 50.0, True)
     so = np.full((3, 1), 1000.0)
     y, weight = weights.weigh(so, pressure=np.array([3000.0, np.nan, -3000.0]))
     assert y[:, 1].tolist() == [3000.0, 0.0, -3000.0]
@@ -276,6 +278,20 @@ def test_a_measured_pressure_is_one_more_channel() -> None:
     assert weights.weigh(so)[1][:, 1].tolist() == [0.0] * 3
     never = dataclasses.replace(weights, pressure_noise=np.inf)
     assert never.weigh(so, pressure=np.full(3, 1.0))[1][:, 1].tolist() == [0.0] * 3
+
+
+def test_a_pressure_speaks_against_contacts_beyond_what_their_forces_leave_open() -> None:
+    covariance = np.diag([1e-4, 0.5**2])
+    contacts = (Contact(0.0, 6.0, None, covariance), Contact(0.5, 4.0, None, covariance))
+    estimate = LoadEstimate(True, contacts, 2000.0, status="ok")
+    # Both forces are known to 10 %, together: 200 Pa, and the measurement to 20 Pa.
+    limit, weight = 3.5 * np.hypot(200, 20), np.array([1.0, 20.0**-2])
+    for off, doubted in ((0.99 * limit, False), (-1.01 * limit, True)):
+        channels = np.array([1000.0, 2000.0 + off])
+        assert contradicted(estimate, channels, weight) == doubted
+        (found,) = with_doubts([estimate], channels[None], weight[None])
+        assert found.status == ("ambiguous" if doubted else "ok")
+    assert not contradicted(estimate, np.zeros(2), np.zeros(2))
 
 
 def test_zero_of_readings_is_the_baseline_s_or_the_calibration_s() -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.memory.remembering import Series, response_of
 from fitting.inverse_load.memory.series import SHARE_ERROR, LoadMemory, creeping_load
 from suas_jax.config import load_skin
@@ -25,6 +26,11 @@ def relaxing(g: tuple[float, ...] = tuple(G), tau: tuple[float, ...] = tuple(TAU
     spec = load_skin(SKIN)
     material = spec.material.model_copy(update={"relaxation": RelaxationSpec(g=g, tau=tau)})
     return spec.model_copy(update={"material": material})
+
+
+def test_load_fields_of_a_membrane_that_remembers_are_refused_by_name() -> None:
+    with pytest.raises(ValueError, match="load_fields: the membrane remembers"):
+        LoadEstimator(relaxing(), load_fields=True)
 
 
 def test_states_are_the_hereditary_integral_on_jittered_and_missing_frames() -> None:

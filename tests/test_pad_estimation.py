@@ -19,6 +19,7 @@ from fitting.cli.options import pad_settings
 from fitting.force_range.pad import range_from_table
 from fitting.inverse_load.check.skin_file import model_verdict
 from fitting.inverse_load.estimator import LoadEstimator
+from fitting.inverse_load.field.forward import FieldForward, FieldNodes
 from fitting.inverse_load.fit.covariance import covariance_of
 from fitting.inverse_load.fit.detection import PadDetector
 from fitting.inverse_load.frame_posterior import frame_posterior, likely_modes
@@ -34,6 +35,7 @@ from fitting.inverse_load.pad.columns import (
 from fitting.inverse_load.pad.fitter import PadFitter
 from fitting.inverse_load.pad.interpolant import PadInterpolant
 from fitting.inverse_load.pad.mirror import mirror_images
+from fitting.inverse_load.pad.solved_patch import patch_points
 from fitting.inverse_load.pad.spline import TensorSpline
 from fitting.inverse_load.pad.table import PadTable
 from fitting.inverse_load.pad.table_build import PadResolution, build_pad_table, force_surplus
@@ -541,6 +543,33 @@ def test_two_contacts_are_told_apart(estimator: LoadEstimator, skin: Skin) -> No
 
 
 @pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
+def test_a_strap_is_told_by_a_solved_state_and_many_fingers_are_not_sure(
+    estimator: LoadEstimator, skin: Skin
+) -> None:
+    told = np.array([0.1, 0.0, 25.0, 31e-3, -1.1, 0.0, 0.0])  # 93 by 10 mm
+    places, share = patch_points(told, float(skin.geometry.outer_size[0]))
+    model = FieldForward(skin, FieldNodes.at(skin, places))
+    strap = noisy(np.asarray(model.state(25.0 * share, model.rest()).so)[None], 3)
+    (found,) = estimator.estimate(strap)
+    (contact,) = found.contacts
+    assert found.status == "ok"
+    assert contact.force == pytest.approx(25, rel=0.04)
+    assert contact.axial_extent is not None
+    assert contact.axial_extent[0] == pytest.approx(93e-3, rel=0.05)
+    # The interpolant's discs over a box alone leave more.
+    fitter = estimator._parts.fitter
+    assert isinstance(fitter, PadFitter)
+    y, weight = estimator.weigh(strap)
+    alone = fitter.squares.fitted(y, weight, told[None], 1, None, False)
+    solved = found.chi2_per_dof * (len(y[0]) - 1 - fitter.per_contact)
+    assert alone.chi2[0] > solved + 15
+    discs = [[-0.5, -0.025], [0.5, -0.02], [0.0, 0.0], [-0.4, 0.03], [0.45, 0.028]]
+    fingers = forward(skin, Loads.patch(*np.array(discs).T[..., None], 5.0, DIAMETER))
+    (many,) = estimator.estimate(noisy(np.asarray(fingers.so).T, 3))
+    assert many.status not in ("ok", "imprecise")
+
+
+@pytest.mark.long  # likewise
 def test_a_direction_is_estimated_as_well_as_the_readings_tell(
     estimator: LoadEstimator, spec: SkinSpec
 ) -> None:

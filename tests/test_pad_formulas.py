@@ -26,6 +26,7 @@ from fitting.inverse_load.pad.pad_least_squares import (
 from fitting.inverse_load.pad.parts import PadNodeSearch
 from fitting.inverse_load.pad.rest import GapLine, gap_line
 from fitting.inverse_load.pad.solved import near
+from fitting.inverse_load.pad.solved_patch import SolvedPatch, patch_points
 from fitting.inverse_load.pad.spline import SplineBasis, TensorSpline
 from fitting.inverse_load.pad.stiffening import Stiffening
 from fitting.inverse_load.pad.table import PadTable, reciprocal
@@ -904,7 +905,11 @@ def strip(turn: float, length: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("turn", [0.0, 90.0, 45.0, -30.0])
-def test_a_strip_is_one_contact_of_its_length_and_force(spec: SkinSpec, turn: float) -> None:
+def test_a_strip_is_one_contact_of_its_length_and_force(
+    spec: SkinSpec, turn: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The table is made up: no pad has these dents.
+    monkeypatch.setattr(SolvedPatch, "correction", lambda *_: None)
     skin = skin_of(spec, elements=(8, 8), contact=False)
     interpolant, told = PadInterpolant(dent_table(), RADIUS), Told(False, False)
     kinds = [
@@ -929,7 +934,10 @@ def test_a_strip_is_one_contact_of_its_length_and_force(spec: SkinSpec, turn: fl
     assert np.isnan(found.beside[0, 0, 2:]).all()  # of tangents this pad says nothing
 
 
-def test_two_fingers_stand_beside_one_wide_contact(spec: SkinSpec) -> None:
+def test_two_fingers_stand_beside_one_wide_contact(
+    spec: SkinSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(SolvedPatch, "correction", lambda *_: None)  # likewise
     skin = skin_of(spec, elements=(8, 8), contact=False)
     interpolant, told = PadInterpolant(dent_table(), RADIUS), Told(False, False)
     fitter = PadFitter(skin, interpolant, told, live=False, most_contacts=2)
@@ -1058,6 +1066,20 @@ def test_a_correction_holds_within_millimetres_and_a_share_of_the_force(
         most = share * limit if k < 4 else limit
         assert holds(k, 0.99 * most)
         assert not holds(k, 1.01 * most)
+
+
+@pytest.mark.parametrize("slender", [0.2, -0.8])
+def test_points_of_a_wide_contact_have_the_second_moments_of_its_ellipse(
+    slender: float,
+) -> None:
+    radius, diameter, turn = 0.06, 40e-3, 0.5
+    contact = np.array([0.2, -0.01, 7.0, diameter, slender, 0.1, 0.2, turn])
+    places, share = patch_points(contact, radius)
+    assert share.sum() == pytest.approx(1)
+    metres = (places - contact[:2]) * [radius, 1.0]
+    np.testing.assert_allclose(share @ metres, 0, atol=1e-12)
+    both = extents(np.array(diameter), np.array(slender), turn)
+    np.testing.assert_allclose(share @ metres**2, both**2 / 16, rtol=1e-9)
 
 
 def test_values_of_a_quarter_are_even_between_its_probes() -> None:

@@ -14,7 +14,8 @@ from skins import shaped
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
-from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
+from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate, Tap
+from fitting.inverse_load.estimate.load_field import Interval, LoadField
 from fitting.inverse_load.report.read_back import read_estimates
 from fitting.inverse_load.report.text import frame_json
 from fitting.json_text import json_text
@@ -35,6 +36,7 @@ def counts_under(gap: float) -> int:
 
 
 COVARIANCE = np.array([[1e-4, 2e-5, 0.0], [2e-5, 0.04, 0.0], [0.0, 0.0, 1e-3]])
+WIDE = Interval(0.5, 0.25, 0.75)
 ESTIMATES = [
     LoadEstimate(False, status="no_contact", oil_pressure=0.0, wall_contact=False),
     LoadEstimate(
@@ -51,7 +53,18 @@ ESTIMATES = [
     ),
     LoadEstimate(True, (Contact(0.2, 40.0, None, None),), status="wall_contact", at_least=38.0),
     LoadEstimate(None, status="too_few_taxels"),
-    LoadEstimate(True, (Contact(-0.1, -2.0, None, None),), 10.0, False, 1.0, "pull"),
+    LoadEstimate(
+        True,
+        (Contact(-0.1, -2.0, None, None),),
+        10.0,
+        False,
+        1.0,
+        "pull",
+        alternatives=(Contact(0.3, 5.0, None, COVARIANCE[:2, :2]),),
+        drift=(1.0, -4.0),
+        tap=Tap(6.5, 0.2, Contact(0.125, float("nan"), None, None), 0.03, 0.01),
+        field=LoadField(*[Interval(20.0, 15.0, 40.0)] * 3, *[WIDE] * 2, 12.0),
+    ),
 ]
 
 
@@ -166,6 +179,15 @@ def test_a_contact_that_has_gone_pushes_no_more(recording: Any) -> None:
     forces = [told.wrench.force.z for _, told in messages["/suas/contact_0/wrench"]]
     assert forces == [3.0, 40.0, 0.0, -2.0]
     assert [told.wrench.force.z for _, told in messages["/suas/contact_1/wrench"]][1:] == [0.0]
+
+
+def test_a_load_field_is_recorded_with_its_intervals(recording: Any) -> None:
+    told = [message for _, message in recording[0]["/suas/contacts"]]
+    (field,) = told[-1].field
+    assert list(field.force) == [20.0, 15.0, 40.0]
+    assert list(field.arc_extent) == [0.5, 0.25, 0.75]
+    assert not list(field.axial)
+    assert not told[0].field
 
 
 def test_estimates_are_read_back_as_they_were_printed(log: Path, loads: Path) -> None:

@@ -540,6 +540,8 @@ def test_an_old_zero_knows_less_of_forces_where_nothing_tells_the_temperature() 
     for lasts in (0.0, 900.0, 1800.0):
         assert grown("2026-01-01T09:45:00+00:00", lasts) == pytest.approx(WARMTH**2 / 4)
     assert grown("2026-01-03T10:00:00+00:00") == pytest.approx(WARMTH**2)
+    # Where nothing tells the time, it may be any.
     for unknown in ("", "yesterday", "2026-01-01T12:00:00"):
-        assert grown(unknown) == 0.0
+        assert grown(unknown) == pytest.approx(WARMTH**2)
+        assert "start_time" in aged(zeroed_spec, unknown)[1][0]
     assert aged(spec, "2026-01-03T10:00:00+00:00") == (spec, [])

@@ -87,8 +87,8 @@ def invert(
     pressure_noise: Annotated[
         str | None,
         option(
-            "On a pad: standard deviation of the log's oil_pressure_Pa, which is then "
-            "used, such as '5 Pa'.",
+            "Standard deviation of the log's oil_pressure_Pa, which is then used: on a section "
+            "by load fields alone ('5 Pa').",
             metavar="PRESSURE",
         ),
     ] = None,

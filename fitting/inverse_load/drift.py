@@ -36,6 +36,7 @@ _QUIET = 0.05  # p-value above which a frame is taken for one without contact
 _SHARED = 4  # columns of F
 
 ROUNDING = 1 / 12  # variance of a converter's rounding [counts^2]
+_PRESSURE_ERROR = 2e-2  # of a section's model and its mesh, relative
 
 
 class DriftCovariance(NamedTuple):
@@ -198,9 +199,8 @@ class ReadingWeights:
     variance: Floats  # of a reading, without the model's error [taxel] [counts^2]
     model_rest: Floats  # the model's readings at rest [taxel] [counts]
     model_error: float  # relative error of the model's change of readings
-    # standard deviation of a measured oil pressure [Pa], infinite where there is none; None in
-    # plane strain, where there is no such column
-    pressure_noise: float | None
+    pressure_noise: float  # of a measured oil pressure [Pa]; infinite where there is none
+    beside: bool  # whether contacts are fitted to it, as on a pad, where it is the last column
 
     @property
     def taxels(self) -> int:
@@ -234,14 +234,19 @@ class ReadingWeights:
         y = np.where(used, y, 0.0)
         change = np.where(used, y - self.model_rest, 0.0)
         weight = used / (variance + (self.model_error * change) ** 2)
-        if self.pressure_noise is None:
+        if not self.beside:
             return y, weight
-        p = np.full(len(so), np.nan) if pressure is None else np.asarray(pressure, float)
+        p, own = self.of_pressure(pressure, len(so))
+        return np.column_stack([y, p]), np.column_stack([weight, own])
+
+    def of_pressure(self, pressure: Floats | None, frames: int) -> tuple[Floats, Floats]:
+        """A measured pressure [frame] [Pa], and inverse variances, zero where it is missing."""
+        p = np.full(frames, np.nan) if pressure is None else np.asarray(pressure, float)
         known = np.isfinite(p) & np.isfinite(self.pressure_noise)
         p = np.where(known, p, 0.0)
         sigma = self.pressure_noise if np.isfinite(self.pressure_noise) else 1.0
-        own = known / (sigma**2 + (self.model_error * p) ** 2)
-        return np.column_stack([y, p]), np.column_stack([weight, own])
+        error = self.model_error if self.beside else _PRESSURE_ERROR
+        return p, known / (sigma**2 + (error * p) ** 2)
 
 
 def zero_of_readings(

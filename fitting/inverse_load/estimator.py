@@ -40,6 +40,7 @@ from fitting.inverse_load.drift import (
 from fitting.inverse_load.estimate.assessment import POOR
 from fitting.inverse_load.estimate.at_rest import chi2_at_rest, drifting, untouched
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
+from fitting.inverse_load.estimate.measured_pressure import with_doubts
 from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.field.fallback import FieldFallback
@@ -106,7 +107,7 @@ class LoadEstimator:
         live: compile for single frames instead of batches.
         progress: called with what is being done.
         diameter: around which those of contacts on a pad are expected [m]; None tells them.
-        pressure_noise: standard deviation of a measured oil pressure [Pa]; on a pad.
+        pressure_noise: standard deviation of a measured oil pressure [Pa].
         follow_drift: follow the readings at rest in frames without contact, where their times
             are given; with a baseline.
         workers: that solve a pad's table (`fitting.workers`); None: this process, on all
@@ -158,7 +159,8 @@ class LoadEstimator:
             reading + uncertain,
             parts.rest,
             float(np.hypot(self.model_error, self.table.reading_error if pad else 0.0)),
-            self.pressure_noise if pad else None,
+            self.pressure_noise,
+            pad,
         )
         self._systematic = parts.systematic
         self.discrepancy: ReadingDiscrepancy | None = None
@@ -222,6 +224,7 @@ class LoadEstimator:
             per_contact=fitter.per_contact,
             coordinates=fitter.parameters.places,
             live=self.live,
+            budget=self._budget,
         )
 
     @cached_property
@@ -267,16 +270,23 @@ class LoadEstimator:
             raise ValueError(
                 "the skin has no [electrodes], so there is nothing to estimate loads from"
             )
+        if not self.pressure_noise > 0:
+            raise ValueError(
+                f"pressure_noise = {self.pressure_noise:g} Pa: more than zero is needed"
+            )
         pad = self.spec.geometry.dimension == 3
+        if self.load_fields and not pad and self.spec.material.relaxation is not None:
+            raise ValueError(
+                "load_fields: the membrane remembers ([material] relaxation), and no pressure "
+                "over the skin is told beside what it remembers; leave the load fields out"
+            )
         most = MOST_ON_PADS if pad else MOST_CONTACTS
         if not 1 <= self.most_contacts <= most:
             raise ValueError(f"most_contacts = {self.most_contacts}: 1 to {most} are possible")
         if pad:
             self._check_pad()
-        elif self.diameter != DIAMETER or np.isfinite(self.pressure_noise):
-            raise ValueError(
-                "diameter and pressure_noise are for pads; this skin is in plane strain"
-            )
+        elif self.diameter != DIAMETER:
+            raise ValueError("diameter is for pads; this skin is in plane strain")
         elif self.workers is not None:
             raise ValueError(
                 "workers solve the tables of pads; that of a skin in plane strain takes seconds"
@@ -296,10 +306,6 @@ class LoadEstimator:
             raise ValueError(
                 f"diameter = {self.diameter:g} m: a length above zero and below a quarter of "
                 "the pad's width is needed"
-            )
-        if not self.pressure_noise > 0:
-            raise ValueError(
-                f"pressure_noise = {self.pressure_noise:g} Pa: more than zero is needed"
             )
 
     @property
@@ -514,6 +520,9 @@ class LoadEstimator:
         y, weight = self.weigh(so, faulty, pressure, drift)
         y = np.where(weight > 0, y - shift, 0.0)
         taxels = slice(self.taxels)
+        measured = None
+        if not self._weights.beside:
+            measured = np.array(self._weights.of_pressure(pressure, len(so)))
         change = np.where(weight > 0, y - self._parts.nodes.rest, 0.0)
         count = (weight[:, taxels] > 0).sum(1)
         enough = count >= max(_FEWEST_TAXELS, self._parts.fitter.per_contact + 1)
@@ -538,7 +547,9 @@ class LoadEstimator:
             if index.size:
                 own_motion = None if moved is None else moved[index]
                 own_frames = y[index], weight[index], full_scale[index], own_motion
-                best, found = self._explained(selection, systematic, *own_frames, pulled)
+                beside = None if measured is None else measured[:, index]
+                how = pulled, beside
+                best, found = self._explained(selection, systematic, *own_frames, *how)
                 for i, estimate in zip(index, found, strict=True):
                     results[i] = estimate
                 if not pulled:
@@ -565,6 +576,8 @@ class LoadEstimator:
         full_scale: Any,
         moved: Floats | None,
         pulled: bool,
+        # oil pressure [Pa] and its inverse variance [2, frame], where no channel has it
+        measured: Floats | None = None,
     ) -> tuple[Explanations, list[LoadEstimate]]:
         """Estimates of frames that are not at rest, whether pressed or pulled."""
         discrepancy, left = None if pulled else self.discrepancy, None
@@ -591,6 +604,8 @@ class LoadEstimator:
             motion = covariance_by_motion(best, moved, per_contact)
         assess = self._parts.assessment.estimates
         told = assess(best, others, full_scale, covariance, motion)
+        if measured is not None:
+            y, weight = (np.column_stack(x) for x in zip((y, weight), measured, strict=True))
         if self._field is not None and selection is self.selection:
             told = self._field.told(told, best, y, weight)
-        return best, told
+        return best, with_doubts(told, y, weight)

@@ -17,6 +17,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
+from fitting.inverse_load.estimate.load_field import FIELD_QUANTITIES, LoadField
 from suas_jax.config import GeometrySpec
 from suas_jax.scene.taxel_film import TaxelFilm
 from suas_jax.skin.plain import plain_geometry
@@ -84,6 +85,19 @@ geometry_msgs/Point position  # [m] on the undeformed outer face, in the skin's 
 string[] names           # what was estimated, in the order of the covariance
 float64[] covariance     # of these, by rows, in rad, m and N; empty where none can be stated
 """
+_LOAD_FIELD = """# A pressure over the skin: values, and the ends of intervals that hold them in
+# 95 of 100 cases.
+
+float64[] force          # [N] total along the inward normals
+float64[] right          # [N] sum of the forces as vectors, along x of the skin's frame
+float64[] up             # [N] the same along y
+float64[] angle          # [rad] of their centre, as scenes state it
+float64[] arc            # [m] the same of the inner face from its middle; empty on a circle
+float64[] axial          # [m] the same along the axis; empty in plane strain
+float64[] arc_extent     # [m] diameter along the arc of the even ellipse of the forces
+float64[] axial_extent   # [m] the same along the axis; empty in plane strain
+float64 preferred_by     # how much less -2 log(evidence) is than that of contacts
+"""
 _CONTACTS = """# What was estimated from one frame.
 
 std_msgs/Header header
@@ -100,6 +114,7 @@ float64 chi2_per_dof     # weighted squares of the residuals per degree of freed
 float64 latency          # [s] see `suas invert`
 uint32[] left_out        # taxels that were not used, by position in the layout
 suas_msgs/Contact[] contacts
+suas_msgs/LoadField[] field  # one where a pressure over the skin is told, else none
 """
 
 WORLD_FRAME, SKIN_FRAME = "world", "suas_skin"
@@ -133,7 +148,11 @@ DEFINITIONS = {
     ),
     "suas_msgs/msg/Taxels": _joined(_TAXELS, _HEADER),
     "suas_msgs/msg/Contacts": _joined(
-        _CONTACTS, _HEADER, ("suas_msgs/Contact", _CONTACT), _POINT_FIELDS
+        _CONTACTS,
+        _HEADER,
+        ("suas_msgs/Contact", _CONTACT),
+        _POINT_FIELDS,
+        ("suas_msgs/LoadField", _LOAD_FIELD),
     ),
 }
 """Definitions by the name of the message."""
@@ -251,7 +270,13 @@ def contacts(
         "latency": estimate.latency,
         "left_out": list(estimate.left_out),
         "contacts": [_contact(contact, face) for contact in estimate.contacts],
+        "field": [] if estimate.field is None else [_field(estimate.field)],
     }
+
+
+def _field(field: LoadField) -> dict[str, Any]:
+    known = {name: list(getattr(field, name) or ()) for name in FIELD_QUANTITIES}
+    return {**known, "preferred_by": field.preferred_by}
 
 
 def _contact(contact: Contact, face: OuterFace) -> dict[str, Any]:

@@ -11,7 +11,9 @@ from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.fit.covariance import covariance_of, inverse
 from fitting.inverse_load.fit.explanation import UNSETTLED, AbstractLoadFitter, Explanations
+from fitting.inverse_load.fit.loads_and_errors import SUSPECT
 from fitting.inverse_load.fit.selection import FELT, Alternative
+from fitting.inverse_load.fit.wide_contact import wide_contacts
 from fitting.inverse_load.search.base import AbstractNodeSearch
 
 POOR = 1e-4
@@ -53,7 +55,9 @@ class LoadAssessment:
         motion: Floats | None = None,  # covariance from what may be motion, likewise
     ) -> list[LoadEstimate]:
         """Estimates of frames that something touches."""
-        poor = best.p_value(self._per_contact) < POOR
+        wide, several = wide_contacts(best), best.contacts > 1
+        # What looks wide may be many fingers, of whose patterns noise hides what is left.
+        poor = best.p_value(self._per_contact) < np.where(wide, SUSPECT, POOR)
         covariance = covariance_of(best, self._per_contact)
         if motion is not None:
             covariance = covariance + motion
@@ -66,6 +70,7 @@ class LoadAssessment:
                 None if systematic is None else systematic[i],
                 full_scale[i],
                 bool(poor[i]),
+                bool(wide[i] and several[i]),
             )
             for i in range(len(best))
         ]
@@ -91,6 +96,7 @@ class LoadAssessment:
         systematic: Any,
         full_scale: Flags,
         poor: bool,
+        many: bool,  # whether one of several contacts is so wide that it may be others
     ) -> LoadEstimate:
         count, chi2 = int(best.contacts[i]), float(best.chi2[i])
         kept = best.weight[i] > 0
@@ -149,7 +155,7 @@ class LoadAssessment:
             status = "poor_fit"
         elif best.parameters[i, self._parameters.rows("force", count)][0] < 0:
             status = "pull"
-        elif alternatives:
+        elif alternatives or many:
             status = "ambiguous"
         elif any(contact.imprecise for contact in contacts):
             status = "imprecise"

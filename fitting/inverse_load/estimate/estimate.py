@@ -30,7 +30,8 @@ STATUS = {
     "imprecise": "The readings leave more open than 2 degrees or mm, 20 % of the force or 10 "
     "degrees of direction (one standard deviation, without the skin file's tolerances).",
     "ambiguous": "Another load explains the readings almost as well: see alternatives, or "
-    "field.",
+    "field. Or contacts contradict the measured oil pressure, or one of several is wider than "
+    "25 mm, as others may lie there.",
     "load_field": "No small number of contacts explains the readings, but a pressure over the "
     "skin does, such as a palm's, a strap's or many fingers': see field.",
     "pull": "Something pulls the skin outwards: the force is negative. Or something presses it "

@@ -5,6 +5,7 @@ for each beyond the first), and Schwarz's criterion for the first. Both leave ou
 that are met exactly cost.
 """
 
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -15,15 +16,18 @@ from scipy.special import chdtrc
 from fitting.arrays import Floats
 from fitting.inverse_load.estimate.assessment import POOR
 from fitting.inverse_load.estimate.estimate import LoadEstimate
+from fitting.inverse_load.estimate.measured_pressure import contradicted
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.field.fitter import FieldFitter
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.selection import PLAUSIBLE
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
-from fitting.inverse_load.fit.wide_contact import UNUSUAL
+from fitting.inverse_load.fit.wide_contact import wide_contacts
+from fitting.steps import Budget
 from suas_jax.scene.skin import Skin
 
 _CLOSE = 10.0  # difference of cost below which both are told
+_STEP = "load field"  # that a budget knows
 # Statuses of contacts that explain a frame, or don't; the wall's are about the wall.
 _EXPLAINED = frozenset(("ok", "imprecise", "ambiguous", "pull", "at_edge"))
 _UNEXPLAINED = frozenset(("poor_fit", "model_mismatch", "no_convergence"))
@@ -46,44 +50,66 @@ class FieldFallback:
         per_contact: int,  # parameters of a contact
         coordinates: int,
         live: bool,
+        budget: Budget | None = None,  # of a live frame
     ) -> None:
         self._fitter = FieldFitter(skin, edge, along, errors)
         self._taxels = len(skin.electrodes.taxels.angle)
         self._per_contact, self._coordinates = per_contact, coordinates
-        self._live = live
+        self._live, self._budget = live, budget
 
     def told(
         self, estimates: Sequence[LoadEstimate], best: Explanations, y: Floats, weight: Floats
     ) -> list[LoadEstimate]:
         """Estimates of frames, with fields where they explain as much as contacts or more.
 
-        Explanations, readings [frame, channel] and inverse variances are those of the frames.
+        Explanations, channels [frame, channel] and inverse variances are those of the frames;
+        the last channel is the oil's pressure, whether the contacts were fitted to it or not.
         """
         plausible = best.p_value(self._per_contact) >= PLAUSIBLE
-        wide = np.nan_to_num(best.beside[:, 0, :2, 0]).max(1, initial=0.0) > UNUSUAL
-        few = (best.contacts == 1) & ~wide | self._live
+        wide = wide_contacts(best)
+        few = (best.contacts == 1) & ~wide | self._live & ~(wide & (best.contacts > 1))
+        score = best.score
+        if best.so.shape[1] == self._taxels:  # the contacts know nothing of the pressure
+            score = score + weight[:, -1] * (y[:, -1] - best.pressure) ** 2
         found = list(estimates)
-        # On a pad the model of a wide contact is rough.
-        rough = wide & (best.contacts == 1) & (self._coordinates == 2)
         for i, estimate in enumerate(estimates):
             pulled = any(contact.force < 0 for contact in estimate.contacts)
             known = estimate.status in _EXPLAINED | _UNEXPLAINED
-            if known and (pulled or not (plausible[i] and few[i])):
-                own = y[i, : self._taxels], weight[i, : self._taxels]
-                how = float(best.score[i]), pulled, bool(rough[i])
-                found[i] = self._or_field(estimate, *how, *own)
+            own = y[i], weight[i]
+            sure = bool(plausible[i] and few[i]) and not contradicted(estimate, *own)
+            if known and (pulled or not sure):
+                found[i] = self._in_time(estimate, float(score[i]), pulled, *own)
         return found
 
     def warm_up(self, y: Floats) -> None:
-        """Compile, or load, what a fit of readings [taxel] needs."""
-        self._fitter.fit(y, np.ones(self._taxels))
+        """Compile what a fit of readings [taxel] needs, or load it; see how long one takes."""
+        channels, weight = np.append(y, 0.0), np.append(np.ones(self._taxels), 0.0)
+        for _ in range(1 if self._budget is None else 2):  # the first compiles
+            begin = time.perf_counter()
+            fit = self._fitter.fit(channels, weight)
+            if fit is not None:
+                self._fitter.told(fit, weight, 0.0)
+            if self._budget is not None:
+                self._budget.took(_STEP, time.perf_counter() - begin)
+
+    def _in_time(
+        self, contacts: LoadEstimate, score: float, pulled: bool, y: Any, weight: Any
+    ) -> LoadEstimate:
+        """A field where there is time for one; else contacts whose frame is not at its end."""
+        budget, begin = self._budget, time.perf_counter()
+        if budget is not None and not budget.allows(_STEP):
+            kept = tuple(replace(c, covariance=None) for c in contacts.contacts)
+            return replace(contacts, contacts=kept, status="coarse", alternatives=())
+        found = self._or_field(contacts, score, pulled, y, weight)
+        if budget is not None:
+            budget.took(_STEP, time.perf_counter() - begin)
+        return found
 
     def _or_field(
         self,
         contacts: LoadEstimate,
         score: float,  # what they cost
         pulled: bool,  # whether one of them pulls
-        rough: bool,  # whether their model is
         y: Any,
         weight: Any,
     ) -> LoadEstimate:
@@ -93,12 +119,9 @@ class FieldFallback:
             return contacts
         gain = score + (self._coordinates + 1) * np.log(used) - fit.cost
         # Oil that can't be compressed makes a pull read as a push all around it does.
-        if gain < -_CLOSE and not (pulled or rough):
+        if gain < -_CLOSE and not pulled:
             return contacts
         field = self._fitter.told(fit, weight, float(gain))
-        total = sum(contact.force for contact in contacts.contacts)
-        if gain < -_CLOSE and rough and field.force.low <= total <= field.force.high:
-            return contacts
         if gain <= _CLOSE and contacts.status in _EXPLAINED:
             status = contacts.status if pulled else "ambiguous"
             return replace(contacts, status=status, field=field)
@@ -108,7 +131,7 @@ class FieldFallback:
             wall_contact=False,
             chi2_per_dof=fit.chi2 / used,
             status="load_field",
-            left_out=tuple(np.flatnonzero(weight == 0).tolist()),
+            left_out=tuple(np.flatnonzero(weight[: self._taxels] == 0).tolist()),
             alternatives=contacts.contacts,
             field=field,
         )

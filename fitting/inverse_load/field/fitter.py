@@ -7,7 +7,7 @@ import numpy as np
 from fitting.arrays import Floats
 from fitting.inverse_load.estimate.load_field import Interval, LoadField
 from fitting.inverse_load.estimate.place import ContactPlaces
-from fitting.inverse_load.field.forward import FieldForward, FieldState, nodes_of
+from fitting.inverse_load.field.forward import FieldForward, FieldState, even_nodes
 from fitting.inverse_load.field.posterior import FieldPosterior, LinearReadings, Scales
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from suas_jax.equilibrium.balance import State
@@ -36,7 +36,7 @@ class FieldFit(NamedTuple):
 
 
 class FieldFitter:
-    """Fits load fields on one skin; readings are its taxels', in counts."""
+    """Fits load fields on one skin; channels are its taxels [counts] and its oil [Pa]."""
 
     def __init__(
         self,
@@ -46,15 +46,18 @@ class FieldFitter:
         errors: AbstractSystematicErrors | None,  # of the skin's inputs
     ) -> None:
         self._along, self._errors = along, errors
-        self.nodes = nodes_of(skin, edge, along)
-        self._forward = FieldForward(skin, self.nodes)
-        width = np.ptp(self.nodes.metres[:, 1]) if skin.is_pad else skin.geometry.width[0]
-        face = float(np.ptp(self.nodes.metres[:, 0]) * width)
-        self._posterior = FieldPosterior(self.nodes.metres, face / len(self.nodes.places))
+        self.nodes = nodes = even_nodes(skin, edge, along)
+        self._forward = FieldForward(skin, nodes)
+        # where nodes are on the unrolled outer face [node, coordinate] [m]
+        outer = along.outer_arc(nodes.places[:, 0])
+        self._metres = metres = np.column_stack([outer, nodes.places[:, 1:]])
+        width = np.ptp(metres[:, 1]) if skin.is_pad else skin.geometry.width[0]
+        face = float(np.ptp(metres[:, 0]) * width)
+        self._posterior = FieldPosterior(metres, face / len(metres))
         self._rest: State | None = None
 
     def fit(self, y: Floats, weight: Floats) -> FieldFit | None:
-        """Fit a frame's readings [taxel], by inverse variances; None where nothing is found."""
+        """Fit a frame [channel], by inverse variances; None where nothing is found."""
         if self._rest is None:
             self._rest = self._forward.rest()
         force = np.full(len(self.nodes.places), _FIRST)
@@ -84,8 +87,7 @@ class FieldFitter:
         errors = np.zeros((0, len(weight)))
         if self._errors is not None:
             here = fit.found
-            jacobian, so = np.asarray(here.jacobian), np.asarray(here.so)
-            state = jacobian, so, float(here.pressure)
+            state = np.asarray(here.jacobian), np.asarray(here.channels)
             slopes = self._errors.under_field(self.nodes.places, fit.force, *state)
             if slopes is not None:
                 errors = slopes * np.sqrt(weight)
@@ -99,15 +101,17 @@ class FieldFitter:
         nodes, total = self.nodes, samples.sum(1)
         inward = -np.stack([np.sin(nodes.direction), np.cos(nodes.direction)])
         share = samples / total[:, None]
-        middle = share @ nodes.metres
-        second = share @ nodes.metres**2 - middle**2
+        middle = share @ self._metres
+        second = share @ self._metres**2 - middle**2
         extent = 4 * np.sqrt(np.maximum(second, 0.0))
-        outer, order = nodes.metres[:, 0], np.argsort(nodes.metres[:, 0], kind="stable")
+        outer = self._metres[:, 0]
+        order = np.argsort(outer, kind="stable")
         angle = np.interp(middle[:, 0], outer[order], nodes.places[order, 0])
         arc, pad = self._along.arc(angle), middle.shape[1] == 2
         return LoadField(
             _interval(total),
-            (_interval(samples @ inward[0]), _interval(samples @ inward[1])),
+            _interval(samples @ inward[0]),
+            _interval(samples @ inward[1]),
             _interval(self._along.angle(angle)),
             _interval(extent[:, 0]),
             preferred_by,
@@ -123,19 +127,21 @@ def _interval(values: Floats) -> Interval:
 
 
 def _usable(here: FieldState) -> bool:
-    known = np.isfinite(here.so).all() and np.isfinite(here.jacobian).all()
+    known = np.isfinite(here.channels).all() and np.isfinite(here.jacobian).all()
     return bool(known and int(here.outcome) == 0)
 
 
 def _chi2(y: Floats, weight: Floats, here: FieldState) -> float:
     """Weighted squares of the residuals."""
-    residual = np.where(weight > 0, y - np.asarray(here.so), 0.0)
+    residual = np.where(weight > 0, y - np.asarray(here.channels), 0.0)
     return float((weight * residual**2).sum())
 
 
 def _linear(y: Floats, weight: Floats, force: Floats, here: FieldState) -> LinearReadings:
-    """The model about a state: reciprocal readings are nearly linear in the forces."""
-    root, jacobian, so = np.sqrt(weight), np.asarray(here.jacobian), np.asarray(here.so)
-    read = np.where(weight > 0, np.maximum(y, 1.0), so)
-    change = so**2 * (1 / so - 1 / read) + jacobian @ force
-    return LinearReadings(root[:, None] * jacobian, root * change)
+    """The model about a state: reciprocals of counts are nearly linear in the forces."""
+    root, jacobian = np.sqrt(weight), np.asarray(here.jacobian)
+    model = np.asarray(here.channels)
+    change = np.where(weight > 0, y - model, 0.0)
+    so, read = model[:-1], np.maximum(model + change, 1.0)[:-1]
+    change[:-1] = so**2 * (1 / so - 1 / read)
+    return LinearReadings(root[:, None] * jacobian, root * (change + jacobian @ force))

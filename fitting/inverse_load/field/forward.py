@@ -6,7 +6,7 @@ same size press as an even pressure does.
 """
 
 import dataclasses
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -34,31 +34,40 @@ class FieldNodes(NamedTuple):
 
     # angle [rad] and, on a pad, position along the axis from the middle [m] [node, coordinate]
     places: Floats
-    metres: Floats  # where they are on the unrolled outer face [node, coordinate] [m]
     direction: Floats  # of the normal from the symmetry axis, clockwise [node] [rad]
+
+    @classmethod
+    def at(cls, skin: Skin, places: Floats) -> "FieldNodes":
+        """Nodes at places."""
+        found = skin.geometry.section.direction(jnp.asarray(places[:, :1]))
+        return cls(places, np.asarray(found)[:, 0])
 
 
 class FieldState(NamedTuple):
     """What the model says of a load field."""
 
     so: Float[Array, " taxel"]  # readings [counts]
-    jacobian: Float[Array, "taxel node"]  # by the nodes' forces [counts/N]
+    # by the nodes' forces, of the readings [counts/N] and, last, of the pressure [Pa/N]; empty
+    # where not asked for
+    jacobian: Float[Array, "channel node"]
     pressure: Float[Array, ""]  # of the oil [Pa]
     min_gap: Float[Array, ""]  # between membrane and wall [m]
     state: State
     outcome: Int[Array, ""]  # 0 where it is an equilibrium
 
+    @property
+    def channels(self) -> Float[Array, " channel"]:
+        """Readings and, last, the oil's pressure."""
+        return jnp.append(self.so, self.pressure)
 
-def nodes_of(skin: Skin, edge: Floats, along: ContactPlaces) -> FieldNodes:
-    """The nodes of a skin; its largest angle [rad] and axial position [m] are given."""
+
+def even_nodes(skin: Skin, edge: Floats, along: ContactPlaces) -> FieldNodes:
+    """An even grid over a skin; its largest angle [rad] and axial position [m] are given."""
     half = np.array([float(along.outer_arc(edge[0])), *edge[1:]])
     counts = np.ceil(2 * half / _SPACING[skin.is_pad]).astype(int) + 1
     axes = [np.linspace(-e, e, n) for e, n in zip(edge, counts, strict=True)]
     places = np.stack([x.reshape(-1) for x in np.meshgrid(*axes, indexing="ij")], 1)
-    angle = places[:, 0]
-    metres = np.column_stack([along.outer_arc(angle), places[:, 1:]])
-    direction = np.asarray(skin.geometry.section.direction(jnp.asarray(angle)[:, None]))[:, 0]
-    return FieldNodes(places, metres, direction)
+    return FieldNodes.at(skin, places)
 
 
 class FieldForward:
@@ -74,9 +83,16 @@ class FieldForward:
         return State(rest.mechanics.rest(), zero, zero)
 
     def __call__(self, force: Floats, start: State) -> FieldState:
-        """Readings under forces [node] [N], from the state of a field nearby."""
+        """Readings and slopes under forces [node] [N], from the state of a field nearby."""
+        return self._run(_FIELD_PROGRAM, force, start)
+
+    def state(self, force: Floats, start: State) -> FieldState:
+        """The same without slopes."""
+        return self._run(_STATE_PROGRAM, force, start)
+
+    def _run(self, program: Any, force: Floats, start: State) -> FieldState:
         given = self._skin, self._nodes, force[:, None], start
-        found: FieldState = COMPILED.run(_FIELD_PROGRAM, *given)
+        found: FieldState = COMPILED.run(program, *given)
         return found
 
 
@@ -98,24 +114,33 @@ def _no_patches() -> Loads:
     return Loads.patch(*[np.zeros((0, 1))] * 4)
 
 
-def _evaluated(
+def _state(
     skin: Skin, nodes: FieldNodes, force: Float[Array, "node 1"], start: State
 ) -> FieldState:
     problem = _problem(skin, nodes, force)
     found = equilibrium(problem, start, omitted=not skin.is_pad)
     root = jax.lax.stop_gradient(found.state)
     _, shown, membrane = corrected(problem, root, found.change)
-
-    def so(force: Float[Array, "node 1"]) -> Float[Array, " taxel"]:
-        moved = _problem(skin, nodes, force)
-        q = differentiable(moved, root).q
-        return skin.electrodes.read(moved.mechanics, q).so[:, 0]
-
-    along = jax.linearize(so, force)[1]
-    jacobian = jax.vmap(along, out_axes=1)(jnp.eye(len(force))[..., None])
     gap = membrane.shape(shown.q).smallest_gap(skin.geometry).value
     read = skin.electrodes.read(membrane, shown.q).so[:, 0]
-    return FieldState(read, jacobian, shown.pressure[0], gap[0], root, found.outcome[0])
+    none = jnp.zeros((0, len(force)))
+    return FieldState(read, none, shown.pressure[0], gap[0], root, found.outcome[0])
 
 
-_FIELD_PROGRAM = eqx.filter_jit(_evaluated)
+def _with_slopes(
+    skin: Skin, nodes: FieldNodes, force: Float[Array, "node 1"], start: State
+) -> FieldState:
+    at = _state(skin, nodes, force, start)
+
+    def channels(force: Float[Array, "node 1"]) -> Float[Array, " channel"]:
+        moved = _problem(skin, nodes, force)
+        known = differentiable(moved, at.state)
+        so = skin.electrodes.read(moved.mechanics, known.q).so[:, 0]
+        return jnp.append(so, known.pressure)
+
+    along = jax.linearize(channels, force)[1]
+    return at._replace(jacobian=jax.vmap(along, out_axes=1)(jnp.eye(len(force))[..., None]))
+
+
+_STATE_PROGRAM = eqx.filter_jit(_state)
+_FIELD_PROGRAM = eqx.filter_jit(_with_slopes)

@@ -144,6 +144,14 @@ class SectionErrors(AbstractSectionErrors):
         The contact has an angle [frame, rad] and a force [frame, N]; the jacobian has the
         derivatives of the readings by the two [frame, 2, taxel].
         """
+        alike, left = self._changes(angle, force)
+        return np.asarray(left + alike @ np.nan_to_num(jacobian) + self.rest)
+
+    def _changes(self, angle: Floats, force: Floats) -> tuple[Floats, Floats]:
+        """What errors do under one contact: most of it a change of the contact does, too.
+
+        Returns that change [frame, error, 2], what is left of readings [frame, error, taxel].
+        """
         table = self._table
         by_angle, by_log = table.steps
         place = np.clip((angle - table.angles[0]) / by_angle, 0, len(table.angles) - 1)
@@ -160,18 +168,22 @@ class SectionErrors(AbstractSectionErrors):
                 left += weight * self._per_newton[i, level_of]
                 alike += weight * self._alike[i, level_of]
         alike[:, :, 1] *= force[:, None]
-        left = left * force[:, None, None] + alike @ np.nan_to_num(jacobian)
-        return np.asarray(left + self.rest)
+        return alike, left * force[:, None, None]
 
     def under_field(
-        self, places: Floats, force: Floats, jacobian: Floats, so: Floats, pressure: float
+        self, places: Floats, force: Floats, jacobian: Floats, channels: Floats
     ) -> Floats:
-        """The sum of what the errors do under its nodes; see the base class."""
-        del so, pressure
-        angle = places[:, 0]
-        by_angle = force[:, None] * np.gradient(jacobian.T, angle, axis=0)
-        each = self.under_one(angle, force, np.stack([by_angle, jacobian.T], 1)) - self.rest
-        return np.asarray(self.rest + each.sum(0))
+        """The sum of what the errors do under its nodes; see the base class.
+
+        A membrane that answers with other forces does so at as much more pressure.
+        """
+        angle, (counts, pressure) = places[:, 0], np.split(jacobian, [-1])
+        by_angle = force[:, None] * np.gradient(counts.T, angle, axis=0)
+        alike, left = self._changes(angle, force)
+        moved = left + alike @ np.stack([by_angle, counts.T], 1)
+        softer = self.of_membrane * alike[:, :, 1].T  # change of force at each node
+        more = softer @ pressure[0] - softer.sum(1) / force.sum() * channels[-1]
+        return np.column_stack([self.rest + moved.sum(0), more])
 
     def _tabulated(self) -> tuple[NDArray[Any], NDArray[Any], Floats]:
         """What errors do at all states and at rest.

@@ -67,12 +67,11 @@ class AbstractSystematicErrors(abc.ABC):
         self,
         places: Floats,  # of the field's nodes [node, coordinate]
         force: Floats,  # at each [N]
-        jacobian: Floats,  # of readings by the forces [taxel, node]
-        so: Floats,  # readings [taxel]
-        pressure: float,  # of the oil [Pa]
+        jacobian: Floats,  # of channels by the forces [channel, node]
+        channels: Floats,  # readings and, last, the oil's pressure [channel]
     ) -> Floats | None:
-        """Change of readings under a load field [error, taxel]; None where none is known."""
-        del places, force, jacobian, so, pressure
+        """Change of channels under a load field [error, channel]; None where none is known."""
+        del places, force, jacobian, channels
         return None
 
     def of(self, best: Explanations, residual: Floats, per_contact: int) -> ErrorsOfFrames:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.inverse_load.estimate.estimate import LoadEstimate, load_array
+from fitting.inverse_load.estimate.load_field import LoadField
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.live.stream import LiveFrame, live_frames
 from fitting.inverse_load.zero.skin_estimator import skin_estimator
@@ -37,6 +38,7 @@ class LoadFrame:
             `axial_m` stands between them, `diameter_m`, `direction_rad` and `tilt_rad` follow
             where they are estimated, and the covariance is as much larger.
         filtered: the same, followed over time; None where that wasn't asked for.
+        field: a load field with intervals, where contacts do not explain the frame; else None.
         oil_pressure_Pa: above ambient [Pa]; NaN where unknown.
         latency_s: from the arrival of the frame's last byte to its estimate [s].
         dropped: frames left out so far because they had waited too long.
@@ -49,6 +51,7 @@ class LoadFrame:
     status: str
     loads: NDArray[np.void]
     filtered: NDArray[np.void] | None
+    field: LoadField | None
     oil_pressure_Pa: float  # noqa: N815 - the name that reports give it
     latency_s: float
     dropped: int
@@ -111,6 +114,7 @@ class LiveLoads(Iterator[LoadFrame]):
             estimate.status,
             load_array(estimate.contacts, names),
             None if frame.filtered is None else load_array(frame.filtered, names),
+            estimate.field,
             estimate.oil_pressure,
             estimate.latency,
             frame.dropped,

@@ -9,7 +9,7 @@ import numpy as np
 
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.live.stream import LiveFrame, LiveWatcher
-from fitting.inverse_load.report.text import contact_text
+from fitting.inverse_load.report.text import contact_text, field_text
 from suas_jax.acquisition.terminal import LiveTerminal
 
 if TYPE_CHECKING:
@@ -60,6 +60,8 @@ class LoadView(LiveTerminal, LiveWatcher):
         table.add_row("pad", line)
         for contact in estimate.contacts:
             table.add_row("load", contact_text(contact))
+        if estimate.field is not None:
+            table.add_row("load", field_text(estimate.field))
         if not np.isnan(estimate.oil_pressure):
             table.add_row("oil", f"{1e-3 * estimate.oil_pressure:.2f} kPa")
         table.add_row("status", estimate.status_text)

@@ -13,6 +13,7 @@ import numpy as np
 
 from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations, widened
+from fitting.inverse_load.fit.wide_contact import UNUSUAL
 from fitting.inverse_load.pad.interpolant import (
     ASKEW,
     MOST,
@@ -20,6 +21,7 @@ from fitting.inverse_load.pad.interpolant import (
     WHOLE,
     Correction,
     PadInterpolant,
+    extents,
 )
 from fitting.inverse_load.pad.marginal import BESIDE, Told, beside
 from fitting.inverse_load.pad.pad_least_squares import (
@@ -30,6 +32,7 @@ from fitting.inverse_load.pad.pad_least_squares import (
     step_of,
 )
 from fitting.inverse_load.pad.solved import SolvedContacts, near
+from fitting.inverse_load.pad.solved_patch import SolvedPatch
 from fitting.inverse_load.pad.table_build import edge_of
 from fitting.steps import Steps, finished
 from suas_jax.equilibrium.equilibrium import State
@@ -43,6 +46,7 @@ _SHAPE = 0.06
 _SLENDER = 0.6  # where fits of slender contacts begin
 _PAIR = 4.0  # diameters of discs beyond which a contact may be two of them
 _MOVED = 0.1  # standard deviations below which a round is the last
+_SOLVED = 9.0  # chi2 per reading up to which solving a wide contact may explain a frame
 
 
 class PadFitter(AbstractLoadFitter):
@@ -75,6 +79,7 @@ class PadFitter(AbstractLoadFitter):
         self._radius = float(skin.geometry.outer_size[0])
         self._gap = float(skin.geometry.oil_gap[0])
         self._solved = SolvedContacts(skin, interpolant, most_contacts)
+        self._patch = SolvedPatch(skin, interpolant)
         self._kept: dict[int, Correction] = {}
 
     def fit(
@@ -104,7 +109,7 @@ class PadFitter(AbstractLoadFitter):
         start = self._found_before(start[:, : PLAIN * contacts], state, contacts)
         if contacts == 1:
             fit = yield from self.fitting(y, weight, start, 1, None, pull)
-            return self._gathered(fit, weight, 1, None)
+            return (yield from self._or_solved(y, weight, fit))
         fits, gaps = [], []
         for i in range(len(y)):
             row = slice(i, i + 1)
@@ -120,8 +125,12 @@ class PadFitter(AbstractLoadFitter):
         """See the base class: several by the last correction, wherever it was solved."""
         kept = self._kept.get(contacts)
         start = self._found_before(start[:, : PLAIN * contacts], state, contacts)
+        if contacts == 1 and not self._near(kept, start[0], 1, live=True):
+            kept = None
         fit = finished(self.fitting(y, weight, start, contacts, kept, most=_FEW))
-        gaps = None if contacts == 1 else np.full(len(y), kept.min_gap if kept else self._gap)
+        gaps = None
+        if kept is not None or contacts > 1:
+            gaps = np.full(len(y), kept.min_gap if kept else self._gap)
         return self._gathered(fit, weight, contacts, gaps)
 
     def _found_before(self, start: Floats, state: State, contacts: int) -> Floats:
@@ -208,13 +217,29 @@ class PadFitter(AbstractLoadFitter):
             return None
         return self._solved.correction(parameters[: PLAIN * contacts], contacts)
 
-    # --- several contacts -------------------------------------------------------------
+    # --- wide and several contacts ----------------------------------------------------
+
+    def _or_solved(self, y: Any, weight: Any, fit: PadFit) -> Steps[Explanations]:
+        """Single contacts, the wide ones among them solved where that explains as much."""
+        x = fit.parameters.T
+        longest = extents(x[3], x[4], x[7] if len(x) == ASKEW else 0.0).max(0)
+        found = self._gathered(fit, weight, 1, None)
+        known = fit.chi2 < _SOLVED * (weight > 0).sum(1)
+        for i in np.flatnonzero((longest > UNUSUAL) & known & (x[2] > 0)).tolist():
+            row, begin = slice(i, i + 1), fit.parameters[i]
+            own = y[row], weight[row], begin[None]
+            solved, gap = yield from self._refined(*own, 1)
+            if np.isfinite(solved.chi2[0]):
+                better = self._gathered(solved, weight[row], 1, np.array([gap]))
+                found = found.with_frames(np.array([i]), better, np.zeros(1, np.intp))
+        return found
 
     def _refined(
         self, y: Any, weight: Any, start: Any, contacts: int
     ) -> Steps[tuple[PadFit, float]]:
-        """Fit one frame by several contacts, solving them on the way."""
-        kept, gap, plain = self._kept.get(contacts), 1.0, PLAIN * contacts
+        """Fit one frame by several contacts, or a wide one, solving them on the way."""
+        kept, gap = self._kept.get(contacts), 1.0
+        plain = PLAIN * contacts if contacts > 1 else start.shape[1]
         # A coarse start is near enough to try what is known.
         close = self._near(kept, start[0, :plain], contacts, live=True)
         own = kept if close else None
@@ -237,9 +262,14 @@ class PadFitter(AbstractLoadFitter):
         return fit, gap
 
     def _corrected(self, now: Floats, contacts: int) -> Steps[Correction | None]:
-        if self._aside is None:
+        def correction() -> Correction | None:
+            if contacts == 1:
+                return self._patch.correction(now)
             return self._solved.correction(now, contacts)
-        solve = self._aside.submit(self._solved.correction, now, contacts)
+
+        if self._aside is None:
+            return correction()
+        solve = self._aside.submit(correction)
         yield solve
         return solve.result()
 
@@ -370,7 +400,7 @@ class AskewFitter(PadFitter):
         if before.size and (np.isfinite(before).all(0).sum(0) == ASKEW).all():
             begin = np.concatenate([start[:, :PLAIN], before[0, PLAIN:ASKEW].T], 1)
             fit = yield from self.squares.steps(y, weight, begin, contacts, None, pull)
-            return self._gathered(fit, weight, contacts, None)
+            return (yield from self._or_solved(y, weight, fit))
         given = y, weight, start[:, :PLAIN], contacts, None, pull
         plain = (yield from self.fitting(*given)).parameters
         begins, left = [], []
@@ -382,4 +412,4 @@ class AskewFitter(PadFitter):
             left.append(self.squares.profiled(y, weight, begin, contacts, None, every))
         begin = np.where((left[1] < left[0])[:, None], begins[1], begins[0])
         fit = yield from self.squares.steps(y, weight, begin, contacts, None, pull)
-        return self._gathered(fit, weight, contacts, None)
+        return (yield from self._or_solved(y, weight, fit))

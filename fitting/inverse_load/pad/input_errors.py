@@ -88,13 +88,12 @@ class PadErrors(AbstractSystematicErrors):
         return self._under(angle, axial, force, by_force, best.so[:, :-1], best.pressure)
 
     def under_field(
-        self, places: Floats, force: Floats, jacobian: Floats, so: Floats, pressure: float
+        self, places: Floats, force: Floats, jacobian: Floats, channels: Floats
     ) -> Floats:
         """See the base class."""
-        by_force = np.pad(jacobian.T, ((0, 0), (0, 1)))[None]
         angle, axial = places.T[:, None]
-        given = force[None], by_force, so[None], np.array([pressure])
-        return self._under(angle, axial, *given)[0, :, :-1]
+        given = force[None], jacobian.T[None], channels[None, :-1], channels[-1:]
+        return self._under(angle, axial, *given)[0]
 
     def _under(
         self,

@@ -3,13 +3,13 @@
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.inverse_load.pad.interpolant import Correction, PadInterpolant
+from fitting.inverse_load.pad.interpolant import ASKEW, PLAIN, Correction, PadInterpolant
 from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import Skin
 
-# Live, a correction is kept while contacts move by less than this and forces change by that
-# share; in a log by a fifth of that.
+# Live, a correction is kept while contacts move by less than this and forces, extents and turns
+# change by that share; in a log by a fifth of that.
 _NEAR, _SHARE = 2.5e-3, 0.15
 _STRICT = 0.2
 
@@ -23,11 +23,17 @@ def near(
     [m]. Live, time counts more than accuracy.
     """
     share = 1.0 if live else _STRICT
+    if len(kept.parameters) != len(parameters):
+        return False
     old, new = (x.reshape(-1, contacts).T for x in (kept.parameters, parameters))
     moved = np.hypot(radius * (old[:, 0] - new[:, 0]), old[:, 1] - new[:, 1])
     change = np.abs(old[:, 2] - new[:, 2])
     still = (moved < share * _NEAR) & (change < share * _SHARE * np.abs(new[:, 2]))
-    return bool(still.all())
+    if len(old[0]) == PLAIN:
+        return bool(still.all())
+    rows = [4, ASKEW - 1] if len(old[0]) == ASKEW else [4]
+    shape = np.append(np.log(new[:, 3] / old[:, 3]), new[:, rows] - old[:, rows])
+    return bool(still.all()) and bool((np.abs(shape) < share * _SHARE).all())
 
 
 class SolvedContacts:

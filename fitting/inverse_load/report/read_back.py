@@ -8,7 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.arrays import Floats
-from fitting.inverse_load.estimate.estimate import BESIDE, STATUS, Contact, LoadEstimate
+from fitting.inverse_load.estimate.estimate import (
+    BESIDE,
+    STATUS,
+    Contact,
+    LoadEstimate,
+    Tap,
+)
+from fitting.inverse_load.estimate.load_field import (
+    FIELD_QUANTITIES,
+    Interval,
+    LoadField,
+    interval_key,
+)
 from suas_jax.files.reading import MEGABYTE, read_bytes
 
 _MOST_BYTES = 512 * MEGABYTE
@@ -38,9 +50,10 @@ def read_estimates(path: Path, seq: NDArray[np.int64]) -> list[LoadEstimate]:
 def _line(path: Path, k: int, text: str) -> tuple[int, LoadEstimate]:
     try:
         line = json.loads(text)
-        loads = line["loads"]
-        if len(loads) > _MOST_CONTACTS:
+        loads, others = line["loads"], line.get("alternatives", ())
+        if max(len(loads), len(others)) > _MOST_CONTACTS:
             raise ValueError
+        drift, tap, field = (line.get(key) for key in ("drift_counts", "tap", "field"))
         status = str(line["status"])
         if status.startswith(_AT_THE_WALL):
             status = "wall_contact"
@@ -54,8 +67,12 @@ def _line(path: Path, k: int, text: str) -> tuple[int, LoadEstimate]:
             _number(line["chi2_per_dof"]),
             status,
             tuple(int(taxel) for taxel in line["left_out"]),
-            latency=_number(line["latency_s"]),
-            at_least=_optional(line, "force_at_least_N"),
+            tuple(_contact(load) for load in others),
+            _number(line["latency_s"]),
+            _optional(line, "force_at_least_N"),
+            None if drift is None else (float(drift["mean"]), float(drift["largest"])),
+            None if tap is None else _tap(tap),
+            None if field is None else _field(field),
         )
         return int(line["seq"]), estimate
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
@@ -85,6 +102,22 @@ def _contact(load: dict[str, Any]) -> Contact:
             if load.get(keys[0]) is not None
         },
     )
+
+
+def _tap(told: dict[str, Any]) -> Tap:
+    place = _contact({**told, "force_N": "nan"})
+    keys = "t_s", "duration_s", "impulse_Ns", "impulse_deviation_Ns"
+    time, duration, impulse, deviation = (float(told[key]) for key in keys)
+    return Tap(time, duration, place, impulse, deviation)
+
+
+def _field(told: dict[str, Any]) -> LoadField:
+    known: dict[str, Interval] = {}
+    for name, (key, scale) in FIELD_QUANTITIES.items():
+        if key in told:
+            low, high = told[interval_key(key)]
+            known[name] = Interval(*(float(x) / scale for x in (told[key], low, high)))
+    return LoadField(**known, preferred_by=float(told["preferred_by"]))
 
 
 def _matrix(rows: Any) -> Floats | None:

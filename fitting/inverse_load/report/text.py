@@ -7,7 +7,12 @@ import numpy as np
 
 from fitting.arrays import Floats
 from fitting.inverse_load.estimate.estimate import BESIDE, STATUS, Contact, LoadEstimate, Tap
-from fitting.inverse_load.estimate.load_field import Interval, LoadField
+from fitting.inverse_load.estimate.load_field import (
+    FIELD_QUANTITIES,
+    Interval,
+    LoadField,
+    interval_key,
+)
 from fitting.inverse_load.frame_posterior import LoadMode
 from suas_jax.acquisition.terminal import new_console
 
@@ -98,22 +103,12 @@ def frame_json(
 
 def field_json(field: LoadField) -> dict[str, Any]:
     """A load field: values, and intervals that hold them in 95 of 100 cases."""
-    told = {
-        "force_N": (field.force, 1.0),
-        "angle_deg": (field.angle, _DEGREES),
-        "arc_m": (field.arc, 1.0),
-        "axial_m": (field.axial, 1.0),
-        "extent_arc_m": (field.arc_extent, 1.0),
-        "extent_axial_m": (field.axial_extent, 1.0),
-        "resultant_right_N": (field.resultant[0], 1.0),
-        "resultant_up_N": (field.resultant[1], 1.0),
-    }
     entry: dict[str, Any] = {}
-    for key, (known, scale) in told.items():
+    for name, (key, scale) in FIELD_QUANTITIES.items():
+        known = getattr(field, name)
         if known is not None:
             entry[key] = scale * known.value
-            name, _, unit = key.rpartition("_")
-            entry[f"{name}_interval_{unit}"] = [scale * known.low, scale * known.high]
+            entry[interval_key(key)] = [scale * known.low, scale * known.high]
     return entry | {"preferred_by": field.preferred_by}
 
 

@@ -161,10 +161,11 @@ def aged(spec: SkinSpec, begin: str, lasts: float = 0.0) -> tuple[SkinSpec, list
         return spec, []
     try:
         away = datetime.fromisoformat(begin) - datetime.fromisoformat(record.taken)
+        since = away.total_seconds()
+        hours = max(-since, since + lasts) / 3600
+        when = f"{hours:.2g} h from its zero"
     except (TypeError, ValueError):  # one of them does not say, or not where on earth
-        return spec, []
-    since = away.total_seconds()
-    hours = max(-since, since + lasts) / 3600
+        hours, when = 1.0, "at an unknown time from its zero (no start_time with a time zone)"
     walked = WARMTH * min(hours, 1.0) ** 0.5
     if walked < _NEGLIGIBLE:
         return spec, []
@@ -173,7 +174,7 @@ def aged(spec: SkinSpec, begin: str, lasts: float = 0.0) -> tuple[SkinSpec, list
     rows[k, k] += walked**2
     record = record.model_copy(update={"covariance": tuple(map(tuple, rows.tolist()))})
     return spec.model_copy(update={"calibration": record}), [
-        f"{hours:.2g} h from its zero the skin may be {walked:.2g} K warmer or colder, which "
+        f"{when} the skin may be {walked:.2g} K warmer or colder, which "
         "counts in every force: record temperature_degC with zero and log"
     ]
 

@@ -1,0 +1,73 @@
+"""Solved states of one wide contact: what the interpolant's discs over a box leave out.
+
+A contact that is much longer than wide presses a rectangle evenly, another one an ellipse,
+of the second moments that the fit found. Either is many forces at points, on the even mesh of
+load fields: a pressure so wide needs none that is graded around it.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from fitting.arrays import Floats
+from fitting.inverse_load.field.forward import FieldForward, FieldNodes
+from fitting.inverse_load.pad.interpolant import ASKEW, PLAIN, Correction, PadInterpolant
+from suas_jax.equilibrium.balance import State
+from suas_jax.scene.skin import Skin
+
+_STRIP = 2.5  # length over width from which on a contact is a rectangle
+_POINTS = 12  # along each side of a rectangle; as many over an ellipse
+
+
+class SolvedPatch:
+    """Solves one wide contact on a pad; the interpolant is what is corrected."""
+
+    def __init__(self, skin: Skin, interpolant: PadInterpolant) -> None:
+        self._skin, self._interpolant = skin, interpolant
+        self._radius = float(skin.geometry.outer_size[0])
+        self._start: State | None = None
+
+    def correction(self, parameters: Floats) -> Correction | None:
+        """Solve a contact with WHOLE or ASKEW parameters; None where no state was found.
+
+        What tangential forces add is the interpolant's.
+        """
+        radial = parameters.copy()
+        radial[PLAIN + 2 : ASKEW - 1] = 0.0
+        places, share = patch_points(radial, self._radius)
+        model = FieldForward(self._skin, FieldNodes.at(self._skin, places))
+        if self._start is None:
+            self._start = model.rest()
+        found = model.state(radial[2] * share, self._start)
+        if int(found.outcome) != 0:
+            return None
+        table = self._interpolant.table
+        u = 1 / (np.asarray(found.so) - table.stray)
+        change = np.append(u - 1 / (table.rest - table.stray), float(found.pressure))
+        own = self._interpolant(radial[None], 1).change[0]
+        # A taxel that the membrane touches is left to the interpolant.
+        missing = np.where(np.isfinite(change), change - own, 0.0)
+        return Correction(parameters.copy(), missing, float(found.min_gap))
+
+
+def patch_points(parameters: Floats, radius: float) -> tuple[Floats, Floats]:
+    """Points of a contact's face [point, (angle, axial)], and the share of the force at each.
+
+    The radius is that of the outer face [m].
+    """
+    diameter, slender = parameters[3:5]
+    turn = parameters[ASKEW - 1] if len(parameters) == ASKEW else 0.0
+    half = diameter / 2 * np.exp(slender * np.array([1.0, -1.0]))
+    node, weight = np.polynomial.legendre.leggauss(_POINTS)
+    if np.exp(2 * abs(slender)) >= _STRIP:  # sides of a rectangle with the second moments
+        x, y = np.meshgrid(node, node, indexing="ij")
+        unit, share = np.sqrt(3) / 2 * np.stack([x, y], -1), np.outer(weight, weight) / 4
+    else:
+        way = 2 * np.pi * np.arange(_POINTS) / _POINTS
+        ring = np.sqrt((1 + node) / 2)[:, None]
+        unit = np.stack([ring * np.cos(way), ring * np.sin(way)], -1)
+        share = np.repeat(weight[:, None] / (2 * _POINTS), _POINTS, 1)
+    along: Any = unit.reshape(-1, 2) * half
+    cos, sin = np.cos(turn), np.sin(turn)
+    metres = along @ np.array([[cos, sin], [-sin, cos]])
+    return parameters[:2] + metres / [radius, 1.0], share.reshape(-1)
