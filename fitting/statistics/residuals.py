@@ -64,9 +64,9 @@ class AbstractResiduals(eqx.Module):
         return self.of_constants(self.constants(theta))
 
     @property
-    def costly(self) -> bool:
-        """Whether compiling them takes longer than a whole fit's use of them."""
-        return False
+    def effort(self) -> dict[str, bool]:
+        """How their programs are compiled, as `COMPILED.run` is told."""
+        return {}
 
     def log_likelihood(
         self, theta: Float[Array, " p"], noise: Float[Array, ""] | float = 1.0
@@ -94,7 +94,7 @@ def sensitivity(
 ) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
     """Residuals and their derivatives with respect to the constants, SI units."""
     found: tuple[Array, Array] = COMPILED.run(
-        _sensitivity, residuals, constants, once=residuals.costly
+        _sensitivity, residuals, constants, **residuals.effort
     )
     return found
 
