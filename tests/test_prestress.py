@@ -22,8 +22,13 @@ from suas_jax.config.input_errors import as_assembled, value_of
 from suas_jax.config.tolerance import deviation_of
 from suas_jax.constitutive.deformation import HeldFibre, LogStretches, PlaneStrain
 from suas_jax.constitutive.laws.ogden import Ogden
+from suas_jax.equilibrium.continuation import LoadStepping
+from suas_jax.equilibrium.load_path import settled
 from suas_jax.mechanics.solid.points import free_strain
+from suas_jax.scene.build import problem_of
 from suas_jax.scene.gradient import gradient
+from suas_jax.scene.parts import scene_parts
+from suas_jax.scene.program import prepared
 from suas_jax.scene.solve import solve
 from suas_jax.skin.prestress import ContainedOil, Growth, Prestress, is_prestressed
 from suas_jax.skin.registry import build_oil
@@ -141,6 +146,35 @@ def test_water_on_a_pad_is_the_same_by_its_depth_and_by_its_pressure() -> None:
     )
     for key in ("strain_energy_J", "max_displacement_m", "min_gap_m"):
         assert deep[key] == pytest.approx(pressed[key], rel=1e-6)
+
+
+def ball_on_pad(**oil: float) -> SceneSpec:
+    """A ball pressed into a pad on a coarse mesh."""
+    ball = {"kind": "body", "shape": "sphere", "radius": "10 mm", "depth": "1 mm"}
+    table = {
+        "geometry": {**GEOMETRY, "ends": "clamped"},
+        "material": EPDM,
+        "oil": {"model": "incompressible", **oil},
+        "load": [ball | {"angle": "0 deg"}],
+        "solve": {"model": "shell", "elements": [8, 6]},
+    }
+    return scene_from_dict(table)
+
+
+def test_rest_is_sought_of_a_pad_that_carries_stress_under_a_body() -> None:
+    spec = ball_on_pad(fill=1.0005)
+    known = prepared(spec, "shell", (8, 6))
+    problem = problem_of(scene_parts(spec, known.inputs), known.meshes.solved, wall=False)
+    rest = jax.eval_shape(lambda: settled(problem, 1, LoadStepping()))
+    assert rest.y.stations.shape == (*known.meshes.solved.unknowns_shape, 1)
+
+
+@pytest.mark.long  # two programs of a pad
+def test_a_pad_that_fits_is_pressed_by_a_body_as_one_without_stress() -> None:
+    plain, filled = (solve(ball_on_pad(**oil)).report for oil in ({}, {"fill": 1.0}))
+    assert filled["rest"]["stable"]
+    for key in ("oil_pressure_Pa", "strain_energy_J", "max_displacement_m", "min_gap_m"):
+        assert filled[key] == pytest.approx(plain[key], rel=1e-8)
 
 
 def test_less_oil_softens_and_more_stiffens() -> None:

@@ -21,6 +21,8 @@ from fitting.statistics.residuals import AbstractResiduals, by_theta
 # or when nothing but rounding is left to fit.
 CONVERGED = 1e-9
 _ROUNDING = 1e-20
+# A decrease that is none where residuals are equilibria: MINPACK would go on in their rounding.
+_ENOUGH = 1e-12
 AGREEMENT = 1e-6
 # How many of the best starts go on, and evaluations of each: of all at first, then of these.
 BEST = 16
@@ -42,11 +44,12 @@ class Minima(NamedTuple):
     cost: np.ndarray  # ½ Σ r², shape [lanes]; infinite where nothing finite was found
     converged: np.ndarray  # whether it is a minimum, shape [lanes]
     predicted_decrease: np.ndarray  # of the cost by one more step, relative, shape [lanes]
+    rounding: float = _ROUNDING  # difference of costs that is none
 
     @property
     def agreeing(self) -> int:
         """How many converged starts share the lowest cost."""
-        close = self.cost <= self.cost[0] * (1.0 + AGREEMENT) + _ROUNDING
+        close = self.cost <= self.cost[0] * (1.0 + AGREEMENT) + self.rounding
         return int(np.sum(close & self.converged))
 
 
@@ -129,11 +132,13 @@ def minimise_one_by_one(
             return r, np.zeros((len(r), theta.size))
 
     kept = _kept(at, _IMPOSSIBLE)
-    found = [_minimum(kept, start, evaluations) for start in np.asarray(starts, float)]
+    enough = _ENOUGH if residuals.effort else 0.0
+    found = [_minimum(kept, start, evaluations, enough) for start in np.asarray(starts, float)]
     found.sort(key=lambda run: run[1])
     theta, cost, decrease = (np.array(column) for column in zip(*found, strict=True))
     count = int(residuals.used.sum())
-    return Minima(theta, cost, _is_minimum(cost, decrease, count), decrease)
+    converged = _is_minimum(cost, decrease, count) | (cost * decrease < enough)
+    return Minima(theta, cost, converged, decrease, max(_ROUNDING, enough))
 
 
 def _is_minimum(cost: np.ndarray, decrease: np.ndarray, count: int) -> np.ndarray:
@@ -141,8 +146,19 @@ def _is_minimum(cost: np.ndarray, decrease: np.ndarray, count: int) -> np.ndarra
     return np.isfinite(cost) & ((decrease <= CONVERGED) | (cost <= count * _ROUNDING))
 
 
+class _AtMinimumError(Exception):
+    """Parameters at which too little is left to gain."""
+
+    def __init__(self, theta: np.ndarray) -> None:
+        super().__init__("nothing is left to gain")
+        self.theta = theta
+
+
 def _minimum(
-    at: Linearised, start: np.ndarray, evaluations: int
+    at: Linearised,
+    start: np.ndarray,
+    evaluations: int,
+    enough: float,  # predicted decrease of the cost below which no step is taken
 ) -> tuple[np.ndarray, float, float]:
     """The end of one start: parameters, cost, predicted decrease; see `minimise_one_by_one`."""
     x, left = start, evaluations
@@ -154,12 +170,18 @@ def _minimum(
 
         def held(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             r, J = at(theta)
+            cost, decrease = judged(r, J)
+            if cost * decrease < enough:
+                raise _AtMinimumError(theta.copy())
             # MINPACK takes as many residuals at every point.
             rows = np.append(r, hold @ (theta - start))  # noqa: B023
             return compressed(rows, np.vstack([J, hold]))  # noqa: B023
 
-        run = solved_by_scipy(held, start, method="lm", max_nfev=left, **_EXACT)
-        x, left = run.x, left - run.nfev
+        try:
+            run = solved_by_scipy(held, start, method="lm", max_nfev=left, **_EXACT)
+            x, left = run.x, left - run.nfev
+        except _AtMinimumError as end:
+            x = end.theta
         cost, decrease = judged(*at(x))
         if decrease <= CONVERGED or np.array_equal(x, start):
             break

@@ -64,9 +64,9 @@ class AbstractResiduals(eqx.Module):
         return self.of_constants(self.constants(theta))
 
     @property
-    def costly(self) -> bool:
-        """Whether compiling them takes longer than a whole fit's use of them."""
-        return False
+    def effort(self) -> dict[str, bool]:
+        """How their programs are compiled, as `COMPILED.run` is told."""
+        return {}
 
     def log_likelihood(
         self, theta: Float[Array, " p"], noise: Float[Array, ""] | float = 1.0
@@ -92,11 +92,23 @@ class AbstractResiduals(eqx.Module):
 def sensitivity(
     residuals: AbstractResiduals, constants: Float[Array, " p"]
 ) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
-    """Residuals and their derivatives with respect to the constants, SI units."""
+    """Residuals and their derivatives with respect to the constants, SI units.
+
+    The last ones are remembered: a report asks for those of its fit a dozen times, and
+    equilibria of a pad take seconds.
+    """
+    known, at, last = _LAST[0]
+    if known is residuals and np.array_equal(at, constants):
+        return last
     found: tuple[Array, Array] = COMPILED.run(
-        _sensitivity, residuals, constants, once=residuals.costly
+        _sensitivity, residuals, constants, **residuals.effort
     )
+    _LAST[0] = residuals, np.asarray(constants), found
     return found
+
+
+# One place: residuals, the constants asked for, what was found.
+_LAST: list[tuple[Any, Any, Any]] = [(None, None, None)]
 
 
 @eqx.filter_jit

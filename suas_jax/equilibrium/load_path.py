@@ -123,7 +123,7 @@ def settled(
     if not problem.prestressed:
         return Found(y, zero, none, none, jnp.full_like(zero, jnp.inf), none)
     if problem.mechanics.touches:
-        mechanics = problem.mechanics.softened(jnp.asarray(10.0**_SOFTEST))
+        mechanics = problem.mechanics.softened(jnp.full(1, 10.0**_SOFTEST))
         problem = dataclasses.replace(problem, mechanics=mechanics)
     held, _ = residual(problem, y, zero)
 
@@ -289,7 +289,7 @@ def from_rest_to_pressure(
     wall, way = problem.mechanics.wall, jnp.sign(wanted - rest.pressure)
     soft = problem
     if wall is not None:
-        mechanics = problem.mechanics.with_wall(wall.softened(jnp.asarray(10.0**_SOFTEST)))
+        mechanics = problem.mechanics.with_wall(wall.softened(jnp.full(1, 10.0**_SOFTEST)))
         soft = dataclasses.replace(problem, mechanics=mechanics)
 
     def stage(carry: State, pressure_given: Bool[Array, ""]) -> tuple[State, Found]:

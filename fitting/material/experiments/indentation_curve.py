@@ -6,11 +6,9 @@ A pad is solved at a few travels if a polynomial through them is as good as all.
 import dataclasses
 from collections.abc import Sequence
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from fitting.material.data.errors import DataError
 from fitting.material.experiments.skin_curve import SkinCurve, Specimen
@@ -22,7 +20,6 @@ from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.outcomes import NAMES, advice
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.numerics.lanes import number
-from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.indentation import IndentationCurve, Point
 from suas_jax.scene.parts import law_of
 from suas_jax.scene.program import inputs_of, prepared, structure_of
@@ -32,6 +29,16 @@ from suas_jax.scene.structure import Structure
 
 ZERO = "zero of the travel"
 """Name of what is not an input of the scene: where the body first touches."""
+STEPS = {
+    "geometry.thickness": 1e-2,
+    "geometry.oil_gap": 1e-2,
+    "oil.fill": 1e-4,
+    "geometry.mounting": 1e-5,
+    ZERO: 1e-5,
+}
+"""Changes that a person thinks in: relative, or as they are, of the zero [m]."""
+_ABSOLUTE = ("oil.fill", "geometry.mounting")
+_SHARE = 0.1  # of such a change, from which the derivative is told
 _NODES = 13  # travels that stand for more of them, and every second for the error
 _SMOOTH = 1e-4  # of the largest reading: largest error by what is between them
 _NEAR = 1.4  # factor of the modulus within which the scene's own states are starts
@@ -171,7 +178,10 @@ def _followed(
 
 
 def _by_inputs(curve: SkinCurve, law: AbstractLaw) -> tuple[tuple[str, ...], np.ndarray]:
-    """What the skin's inputs do to the readings; see `Specimen`."""
+    """What the skin's inputs do to the readings; see `Specimen`.
+
+    By differences: on a pad programs of derivatives take longer to compile than ten solves.
+    """
     spec = curve.scene.scene
     tables: dict[str, Spec] = {}
     if spec.oil.trapped and spec.oil.fill is None:
@@ -179,36 +189,22 @@ def _by_inputs(curve: SkinCurve, law: AbstractLaw) -> tuple[tuple[str, ...], np.
     if spec.geometry.mounting is None:
         tables["geometry"] = spec.geometry.model_copy(update={"mounting": 0.0})
     spec = spec.model_copy(update=tables)
-    inputs = inputs_of(spec) | {path: np.asarray(x) for path, x in curve.inputs.items()}
-    nothing = {path: 0 * x for path, x in inputs.items()}
-    names, changes = [], []
-    for name in ("geometry.thickness", "geometry.oil_gap", "oil.fill", "geometry.mounting"):
-        own = {path for path in inputs if path == name or path.startswith(f"{name}.value.")}
-        whole = name in ("oil.fill", "geometry.mounting")
-        if own:
-            names.append(name)
-            sizes = {path: nothing[path] + 1 if whole else inputs[path] for path in own}
-            changes.append({**nothing, **sizes})
-    directions = {path: np.stack([c[path] for c in [*changes, nothing]]) for path in nothing}
-    zero = np.eye(len(names) + 1)[-1]
-    known = {path: jnp.asarray(x) for path, x in inputs.items()}
+    inputs = {path: jnp.asarray(x) for path, x in inputs_of(spec).items()} | curve.inputs
     scene = Structure(spec, wall=curve.scene.wall)
-    named = dataclasses.replace(curve, inputs=known, scene=scene)
-    slopes = COMPILED.run(_slopes, named, law, directions, zero, once=True)
-    return (*names, ZERO), np.asarray(slopes).T
-
-
-@eqx.filter_jit
-def _slopes(
-    curve: SkinCurve, law: AbstractLaw, directions: dict[str, Array], zero: Array
-) -> Float[Array, "input n"]:
-    def along(direction: dict[str, Array], shift: Array) -> Array:
-        def changed(step: Array) -> Array:
-            inputs = {path: x + step * direction[path] for path, x in curve.inputs.items()}
-            travel = curve.level + step * shift
-            return dataclasses.replace(curve, inputs=inputs, level=travel).at_start(law)
-
-        nought = jnp.zeros(())
-        return jax.jvp(changed, (nought,), (nought + 1,))[1]
-
-    return jax.vmap(along)(directions, zero)
+    named = dataclasses.replace(curve, inputs=inputs, scene=scene)
+    known = named.readings_of(law)
+    names, slopes = [], []
+    for name, whole in STEPS.items():
+        step = _SHARE * whole
+        own = {path for path in inputs if path == name or path.startswith(f"{name}.value.")}
+        if name == ZERO:
+            changed = dataclasses.replace(named, level=named.level + step)
+        elif own:
+            relative = name not in _ABSOLUTE
+            more = {p: inputs[p] + step * (inputs[p] if relative else 1.0) for p in own}
+            changed = dataclasses.replace(named, inputs=inputs | more)
+        else:
+            continue
+        names.append(name)
+        slopes.append((changed.readings_of(law) - known) / step)
+    return tuple(names), np.stack(slopes, 1)

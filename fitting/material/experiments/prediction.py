@@ -29,10 +29,12 @@ POWERS = {"cauchy": 0, "nominal": 1, "second_pk": 2}
 class AbstractExperiment(eqx.Module):
     """Tests whose readings a law predicts."""
 
-    # whether compiling the prediction takes longer than a whole fit's use of it
-    costly: ClassVar[bool] = False
-
     sized_by: ClassVar[str]  # an array with one entry a reading
+
+    @property
+    def effort(self) -> dict[str, bool]:
+        """How its programs are compiled, as `COMPILED.run` is told: here to run many times."""
+        return {}
 
     @property
     def size(self) -> int:

@@ -40,8 +40,6 @@ Found = TypeVar("Found")
 class SkinCurve(AbstractExperiment):
     """Readings of a skin under a series of levels: shares of its loads, or a body's travels."""
 
-    costly: ClassVar[bool] = True
-
     sized_by: ClassVar = "channel"
     meshes: Meshes  # of the solve
     inputs: dict[str, Array]  # the scene's numbers by TOML path, SI; its material is replaced
@@ -53,6 +51,11 @@ class SkinCurve(AbstractExperiment):
     # pressure [Pa]
     channel: Int[Array, " n"]
     scene: Structure = eqx.field(static=True)  # skin and loads
+
+    @property
+    def effort(self) -> dict[str, bool]:
+        """Compiling takes longer than a whole fit's use of it; see the base class."""
+        return {"once": True, "long": self.meshes.whole.solves_long}
 
     def predict(self, law: AbstractLaw) -> Float[Array, " n"]:
         """Readings, SI units; NaN where there is no equilibrium."""
@@ -87,20 +90,21 @@ class SkinCurve(AbstractExperiment):
         first = next(load[key] for load in loads if key in load)
         return jnp.stack(jnp.broadcast_arrays(first, shown.pressure))
 
-    def at_start(self, law: AbstractLaw) -> Float[Array, " n"]:
-        """Readings of the starts, taken as the equilibria of a law."""
-        return self._between(self._each(lambda level, start: self.read(law, level, start)))
-
     def settled(self, law: AbstractLaw) -> Self:
         """The same curve, solved from the states of a law: fast for laws near to it."""
-        both, state = COMPILED.run(_solved, self, law, once=True)
+        both, state = self._run(law)
         if np.isnan(both).any():
             return self
         return dataclasses.replace(self, start=state)
 
     def readings_of(self, law: AbstractLaw) -> Float[np.ndarray, " n"]:
         """What `predict` says, by a program that is kept."""
-        return np.asarray(self._between(COMPILED.run(_solved, self, law, once=True)[0]))
+        return np.asarray(self._between(self._run(law)[0]))
+
+    def _run(self, law: AbstractLaw) -> tuple[Array, State]:
+        """What `solved` says."""
+        found: tuple[Array, State] = COMPILED.run(_solved, self, law, **self.effort)
+        return found
 
     def _between(self, both: Float[Array, "2 level"]) -> Float[Array, " n"]:
         """Readings from those of the solved states, which count where they have a weight."""

@@ -34,9 +34,10 @@ class Residuals(AbstractResiduals):
     family: Family = eqx.field(static=True)  # the law; part of the compiled program
 
     @property
-    def costly(self) -> bool:
-        """Whether one of the tests is costly to compile."""
-        return any(test.costly for test in self.experiments)
+    def effort(self) -> dict[str, bool]:
+        """What one of the tests asks for."""
+        asked = (test.effort.items() for test in self.experiments)
+        return {key: True for own in asked for key, wanted in own if wanted}
 
     @property
     def mapping(self) -> Callable[[Float[Array, " p"]], Float[Array, " p"]]:

@@ -6,15 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from fitting.material.experiments.indentation_curve import ZERO
+from fitting.material.experiments.indentation_curve import STEPS, ZERO
 from fitting.material.experiments.skin_readings import SkinTest
 from fitting.material.fit.problem import Residuals
 from fitting.material.fit.result import MaterialFit
 from fitting.report.description import Part, Remark, ReportTable
 from fitting.statistics.residuals import sensitivity
 
-# Change of each input that a person thinks in; others are told by their own hundredth.
-_STEPS = {"oil.fill": 1e-4, "geometry.mounting": 1e-5, ZERO: 1e-5}
 _SHOWN = {"oil.fill": "0.01 %", "geometry.mounting": "0.001 %", ZERO: "0.01 mm"}
 _NOTHING = 1e-9
 
@@ -71,7 +69,7 @@ def inputs_report(fit: MaterialFit) -> list[dict[str, Any]]:
             continue
         a = by_modulus[place]
         for name, slope in zip(data.as_specimen.inputs, data.as_specimen.slopes.T, strict=True):
-            step = _STEPS.get(name, 1e-2)
+            step = STEPS[name]
             b = step * weighed_change(fit.problem.residuals, place, slope)
             effect = effect_of(a, b, noise)
             found.append({"file": data.file, "input": name, "step": step, **effect._asdict()})

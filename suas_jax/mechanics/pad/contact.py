@@ -91,13 +91,19 @@ class ContactFace:
         """All of them."""
         return jnp.arange(self.counts[0] * self.counts[1])
 
+    @property
+    def _by_elements(self) -> Float[Array, "3 16 element"]:
+        """Bernstein coefficients, elements in one row."""
+        return self.qe.reshape(3, 16, -1)
+
     def points(
         self,
         element: Int[Array, " element"],
         share: Float[Array, " element"] | float = 1.0,
     ) -> ContactPoints:
         """At their points, some elements with a share of their area."""
-        return ContactPoints(self._side, self.qe, element, RULES[self.side], share)
+        qe = self._by_elements[..., element]
+        return ContactPoints(self._side, qe, element, RULES[self.side], share)
 
     def _reach(self) -> tuple[Float[Array, " element"], Bool[Array, " element"]]:
         """Distances below which no point of an element is [m], and which ones may count.
@@ -112,7 +118,7 @@ class ContactFace:
             held = jnp.any(side.obstacle.body.grip.bound > 0, 0)
             body = side.obstacle.body.holding(None)
             side = side._replace(obstacle=dataclasses.replace(side.obstacle, body=body))
-        few = ContactPoints(side, self.qe, self.elements, _FEW)
+        few = ContactPoints(side, self._by_elements, self.elements, _FEW)
         place = jax.lax.stop_gradient(few.place())
         lowest = jnp.min(jax.lax.stop_gradient(few.obstacle.gap(place, few.angle)), 0)
         grid = place.reshape(3, len(_FEW.xi), len(_FEW.xi), -1)
@@ -129,19 +135,25 @@ class ContactFace:
         `counted`: see `_reach`.
         """
         count = len(counted)
+        chunks = -(-count // _MORE)
+        index = jnp.arange(chunks * _MORE).reshape(chunks, _MORE)
+        # Each step is given its own unknowns: the transpose of one that takes them out of all
+        # adds to all of them: five times as slow.
+        beyond = chunks * _MORE - count
+        qe = jnp.pad(self._by_elements, [(0, 0), (0, 0), (0, beyond)])
+        qe = jnp.moveaxis(qe.reshape(3, 16, chunks, _MORE), 2, 0)
 
         @jax.checkpoint
-        def of(index: Int[Array, " chunk"]) -> Any:
-            share = jnp.where(index < count, 1.0, 0.0)
-            return one(self.points(jnp.minimum(index, count - 1), share))
+        def of(index: Int[Array, " chunk"], qe: Float[Array, "3 16 chunk"]) -> Any:
+            element, share = jnp.minimum(index, count - 1), jnp.where(index < count, 1.0, 0.0)
+            return one(ContactPoints(self._side, qe, element, RULES[self.side], share))
 
-        def step(_: None, index: Array) -> tuple[None, Any]:
-            nothing = jax.tree.map(jnp.zeros_like, jax.eval_shape(of, index))
-            some = jnp.any(counted[jnp.minimum(index, count - 1)])
-            return None, jax.lax.cond(some, of, lambda _: nothing, index)
+        def step(_: None, at: tuple[Array, Array]) -> tuple[None, Any]:
+            nothing = jax.tree.map(jnp.zeros_like, jax.eval_shape(of, *at))
+            some = jnp.any(counted[jnp.minimum(at[0], count - 1)])
+            return None, jax.lax.cond(some, of, lambda *_: nothing, *at)
 
-        chunks = jnp.arange(-(-count // _MORE) * _MORE).reshape(-1, _MORE)
-        return jax.lax.scan(step, None, chunks)[1]
+        return jax.lax.scan(step, None, (index, qe))[1]
 
     def _by_element(
         self, one: Callable[[ContactPoints], Any], counted: Bool[Array, " element"]

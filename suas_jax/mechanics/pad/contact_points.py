@@ -17,7 +17,7 @@ from jaxtyping import Array, Float, Int
 
 from suas_jax.mechanics.contact.face import AbstractContactFace
 from suas_jax.mechanics.contact.term import ContactTerms, contact_terms, expanded
-from suas_jax.mechanics.pad.net import ElementVector, Net
+from suas_jax.mechanics.pad.net import Net
 from suas_jax.mechanics.pad.stiffness import COLUMNS, ROWS
 from suas_jax.numerics.bspline import bernstein
 from suas_jax.numerics.staging import staged
@@ -81,7 +81,7 @@ class ContactPoints(AbstractContactFace):
     def __init__(
         self,
         side: Side,
-        qe: ElementVector,  # Bernstein coefficients of the displacement, of all elements
+        qe: Float[Array, "3 16 element"],  # Bernstein coefficients of their displacement
         element: Int[Array, " element"],  # which ones, along the stations first
         rule: Rule,
         share: Float[Array, " element"] | float = 1.0,  # of their area that counts
@@ -99,8 +99,7 @@ class ContactPoints(AbstractContactFace):
         count = len(rule.xi)
         self.shapes = _shapes(count, side.kinds)
         self.powers = jnp.stack([1 / (long**m * across**n) for m, n in side.kinds])
-        chosen = qe.reshape(3, 16, -1)[..., element]
-        values = jnp.einsum("kgs,cse->kcge", self.shapes, chosen)
+        values = jnp.einsum("kgs,cse->kcge", self.shapes, qe)
         values = values * self.powers[:, None, None]
         self.inputs = values.reshape(3 * len(side.kinds), count**2, -1)
         xi = order(np.repeat(rule.xi, count), np.tile(rule.xi, count))
