@@ -934,6 +934,26 @@ def test_a_strip_is_one_contact_of_its_length_and_force(
     assert np.isnan(found.beside[0, 0, 2:]).all()  # of tangents this pad says nothing
 
 
+@pytest.mark.parametrize("live", [False, True])
+def test_a_live_frame_does_not_wait_for_a_wide_contact_to_be_solved(
+    spec: SkinSpec, monkeypatch: pytest.MonkeyPatch, *, live: bool
+) -> None:
+    solved = []
+    monkeypatch.setattr(SolvedPatch, "correction", lambda *_: solved.append(1))
+    skin = skin_of(spec, elements=(8, 8), contact=False)
+    fitter = PadFitter(
+        skin,
+        PadInterpolant(dent_table(), RADIUS),
+        Told(False, False),
+        live=live,
+        most_contacts=1,
+    )
+    y = strip(0.0, 40e-3)
+    weight = np.append(np.full(y.shape[1] - 1, 1.0), 0.0)[None]
+    fitter.fit(y, weight, np.array([[0.05, 2e-3, 4.0]]), State(*[np.zeros(0)] * 3), 1)
+    assert bool(solved) is not live
+
+
 def test_two_fingers_stand_beside_one_wide_contact(
     spec: SkinSpec, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -224,6 +224,8 @@ class PadFitter(AbstractLoadFitter):
         x = fit.parameters.T
         longest = extents(x[3], x[4], x[7] if len(x) == ASKEW else 0.0).max(0)
         found = self._gathered(fit, weight, 1, None)
+        if self.live and self._aside is None:  # a frame would wait for the solves
+            return found
         known = fit.chi2 < _SOLVED * (weight > 0).sum(1)
         for i in np.flatnonzero((longest > UNUSUAL) & known & (x[2] > 0)).tolist():
             row, begin = slice(i, i + 1), fit.parameters[i]
