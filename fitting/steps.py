@@ -5,9 +5,10 @@ it found. Where time does not press all are taken (`finished`). A frame of a str
 budget of time; what is left of its search then goes on with the next frames.
 """
 
+import contextlib
 import threading
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future, wait
 from typing import Any, Generic, TypeVar
 
@@ -58,6 +59,13 @@ class Budget:
     def took(self, step: str, seconds: float) -> None:
         """Take note of how long a step took [s]."""
         self._took[step] = seconds
+
+    @contextlib.contextmanager
+    def timing(self, step: str) -> Iterator[None]:
+        """Take a step and note how long it takes."""
+        begin = self.clock()
+        yield
+        self.took(step, self.clock() - begin)
 
 
 class Search(Generic[T]):

@@ -874,6 +874,12 @@ def test_steps_are_taken_while_there_is_time_and_one_too_long_first_of_the_next_
         second.go_on()
         spent.append(round(1e3 * (clock.now - begin)))
     assert spent == [10, 30, 1]
+    # A step that is taken outside of a search counts by the same clock.
+    with budget.timing("e"):
+        clock.now += 11e-3
+    budget.begin()
+    assert budget.allows("b")
+    assert not budget.allows("e")
     # What goes on by itself is waited for as long as there is time.
     slow: Future[str] = Future()
 

@@ -21,7 +21,8 @@ from fitting.statistics.residuals import AbstractResiduals, by_theta
 # or when nothing but rounding is left to fit.
 CONVERGED = 1e-9
 _ROUNDING = 1e-20
-# A decrease that is none where residuals are equilibria: MINPACK would go on in their rounding.
+# A decrease that is none of residuals that are equilibria, which are those compiled for a few
+# runs: MINPACK would go on in their rounding.
 _ENOUGH = 1e-12
 AGREEMENT = 1e-6
 # How many of the best starts go on, and evaluations of each: of all at first, then of these.

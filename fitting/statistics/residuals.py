@@ -89,6 +89,10 @@ class AbstractResiduals(eqx.Module):
         return np.asarray(self.inverse_scale) > 0.0
 
 
+# What was found last: residuals, the constants asked for, the answer.
+_LAST: list[tuple[Any, Any, Any]] = [(None, None, None)]
+
+
 def sensitivity(
     residuals: AbstractResiduals, constants: Float[Array, " p"]
 ) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
@@ -105,10 +109,6 @@ def sensitivity(
     )
     _LAST[0] = residuals, np.asarray(constants), found
     return found
-
-
-# One place: residuals, the constants asked for, what was found.
-_LAST: list[tuple[Any, Any, Any]] = [(None, None, None)]
 
 
 @eqx.filter_jit

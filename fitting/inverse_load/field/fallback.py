@@ -5,7 +5,6 @@ for each beyond the first), and Schwarz's criterion for the first. Both leave ou
 that are met exactly cost.
 """
 
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -84,26 +83,28 @@ class FieldFallback:
     def warm_up(self, y: Floats) -> None:
         """Compile what a fit of readings [taxel] needs, or load it; see how long one takes."""
         channels, weight = np.append(y, 0.0), np.append(np.ones(self._taxels), 0.0)
-        for _ in range(1 if self._budget is None else 2):  # the first compiles
-            begin = time.perf_counter()
+
+        def told() -> None:
             fit = self._fitter.fit(channels, weight)
             if fit is not None:
                 self._fitter.told(fit, weight, 0.0)
-            if self._budget is not None:
-                self._budget.took(_STEP, time.perf_counter() - begin)
+
+        told()
+        if self._budget is not None:  # nothing is compiled any more
+            with self._budget.timing(_STEP):
+                told()
 
     def _in_time(
         self, contacts: LoadEstimate, score: float, pulled: bool, y: Any, weight: Any
     ) -> LoadEstimate:
         """A field where there is time for one; else contacts whose frame is not at its end."""
-        budget, begin = self._budget, time.perf_counter()
-        if budget is not None and not budget.allows(_STEP):
+        if self._budget is None:
+            return self._or_field(contacts, score, pulled, y, weight)
+        if not self._budget.allows(_STEP):
             kept = tuple(replace(c, covariance=None) for c in contacts.contacts)
             return replace(contacts, contacts=kept, status="coarse", alternatives=())
-        found = self._or_field(contacts, score, pulled, y, weight)
-        if budget is not None:
-            budget.took(_STEP, time.perf_counter() - begin)
-        return found
+        with self._budget.timing(_STEP):
+            return self._or_field(contacts, score, pulled, y, weight)
 
     def _or_field(
         self,

@@ -9,7 +9,7 @@ nothing that led to it is differentiated.
 
 import dataclasses
 from collections.abc import Callable
-from typing import ClassVar, Self, TypeVar
+from typing import ClassVar, Self
 
 import equinox as eqx
 import jax
@@ -33,8 +33,6 @@ from suas_jax.scene.solve import solve
 from suas_jax.scene.structure import Structure
 
 ELEMENTS = 16
-
-Found = TypeVar("Found")
 
 
 class SkinCurve(AbstractExperiment):
@@ -120,18 +118,20 @@ class SkinCurve(AbstractExperiment):
         forces = [dataclasses.replace(load, force=level * load.force) for load in parts.forces]
         return parts._replace(forces=forces, pressures=[level * p for p in parts.pressures])
 
-    def _each(self, function: Callable[[Array, State], Found]) -> Found:
+    def _each(
+        self, function: Callable[[Array, State], tuple[Array, State]]
+    ) -> tuple[Array, State]:
         """Call a function of levels and states in lanes: all at once, or one by one."""
         if self.scene.scene.geometry.dimension == 2:
             return function(self.level, self.start)
 
-        def one(case: tuple[Array, State]) -> Found:
+        def one(case: tuple[Array, State]) -> tuple[Array, State]:
             found = function(*jax.tree.map(lambda x: x[..., None], case))
-            alone: Found = jax.tree.map(lambda x: x[..., 0], found)
+            alone: tuple[Array, State] = jax.tree.map(lambda x: x[..., 0], found)
             return alone
 
         cases = jax.tree.map(lambda x: jnp.moveaxis(x, -1, 0), (self.level, self.start))
-        together: Found = jax.tree.map(
+        together: tuple[Array, State] = jax.tree.map(
             lambda x: jnp.moveaxis(x, 0, -1), jax.lax.map(one, cases)
         )
         return together
