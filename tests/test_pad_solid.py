@@ -9,14 +9,14 @@ import pytest
 from skins import find, half_cylinder, quick
 
 from suas_jax.constitutive.base import AbstractLaw
-from suas_jax.constitutive.deformation_gradient import DeformationGradient, RightCauchyGreen
+from suas_jax.constitutive.deformation_gradient import GeneralDeformation, green
 from suas_jax.constitutive.laws.mooney_rivlin import MooneyRivlin
 from suas_jax.constitutive.laws.ogden import Ogden
 from suas_jax.equilibrium.balance import Problem
 from suas_jax.mechanics.pad.model import PadMesh
 from suas_jax.mechanics.pad.net import Net, NetTopology
 from suas_jax.mechanics.pad_solid.model import PAD_SOLID
-from suas_jax.mechanics.pad_solid.points import dilatation, green
+from suas_jax.mechanics.pad_solid.points import dilatation
 from suas_jax.mechanics.pad_solid.solid import PadSolid
 from suas_jax.mechanics.pad_solid.thickness import levels, shapes_at, thickness
 from suas_jax.mechanics.solid.solid import Solid
@@ -199,8 +199,8 @@ def test_a_state_by_its_metric_is_the_one_by_its_gradient(law: AbstractLaw) -> N
     rng = np.random.default_rng(3)
     L = jnp.asarray(rng.uniform(-1, 1, (3, 3, 5)) * np.array([0, 1e-8, 1e-3, 0.1, 0.4]))
     F = L + np.eye(3)[:, :, None]
-    by_gradient = law.energy(DeformationGradient(F))
-    by_metric = law.energy(RightCauchyGreen(green(L)))
+    by_gradient = law.energy(GeneralDeformation.of_gradient(F))
+    by_metric = law.energy(GeneralDeformation.of_strain(green(L)))
     np.testing.assert_allclose(by_metric, by_gradient, rtol=3e-8, atol=1e-30)
     volume = np.linalg.det(np.moveaxis(np.asarray(F), -1, 0)) - 1
     np.testing.assert_allclose(dilatation(L), volume, atol=1e-15)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from skins import rotation
 
-from suas_jax.constitutive.deformation_gradient import DeformationGradient
+from suas_jax.constitutive.deformation_gradient import GeneralDeformation
 from suas_jax.numerics.spectral import divided_difference, matrix_function
 
 STATES = {
@@ -22,7 +22,7 @@ STATES = {
 
 
 def power_sum(alpha: jax.Array, F: jax.Array) -> jax.Array:
-    return DeformationGradient(F).power_sum_minus_3(alpha)
+    return GeneralDeformation.of_gradient(F).power_sum_minus_3(alpha)
 
 
 def power_sum_by_products(alpha: int, F: jax.Array) -> jax.Array:
@@ -64,7 +64,9 @@ def test_gradient_form_has_exact_first_and_second_derivatives(alpha: int, state:
 def test_invariants_of_the_gradient_form_differentiate_like_its_power_sums() -> None:
     F = jnp.asarray(rotation(5) @ np.diag([1.4, 0.9, 1.1]) @ rotation(6))
     for invariant, alpha in (("I1_minus_3", 2), ("I2_minus_3", -2)):
-        hessian = jax.hessian(lambda F, name=invariant: getattr(DeformationGradient(F), name))
+        hessian = jax.hessian(
+            lambda F, name=invariant: getattr(GeneralDeformation.of_gradient(F), name)
+        )
         np.testing.assert_allclose(
             jax.jit(hessian)(F), PRODUCTS(alpha, F)[2], rtol=1e-11, atol=1e-12
         )

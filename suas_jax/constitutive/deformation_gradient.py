@@ -4,9 +4,12 @@ The other states, in `deformation`, come with stretches or with the invariants o
 there are nine components and no stretch at hand. Invariants follow from the deviator of C and
 power sums from trace functions of it, so that small strains keep their digits and stretches
 may coincide.
+
+Entries of a matrix are arrays of their own: one that is read of an array is an operation more,
+and one for each derivative.
 """
 
-import abc
+from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,8 +19,13 @@ from suas_jax.constitutive.deformation import AbstractDeformation
 from suas_jax.numerics.analytic import exp_minus_1_minus_x
 from suas_jax.numerics.spectral import trace_function
 
+# Entries of a symmetric matrix, and where they are listed.
+Entries = Sequence[Float[Array, "*batch"]]
+ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+_MATRIX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
-class AbstractGeneralState(AbstractDeformation):
+
+class GeneralDeformation(AbstractDeformation):
     """A general three-dimensional state; only its isochoric part counts.
 
     With C = Fᵀ F = (1 + g) (1 + d), d traceless, and Δ = det(1 + d) = 1 − d:d/2 + det d,
@@ -28,104 +36,73 @@ class AbstractGeneralState(AbstractDeformation):
     to C are exact at coincident stretches; a third one is not defined there.
     """
 
-    @property
-    @abc.abstractmethod
-    def strain(self) -> Float[Array, "3 3 *batch"]:
-        """C − 1, small strains with all their digits."""
+    deviator: Entries  # d
+    second: Float[Array, "*batch"]  # −d:d/2
+    log_delta: Float[Array, "*batch"]
 
-    @property
-    @abc.abstractmethod
-    def log_det(self) -> Float[Array, "*batch"]:
-        """Log det C, which need not be accurate near rest."""
+    @classmethod
+    def of_gradient(cls, F: Float[Array, "3 3 *batch"]) -> "GeneralDeformation":
+        """That of a deformation gradient ∂x_i/∂X_j (Eq. 4), of positive determinant."""
+        unit = np.eye(3, dtype=F.dtype).reshape(3, 3, *(1,) * (F.ndim - 2))
+        strain = green(F - unit)
+        deviator, second, change = _split(strain)
+        # At large strain Δ is a small difference of these, but not of det F and tr C.
+        large = change < -0.5
+        by_det = 2.0 * jnp.log(determinant(F)) - 3.0 * jnp.log1p(sum(strain[:3]) / 3.0)
+        small = jnp.log1p(jnp.where(large, 0.0, change))
+        return cls(deviator, second, jnp.where(large, by_det, small))
+
+    @classmethod
+    def of_strain(cls, strain: Entries) -> "GeneralDeformation":
+        """That of the entries of C − 1, those beside the diagonal as either side has them."""
+        deviator, second, change = _split(strain)
+        return cls(deviator, second, jnp.log1p(change))
 
     @property
     def I1_minus_3(self) -> Float[Array, "*batch"]:
         """J^(−2/3) tr C − 3."""
-        _, _, log_delta = self._split()
-        return 3.0 * jnp.expm1(-log_delta / 3.0)
+        return 3.0 * jnp.expm1(-self.log_delta / 3.0)
 
     @property
     def I2_minus_3(self) -> Float[Array, "*batch"]:
         """J^(2/3) tr C⁻¹ − 3."""
-        _, second, log_delta = self._split()
-        two_thirds = -2.0 / 3.0 * log_delta
-        return 3.0 * jnp.expm1(two_thirds) + second * jnp.exp(two_thirds)
+        two_thirds = -2.0 / 3.0 * self.log_delta
+        return 3.0 * jnp.expm1(two_thirds) + self.second * jnp.exp(two_thirds)
 
     def power_sum_minus_3(self, alpha: ArrayLike) -> Float[Array, "..."]:
         """Σλ̄_i^α − 3."""
-        d, _, log_delta = self._split()
-        shape = jnp.broadcast_shapes(jnp.shape(alpha), d.shape[2:])
-        half = jnp.broadcast_to(0.5 * jnp.asarray(alpha, d.dtype), shape)
-        ones = (1,) * (len(shape) + 2 - d.ndim)
-        d = jnp.broadcast_to(d.reshape(3, 3, *ones, *d.shape[2:]), (3, 3, *shape))
+        shape = jnp.broadcast_shapes(jnp.shape(alpha), self.log_delta.shape)
+        half = jnp.broadcast_to(0.5 * jnp.asarray(alpha, self.log_delta.dtype), shape)
+        entries = jnp.stack([jnp.broadcast_to(x, shape) for x in self.deviator])
         # With y the mean of n log(1 + d), Σexp(x_i − y) − 3 = e^−y (Σψ(x_i) − 3ψ(y)):
         # the parts linear in the strain have been taken out of both sides.
-        y = half * log_delta / 3.0
+        y = half * self.log_delta / 3.0
         return jnp.exp(-y) * (
-            trace_function(_excess_of_power, (half,), d) - 3.0 * exp_minus_1_minus_x(y)
+            trace_function(_excess_of_power, (half,), entries[_MATRIX])
+            - 3.0 * exp_minus_1_minus_x(y)
         )
 
-    def _split(self) -> tuple[Array, Array, Array]:
-        """Return d, its second invariant −d:d/2, and log Δ."""
-        G = self.strain
-        third = (G[0, 0] + G[1, 1] + G[2, 2]) / 3.0
-        deviator = G - third * _unit(G)
-        d = deviator / (1.0 + third)
-        second = -0.5 * jnp.sum(d * d, axis=(0, 1))
-        change = second + determinant(d)
-        # At large strain Δ is a small difference of these, but not of det F and tr C.
-        large = change < -0.5
-        from_det = self.log_det - 3.0 * jnp.log1p(third)
-        log_delta = jnp.where(large, from_det, jnp.log1p(jnp.where(large, 0.0, change)))
-        return d, second, log_delta
+
+def _split(strain: Entries) -> tuple[list[Array], Array, Array]:
+    """Entries of d, its second invariant −d:d/2, and Δ − 1."""
+    third = (strain[0] + strain[1] + strain[2]) / 3.0
+    scale = 1.0 / (1.0 + third)
+    d = [x * scale for x in (*(x - third for x in strain[:3]), *strain[3:])]
+    second = -0.5 * (d[0] ** 2 + d[1] ** 2 + d[2] ** 2) - d[3] ** 2 - d[4] ** 2 - d[5] ** 2
+    a, b, c, e, f, g = d
+    return d, second, second + a * (b * c - g * g) + e * (2.0 * f * g - e * c) - f * f * b
 
 
-class DeformationGradient(AbstractGeneralState):
-    """A state given by F."""
-
-    # deformation gradient ∂x_i/∂X_j (Eq. 4), shape [3, 3, *batch], det F > 0
-    F: Float[Array, "3 3 *batch"]
-
-    @property
-    def strain(self) -> Float[Array, "3 3 *batch"]:
-        """C − 1 formed from F − 1, which is exact near rest."""
-        H = self.F - _unit(self.F)
-        return H + jnp.swapaxes(H, 0, 1) + jnp.einsum("ki...,kj...->ij...", H, H)
-
-    @property
-    def log_det(self) -> Float[Array, "*batch"]:
-        """See the base class."""
-        return 2.0 * jnp.log(determinant(self.F))
-
-
-class RightCauchyGreen(AbstractGeneralState):
-    """A state given by C."""
-
-    # of C − 1: 11, 22, 33, 12, 13, 23, the last three those of either side
-    entries: Float[Array, "6 *batch"]
-
-    @property
-    def strain(self) -> Float[Array, "3 3 *batch"]:
-        """C − 1."""
-        return self.entries[np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])]
-
-    @property
-    def log_det(self) -> Float[Array, "*batch"]:
-        """See the base class."""
-        return jnp.log(determinant(self.strain + _unit(self.strain)))
-
-
-def _unit(matrix: Float[Array, "3 3 *batch"]) -> Float[np.ndarray, "3 3 *one"]:
-    return np.eye(3, dtype=matrix.dtype).reshape(3, 3, *(1,) * (matrix.ndim - 2))
+def green(H: Float[Array, "3 3 *batch"]) -> list[Float[Array, "*batch"]]:
+    """Entries of C − 1 = H + Hᵀ + Hᵀ H from H = F − 1, small strains with all their digits."""
+    rows = [list(row) for row in H]
+    return [rows[i][j] + rows[j][i] + sum(row[i] * row[j] for row in rows) for i, j in ENTRIES]
 
 
 def determinant(A: Float[Array, "3 3 *batch"]) -> Float[Array, "*batch"]:
     """Determinant, by the first row: no factorisation, exact derivatives of any order."""
-    return (
-        A[0, 0] * (A[1, 1] * A[2, 2] - A[1, 2] * A[2, 1])
-        + A[0, 1] * (A[1, 2] * A[2, 0] - A[1, 0] * A[2, 2])
-        + A[0, 2] * (A[1, 0] * A[2, 1] - A[1, 1] * A[2, 0])
-    )
+    (a, b, c), (d, e, f), (g, h, i) = A
+    return a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)
 
 
 def _excess_of_power(parameters: tuple[Array, ...], a: Array) -> Array:

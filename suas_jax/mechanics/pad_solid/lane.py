@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from suas_jax.constitutive.deformation_gradient import green
 from suas_jax.mechanics.pad import loads as pad_loads
 from suas_jax.mechanics.pad.contact import ContactFace
 from suas_jax.mechanics.pad.faces import Faces
@@ -86,7 +87,7 @@ class SolidLane(AbstractLane):
 
     def _stored(self, moved: Array) -> Array:
         L = points.displacement_gradient(moved, self.geometry.inverse)
-        density = points.energy_density(self.law, points.green(L), self.growth)
+        density = points.energy_density(self.law, green(L), self.growth)
         return jnp.sum(self.areas.reshape(-1) * self.geometry.volume * density)
 
     def _enclosed(self, qe: ElementVector) -> tuple[Array, inner_volume.Swept]:
@@ -205,10 +206,10 @@ class SolidLane(AbstractLane):
         at = self._geometry(angle, axial, eta, np.concatenate([[0, 0], weights]))
         shapes, slopes = (shapes_at(self.degree, eta, n) for n in range(2))
         L = points.displacement_gradient(points.at_points(shapes, slopes, local), at.inverse)
-        entries = points.green(L)
+        entries = green(L)
         seen = points.elastic(entries, self.growth)
         in_plane = jnp.stack([seen[0], seen[2], seen[4]])
-        density = points.energy_density(self.law, entries[:, 2:], self.growth)
+        density = points.energy_density(self.law, [x[2:] for x in entries], self.growth)
         volume = at.volume[2:]
         middle = jnp.einsum("v,vcp->cp", shapes_at(self.degree, np.zeros(1))[:, 0], values[0])
         place = jnp.broadcast_arrays(angle, axial)

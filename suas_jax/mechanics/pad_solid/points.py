@@ -24,7 +24,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
-from suas_jax.constitutive.deformation_gradient import RightCauchyGreen, determinant
+from suas_jax.constitutive.deformation_gradient import (
+    ENTRIES,
+    Entries,
+    GeneralDeformation,
+    determinant,
+    green,
+)
 from suas_jax.mechanics.pad.mid_surface import total
 from suas_jax.numerics.staging import staged
 from suas_jax.skin.prestress import Growth
@@ -32,9 +38,6 @@ from suas_jax.skin.section import AbstractSection
 
 PENALTY = 2.0  # gamma: on the square of the change of volume, in shear moduli
 MULTIPLIER = 1e8  # kappa over the shear modulus
-
-# Entries of a symmetric matrix as `RightCauchyGreen` lists them.
-ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 # Coordinates s, z, eta: the kind of derivative by length that each one has.
 KIND_OF = (1, 2, 0)
@@ -87,22 +90,14 @@ def displacement_gradient(
     return jnp.sum(moved[:, :, None] * inverse[:, None], 0)
 
 
-def green(L: Float[Array, "3 3 *point"]) -> Float[Array, "6 *point"]:
-    """Entries of C - 1."""
-    return jnp.stack(
-        [L[i, j] + L[j, i] + sum(L[k, i] * L[k, j] for k in range(3)) for i, j in ENTRIES]
-    )
-
-
 def dilatation(L: Float[Array, "3 3 *point"]) -> Float[Array, "*point"]:
     """J - 1."""
-    minors = sum(L[i, i] * L[j, j] - L[i, j] * L[j, i] for i, j in ((0, 1), (0, 2), (1, 2)))
-    return L[0, 0] + L[1, 1] + L[2, 2] + minors + determinant(L)
+    (a, b, c), (d, e, f), (g, h, i) = L
+    minors = a * e - b * d + a * i - c * g + e * i - f * h
+    return a + e + i + minors + determinant(L)
 
 
-def elastic(
-    entries: Float[Array, "6 *point"], growth: Growth | None
-) -> Float[Array, "6 *point"]:
+def elastic(entries: Entries, growth: Growth | None) -> Entries:
     """Entries of C - 1 as the law of a membrane that has grown sees them."""
     if growth is None:
         return entries
@@ -110,14 +105,14 @@ def elastic(
     logs = [-g[i] - g[j] for i, j in ENTRIES]
     unit = [jnp.expm1(x) if i == j else 0 * x for x, (i, j) in zip(logs, ENTRIES, strict=True)]
     grown = zip(logs, entries, unit, strict=True)
-    return jnp.stack([jnp.exp(x) * entry + more for x, entry, more in grown])
+    return [jnp.exp(x) * entry + more for x, entry, more in grown]
 
 
 def energy_density(
-    law: AbstractLaw, entries: Float[Array, "6 *point"], growth: Growth | None
+    law: AbstractLaw, entries: Entries, growth: Growth | None
 ) -> Float[Array, "*point"]:
     """Strain energy per volume of the undeformed membrane [J/m^3]."""
-    density = law.energy(RightCauchyGreen(elastic(entries, growth)))
+    density = law.energy(GeneralDeformation.of_strain(elastic(entries, growth)))
     return density if growth is None else growth.volume * density
 
 
@@ -147,8 +142,7 @@ def terms(
     """Stress and tangent. `moved`: displacement by the coordinates [coordinate, component]."""
     L, inverse = displacement_gradient(moved, at.inverse), at.inverse
     change = swelling(L, growth)
-    first, second = _by_entries(law, green(L), growth)
-    first, second = first * at.volume, second * at.volume
+    first, second = _by_entries(law, green(L), growth, at.volume)
     F = L + np.eye(3)[:, :, None, None]
     # Derivatives of the entries of C by u by the coordinates.
     by = [
@@ -164,7 +158,7 @@ def terms(
     modulus = PENALTY * law.shear_modulus
     bulk = (pressure + modulus * change) * at.volume
     stress = sum(first[k] * by[k] for k in range(6)) + bulk * cofactor
-    half = [sum(second[k, m] * by[m] for m in range(6)) for k in range(6)]
+    half = [sum(second[k][m] * by[m] for m in range(6)) for k in range(6)]
     tangent = sum(by[k][:, :, None, None] * half[k] for k in range(6))
     volumetric = modulus * at.volume * cofactor
     tangent = tangent + cofactor[:, :, None, None] * volumetric
@@ -183,23 +177,29 @@ def terms(
 
 
 def _by_entries(
-    law: AbstractLaw, entries: Float[Array, "6 *point"], growth: Growth | None
-) -> tuple[Float[Array, "6 *point"], Float[Array, "6 6 *point"]]:
-    """First and second derivatives of the energy by the entries of C."""
+    law: AbstractLaw,
+    entries: Entries,
+    growth: Growth | None,
+    volume: Float[Array, "*point"],
+) -> tuple[list[Array], list[list[Array]]]:
+    """First and second derivatives of the energy of volumes by the entries of C."""
 
-    def slope(e: Array) -> Array:
-        return jax.grad(lambda e: jnp.sum(energy_density(law, e, growth)))(e)
+    def energy(*entries: Array) -> Array:
+        return jnp.sum(volume * energy_density(law, entries, growth))
 
-    unit = jnp.eye(6).reshape(6, 6, *(1,) * (entries.ndim - 1)) + jnp.zeros_like(entries)
-    first = slope(entries)
-    second = jax.vmap(lambda way: jax.jvp(slope, (entries,), (way,))[1])(unit)
-    rows = staged([*first, *(second[i, j] for i in range(6) for j in range(i, 6))])
+    slope = jax.grad(energy, argnums=tuple(range(6)))
+
+    unit = np.eye(6).reshape(6, 6, *(1,) * entries[0].ndim)
+    along = tuple(jnp.broadcast_to(x, (6, *entries[0].shape)) for x in unit)
+    first = slope(*entries)
+    second = jax.vmap(lambda *way: jax.jvp(slope, tuple(entries), way)[1])(*along)
+    rows = staged([*first, *(second[i][j] for i in range(6) for j in range(i, 6))])
     matrix: list[list[Array]] = [[rows[0]] * 6 for _ in range(6)]
     rest = iter(rows[6:])
     for i in range(6):
         for j in range(i, 6):
             matrix[i][j] = matrix[j][i] = next(rest)
-    return jnp.stack(rows[:6]), jnp.stack([jnp.stack(row) for row in matrix])
+    return rows[:6], matrix
 
 
 def _cofactor(F: Array, i: int, j: int) -> Array:
