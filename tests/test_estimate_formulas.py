@@ -31,8 +31,9 @@ from fitting.inverse_load.estimate.assessment import LoadAssessment
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate, load_array
 from fitting.inverse_load.estimate.measured_pressure import contradicted, with_doubts
 from fitting.inverse_load.estimate.place import ContactPlaces
+from fitting.inverse_load.fit.explanation import Alternative
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
-from fitting.inverse_load.fit.selection import Alternative, Selection
+from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.live.filter import LoadFilter
 from suas_jax.config import continuous_inputs, input_errors, load_skin
 from suas_jax.config.input_errors import STIFFNESS

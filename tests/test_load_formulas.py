@@ -683,7 +683,7 @@ def test_significance_of_a_contact_is_what_chi2_rises_by_without_it() -> None:
     best, least = np.linalg.lstsq((root * slopes).T, root * y)[:2]
     without = np.linalg.lstsq((root * slopes[rows]).T, root * y)[1]
     two = explanations(best, contacts=2, jacobian=[slopes], weight=WEIGHT)
-    found = selected([[0.0, 1.0]])[0]._significance(two)
+    found = selected([[0.0, 1.0]])[0].several.significance(two)
     np.testing.assert_allclose(found[0, 1], (without - least)[0], rtol=1e-9)
 
 
@@ -737,11 +737,11 @@ def test_a_light_contact_is_found_beside_errors_of_the_inputs() -> None:
 def test_a_fit_with_a_contact_too_much_leads_to_the_others() -> None:
     selection, y, weight = selected([[-0.25, 8.0]])
     two = finished(
-        selection._fit_several(y, weight, np.array([[0.3, -0.25, 0.3, 8.0]]), None, 2)
+        selection.several.fit(y, weight, np.array([[0.3, -0.25, 0.3, 8.0]]), None, 2)
     )
     assert two.score.tolist() == [np.inf]
     lost = dataclasses.replace(two, chi2=two.chi2 + 1e6, score=two.chi2 + 1e6)
-    found = finished(selection._without_weakest(y, weight, np.zeros(1, int), two, lost))
+    found = finished(selection.several.without_weakest(y, weight, np.zeros(1, int), two, lost))
     assert found.contacts.tolist() == [1]
     np.testing.assert_allclose(found.parameters[0, :2], [-0.25, 8.0], rtol=1e-3)
 
@@ -764,7 +764,7 @@ def test_a_light_pull_is_tried_where_a_push_is_not_suspect() -> None:
         push = selection.fitter.fit(y, weight, np.array([[0.1, 6.0]]), None, 1)
         push = dataclasses.replace(push, chi2=chi2, score=chi2.copy())
         others: list[Any] = [None]
-        best = finished(selection._or_light_pulls(y, weight, push, others))
+        best = finished(selection.pulls.or_light(y, weight, push, others))
         assert (best.parameters[0, 1] < 0) == pull
         assert (others[0] is not None) == other
     assert others[0].parameters[1] == pytest.approx(-6.0, rel=1e-3)

@@ -428,7 +428,7 @@ def test_pairs_are_sought_with_forces_between_those_tabulated(
     left = []
     for k in range(30):
         starts = np.array(
-            [s for s, _ in finished(estimator.selection.pairs.of_two(y[k], weight[k]))]
+            [s for s, _ in finished(estimator.selection.several.pairs.of_two(y[k], weight[k]))]
         )
         rows = [np.tile(x[k], (len(starts), 1)) for x in (y, weight)]
         left.append(fitter.squares.fitted(*rows, starts, 2, None, False).chi2.min())

@@ -52,10 +52,10 @@ from fitting.inverse_load.film_motion import (
     told_moving,
 )
 from fitting.inverse_load.fit.bounded_selection import BoundedSelection
-from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.fit.explanation import Alternative, Explanations
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.other_stiffness import AbstractSectionErrors
-from fitting.inverse_load.fit.selection import Alternative, Selection
+from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors, of_shared_place
 from fitting.inverse_load.memory.follower import MemoryFollower
 from fitting.inverse_load.memory.series import LoadMemory

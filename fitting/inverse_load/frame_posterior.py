@@ -24,7 +24,7 @@ from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.fit.covariance import covariance_of
 from fitting.inverse_load.fit.explanation import Explanations
-from fitting.inverse_load.fit.selection import FELT
+from fitting.inverse_load.fit.several_contacts import FELT
 from fitting.statistics.chain import Posterior
 from fitting.statistics.log_probability import Gaussian
 from fitting.statistics.posterior import Settings, sample
@@ -110,7 +110,7 @@ def likely_modes(
     start = search.near(ys, weights, nodes)
     fits = [best, fitter.fit(ys, weights, start, search.states(nodes), 1)]
     if selection.most_contacts > 1 and (weight > 0).sum() > 2 * per_contact:
-        pairs = finished(selection.pairs.of_two(y[0], weight[0]))
+        pairs = finished(selection.several.pairs.of_two(y[0], weight[0]))
         if pairs:
             ys, weights = (np.repeat(x, len(pairs), 0) for x in (y, weight))
             state = search.states(np.array([node for _, node in pairs]))

@@ -10,9 +10,14 @@ from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.fit.covariance import covariance_of, inverse
-from fitting.inverse_load.fit.explanation import UNSETTLED, AbstractLoadFitter, Explanations
+from fitting.inverse_load.fit.explanation import (
+    UNSETTLED,
+    AbstractLoadFitter,
+    Alternative,
+    Explanations,
+)
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT
-from fitting.inverse_load.fit.selection import FELT, Alternative
+from fitting.inverse_load.fit.several_contacts import FELT
 from fitting.inverse_load.fit.wide_contact import wide_contacts
 from fitting.inverse_load.search.base import AbstractNodeSearch
 

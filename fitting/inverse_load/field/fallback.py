@@ -18,8 +18,7 @@ from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimate.measured_pressure import contradicted
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.field.fitter import FieldFitter
-from fitting.inverse_load.fit.explanation import Explanations
-from fitting.inverse_load.fit.selection import PLAUSIBLE
+from fitting.inverse_load.fit.explanation import PLAUSIBLE, Explanations
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.fit.wide_contact import wide_contacts
 from fitting.steps import Budget

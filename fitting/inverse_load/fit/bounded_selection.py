@@ -12,8 +12,13 @@ from typing import Any
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.inverse_load.fit.explanation import UNSETTLED, Explanations
-from fitting.inverse_load.fit.selection import PLAUSIBLE, Alternative, Selection
+from fitting.inverse_load.fit.explanation import (
+    PLAUSIBLE,
+    UNSETTLED,
+    Alternative,
+    Explanations,
+)
+from fitting.inverse_load.fit.selection import Selection
 from fitting.steps import Budget, Search, Steps, finished
 
 _AS_GOOD = 1.5  # chi2 of one contact that is followed, over that which its search left

@@ -8,6 +8,7 @@ strain has its fitter in `section_fitter`, a pad in `fitting.inverse_load.pad.fi
 import abc
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,8 @@ from fitting.inverse_load.model.contact_parameters import ContactParameters
 from fitting.steps import Steps
 from suas_jax.equilibrium.equilibrium import State
 
+PLAUSIBLE = 0.05
+"""p-value of chi2 above which no further contact is sought."""
 UNSETTLED = 0.1
 """Decrease of chi2 that is still predicted for a fit that has not converged."""
 _UNKNOWN = 1e300  # chi2 of what could not be solved
@@ -130,6 +133,25 @@ def widened(values: Floats, *sizes: int) -> Floats:
     whole = np.full((len(values), *sizes, *values.shape[1 + len(sizes) :]), np.nan)
     whole[tuple(slice(n) for n in values.shape)] = values
     return whole
+
+
+class Alternative(NamedTuple):
+    """A second explanation of a frame that one contact explains."""
+
+    chi2: float  # of the fit
+    parameters: Floats  # of the contacts
+    information: Floats  # J^T W J
+    contacts: int  # their number: another place of one, or two for a wide one
+
+    @classmethod
+    def of(cls, explanations: Explanations, frame: int) -> "Alternative":
+        """That of a frame."""
+        return cls(
+            float(explanations.chi2[frame]),
+            explanations.parameters[frame].copy(),
+            explanations.information[frame].copy(),
+            int(explanations.contacts[frame]),
+        )
 
 
 class AbstractLoadFitter(abc.ABC):

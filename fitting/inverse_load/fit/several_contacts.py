@@ -1,0 +1,154 @@
+"""Frames that several contacts explain better than one.
+
+Contacts are added one by one, from pairs of a table and from the score of one more beside those
+that are known; each beyond the first counts against the fit. A contact whose force readings do
+not determine, all others free, fits what a wrong model leaves, whatever that is.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import jax
+import numpy as np
+
+from fitting.arrays import Flags, Floats, Rows
+from fitting.inverse_load.fit.covariance import covariance_of
+from fitting.inverse_load.fit.explanation import PLAUSIBLE, AbstractLoadFitter, Explanations
+from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors
+from fitting.inverse_load.search.base import AbstractNodeSearch, PairSearch, Start
+from fitting.steps import Steps
+from suas_jax.equilibrium.equilibrium import State
+
+FELT = 2.0
+"""Standard deviations of a force that is there beside others."""
+
+
+@dataclass(frozen=True)
+class SeveralContacts:
+    """Explains frames by up to so many contacts.
+
+    Readings are [frame, taxel] [counts], weights inverse variances, zero where a taxel is not
+    used [frame, taxel].
+    """
+
+    fitter: AbstractLoadFitter  # least squares on the skin
+    loads: LoadsAndErrors  # the same beside errors of the inputs, where these are needed
+    nodes: AbstractNodeSearch  # states of one contact
+    penalty: float  # chi2 that a further contact must gain
+    most: int  # contacts to tell apart
+
+    @cached_property
+    def pairs(self) -> PairSearch:
+        """The search for several contacts, made when first needed."""
+        return self.nodes.several()
+
+    def added(
+        self, y: Any, weight: Any, frames: Rows, best: Explanations
+    ) -> Steps[Explanations]:
+        """Frames by two contacts, and by more where these leave more than noise."""
+        for count in range(2, self.most + 1):
+            enough = (weight[frames] > 0).sum(1) > count * self.fitter.per_contact
+            frames = frames[enough]
+            starts = []
+            for i in frames:
+                starts.append((yield from self._starts(y[i], weight[i], best, i, count)))
+            at = np.repeat(frames, [len(s) for s in starts])
+            left = y - best.shift  # by errors, if there are any
+            if not at.size:
+                break
+            parameters = np.array([row[0] for s in starts for row in s])
+            state = self.nodes.states(np.array([row[1] for s in starts for row in s]))
+            suspect = best.p_value(self.fitter.per_contact)[at] < SUSPECT
+            to_beat = best.score[at] - (count - 1) * self.penalty
+            to_beat = np.where(suspect, np.inf, to_beat)
+            given = at, left[at], weight[at], parameters, count, to_beat
+            kept = yield from self.fitter.screened(*given)
+            if not kept.size:
+                break
+            at, parameters = at[kept], parameters[kept]
+            state = jax.tree.map(lambda x, rows=kept: x[..., rows], state)
+            begin = parameters, state, count, best.shift[at]
+            found = yield from self.fit(y[at], weight[at], *begin, frame=at)
+            best, improved = best.cheapest(at, found)
+            best = yield from self.without_weakest(y, weight, at, found, best)
+            frames = improved[best.p_value(self.fitter.per_contact)[improved] < PLAUSIBLE]
+        return best
+
+    def fit(
+        self,
+        y: Any,
+        weight: Any,
+        start: Any,
+        state: State,
+        count: int,
+        shift: Floats | None = None,
+        frame: Rows | None = None,
+    ) -> Steps[Explanations]:
+        """Fits by some contacts, each beyond the first with its penalty, all of them told.
+
+        A contact whose force readings do not determine, all others free, fits what a wrong
+        model leaves, whatever that is. Where errors of the inputs move the readings, by a shift
+        [frame, taxel], they are fitted, too, unless loads alone do. `frame` says which frame a
+        row is of, where a frame has several.
+        """
+        found = yield from self.loads.fit(y, weight, start, state, count, frame=frame)
+        if shift is not None:
+            unsure = ~self._told(found) | (found.p_value(self.fitter.per_contact) < PLAUSIBLE)
+            rows = np.flatnonzero(shift.any(1) & unsure)
+            if rows.size:
+                near = jax.tree.map(lambda x: x[..., rows], state)
+                given = y[rows], weight[rows], start[rows], near, count, shift[rows]
+                own = None if frame is None else frame[rows]
+                other = yield from self.loads.beside_errors(*given, own)
+                found, _ = found.cheapest(rows, other)
+        cost = (count - 1) * self.penalty
+        return found.penalised(np.where(self._told(found), cost, np.inf))
+
+    def _told(self, found: Explanations) -> Flags:
+        """Whether all forces are, where there are several [frame]."""
+        one = int(found.contacts[0]) == 1
+        return np.asarray(one | (self.significance(found).min(1) >= FELT**2))
+
+    def significance(self, found: Explanations) -> Floats:
+        """Squares of forces over their variances, of one number of contacts [frame, contact].
+
+        To first order they are what chi2 rises by without the contact, all others fitted anew.
+        """
+        count = int(found.contacts[0])
+        rows = self.fitter.parameters.rows("force", count)
+        covariance = covariance_of(found, self.fitter.per_contact)
+        variance = np.diagonal(covariance, axis1=1, axis2=2)[:, rows]
+        return np.asarray(found.parameters[:, rows] ** 2 / variance)
+
+    def _starts(
+        self, y: Any, weight: Any, best: Explanations, i: int, count: int
+    ) -> Steps[list[Start]]:
+        """Where fits of a frame by so many contacts begin; a third is added to two."""
+        y, so = y - best.shift[i], best.so[i] - best.shift[i]
+        starts: list[Start] = []
+        if count == 2:
+            starts = yield from self.pairs.of_two(y, weight)
+        if int(best.contacts[i]) != count - 1 or (count == 2 and not best.absorbed[i]):
+            return starts
+        return starts + self.pairs.of_one_more(y, weight, best.parameters[i], so, count - 1)
+
+    def without_weakest(
+        self, y: Any, weight: Any, at: Rows, found: Explanations, best: Explanations
+    ) -> Steps[Explanations]:
+        """Frames again, from fits by one contact that is not told beside others."""
+        count = int(found.contacts[0])
+        least = found.chi2 + (count - 1) * self.penalty
+        rows = np.flatnonzero(np.isinf(found.score) & (least < best.score[at]))
+        if not rows.size:
+            return best
+        found, at = found.rows(rows), at[rows]
+        kept = np.ones((len(rows), count), bool)
+        kept[np.arange(len(rows)), self.significance(found).argmin(1)] = False
+        columns = found.parameters[:, : count * self.fitter.per_contact]
+        start = columns.reshape(len(rows), -1, count).transpose(0, 2, 1)[kept]
+        start = start.reshape(len(rows), count - 1, -1).transpose(0, 2, 1)
+        start = start.reshape(len(rows), -1)
+        begin = start, found.state, count - 1, found.shift
+        fewer = yield from self.fit(y[at], weight[at], *begin)
+        return best.cheapest(at, fewer)[0]
