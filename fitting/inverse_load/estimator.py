@@ -56,7 +56,11 @@ from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.other_stiffness import AbstractSectionErrors
 from fitting.inverse_load.fit.selection import Alternative, Selection
-from fitting.inverse_load.fit.systematic import AbstractSystematicErrors, of_shared_place
+from fitting.inverse_load.fit.systematic import (
+    AbstractSystematicErrors,
+    of_scattered_forces,
+    of_shared_place,
+)
 from fitting.inverse_load.memory.follower import MemoryFollower
 from fitting.inverse_load.memory.series import LoadMemory
 from fitting.inverse_load.readings import noise_of_readings
@@ -164,8 +168,9 @@ class LoadEstimator:
         )
         self._systematic = parts.systematic
         self.discrepancy: ReadingDiscrepancy | None = None
-        record = None if pad else self.spec.calibration
+        record = self.spec.calibration
         self._place_variance = 0.0 if record is None else record.place_shift_error**2
+        self._force_variance = 0.0 if record is None else record.force_scatter**2
         if not pad:
             places = np.asarray(self.skin.electrodes.taxels.angle)[:, 0]
             self.discrepancy = ReadingDiscrepancy.of(self.spec, self.table, places)
@@ -597,6 +602,9 @@ class LoadEstimator:
             parts.append(systematic.covariance(best, y, per_contact))
         if self._place_variance:
             parts.append(of_shared_place(best, per_contact, self._place_variance))
+        if self._force_variance:
+            parameters = self._parts.fitter.parameters
+            parts.append(of_scattered_forces(best, parameters, self._force_variance))
         if discrepancy is not None and left is not None:
             parts.append(discrepancy.of_loads(best, left, per_contact))
         covariance = sum(parts[1:], parts[0]) if parts else None

@@ -89,6 +89,8 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
         size = float(plain_geometry(fit.data.spec.geometry).section.size[0])
         value, error = (size * x for x in fit.place_shift)
         report["place_shift"] = {"value": value, "standard_error": error, "unit": "m"}
+    if fit.force_scatter is not None:
+        report["force_scatter"] = fit.force_scatter
     if fit.discrepancy is not None:
         lacking, evidence = fit.discrepancy
         report["discrepancy"] = {
@@ -107,15 +109,13 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
 def _lacking(log_evidence: dict[str, float], numbers: dict[str, float] | None) -> str:
     """What presses show beyond the model, in a sentence."""
     if numbers is None:
-        return "beyond the model: nothing; the stated errors of presses explain the readings"
-    gain = max(log_evidence.values()) - log_evidence["none"]
-    found = f"presses scatter by {100 * numbers['scatter']:.2g} %"
-    if numbers["pattern"]:
-        found += (
-            f", readings err by {100 * numbers['common']:.2g} % together and "
-            f"{100 * numbers['pattern']:.2g} % one by one; suas invert takes that off"
-        )
-    return f"beyond the model: {found} (log evidence +{gain:.0f})"
+        return "beyond the model: nothing; the errors of presses explain the readings"
+    gain = log_evidence["process"] - log_evidence["none"]
+    return (
+        f"beyond the model: readings err by {100 * numbers['common']:.2g} % together and "
+        f"{100 * numbers['pattern']:.2g} % one by one; suas invert takes that off "
+        f"(log evidence +{gain:.0f})"
+    )
 
 
 def _taxels(
@@ -186,6 +186,8 @@ def described(report: dict[str, Any], fit: SensorFit) -> Iterator[Part]:
             f"all presses were felt {value} +- {error} mm further along the arc than told; "
             "suas invert takes half of it off places, and counts half as their error"
         )
+    if scatter := report.get("force_scatter"):
+        yield Remark(f"forces scatter by {100 * scatter:.2g} % from press to press")
     if lacking := report.get("discrepancy"):
         yield Remark(_lacking(**lacking))
     if posterior := report.get("posterior"):
