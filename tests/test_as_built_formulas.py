@@ -158,7 +158,7 @@ def test_gains_tell_their_own_deviation() -> None:
     read = true * RNG.normal(size=4000) + error * RNG.normal(size=4000)
     names = ["stiffness", *(f"electrodes.taxels.{k}.gain" for k in range(4000))]
     (gains,) = Alike.of(names)
-    assert gains.index[[0, -1]].tolist() == [1, 4000]
+    assert gains.rows[[0, -1]].tolist() == [1, 4000]
     t = 0.1
     for _ in range(200):
         share = t**2 / (t**2 + error**2)

@@ -122,8 +122,8 @@ def hierarchical(problem: SensorProblem, constants: np.ndarray) -> SensorProblem
         variance = np.diag(covariance) * sizes**2
         priors = dict(problem.priors)
         for own in groups:
-            sd = own.shared_deviation((at - means)[own.index], variance[own.index])
-            for i in own.index:
+            sd = own.shared_deviation((at - means)[own.rows], variance[own.rows])
+            for i in own.rows:
                 priors[names[i]] = dataclasses.replace(priors[names[i]], sd=sd)
         problem = problem.replace(priors=priors)
     return problem

@@ -27,7 +27,7 @@ from fitting.sensor.model.as_built import shared_error
 from fitting.sensor.model.constants import GAP, PATHS, PERMITTIVITY, PLACE, PUSH, SensorFamily
 from fitting.sensor.shapes.shapes import Shapes
 from fitting.statistics.diagnostics import Misfit, misfit
-from fitting.statistics.discrepancy import Discrepancy, Evidence
+from fitting.statistics.discrepancy import Discrepancy
 from fitting.statistics.identifiability import Uncertainty, uncertainty
 
 
@@ -57,8 +57,7 @@ class SensorFit:
     findings: tuple[str, ...]  # what the data don't determine, in words
     contributions: tuple[dict[str, Any], ...]  # what each log, and each fluid, tells
     warnings: tuple[str, ...]  # what a person should know
-    # what presses show beyond the model, and its evidence; of sections as built
-    discrepancy: tuple[Discrepancy | None, Evidence] | None = None
+    discrepancy: Discrepancy | None = None  # from the model, as presses show; of sections
 
     @property
     def residuals(self) -> SensorResiduals:

@@ -212,18 +212,20 @@ def shift_of_loads(shared: float, deviation: float) -> tuple[float, float]:
 class Alike(NamedTuple):
     """Constants whose errors have one deviation that they tell themselves."""
 
-    index: Rows  # among all constants
+    rows: Rows  # which of all constants
     usual: float  # t_0, relative
     weight: int  # m
 
     @classmethod
     def of(cls, names: Sequence[str]) -> "tuple[Alike, ...]":
         """Gains of channels, and forces of presses, where there are any."""
+        gains = np.flatnonzero([is_gain(name) for name in names])
+        forces = np.flatnonzero([name.startswith(f"{PUSH}.") for name in names])
         kinds = (
-            ([is_gain(name) for name in names], GAIN_ERROR, _USUAL_GAINS),
-            ([name.startswith(f"{PUSH}.") for name in names], FORCE_ERROR, _USUAL_PRESSES),
+            cls(gains, GAIN_ERROR, _USUAL_GAINS),
+            cls(forces, FORCE_ERROR, _USUAL_PRESSES),
         )
-        return tuple(cls(np.flatnonzero(own), *usual) for own, *usual in kinds if any(own))
+        return tuple(own for own in kinds if own.rows.size)
 
     def shared_deviation(self, errors: Floats, variances: Floats) -> float:
         """The deviation t of errors x ~ N(0, t^2) that are known to within variances.
