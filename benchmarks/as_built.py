@@ -227,13 +227,20 @@ class Unit:
     def found(self, spec: SkinSpec) -> list[tuple[np.ndarray, ...]]:
         """Errors, body after body, with what presses showed beyond the model, and without.
 
-        Of force and place [m], and whether in their 95 % intervals [load, 4].
+        Of force and place [m], whether in their 95 % intervals, and the force's told
+        deviation [load, 5].
         """
         variance = NOISE**2 / FRAMES
-        estimator = LoadEstimator(spec, rest=self.rest, rest_variance=variance, most_contacts=1)
+        estimator = LoadEstimator(
+            spec,
+            rest=self.rest,
+            rest_variance=variance,
+            most_contacts=1,
+            load_fields=False,  # loads are bars and discs
+        )
         ways = []
-        for way in dict.fromkeys((estimator.discrepancy, None)):
-            estimator.discrepancy = way
+        for way in dict.fromkeys((estimator.frames.discrepancy, None)):
+            estimator.frames.discrepancy = way
             ways.append(tuple(self._errors(estimator, so) for so in (self.single, *self.wider)))
         return [ways[0], ways[-1]]
 
@@ -243,7 +250,7 @@ class Unit:
             estimator.estimate(so), self.seen, strict=True
         ):
             if not estimate.contacts:
-                rows.append((np.nan, np.nan, 0.0, 0.0))
+                rows.append((np.nan, np.nan, 0.0, 0.0, np.nan))
                 continue
             (own,) = estimate.contacts
             off = [own.force / force - 1, self.radius * (own.angle - angle)]
@@ -252,7 +259,8 @@ class Unit:
                 off.append(own.axial - axial)
                 sd.append(own.deviation("axial"))
             inside = np.abs(off) < 1.96 * np.array(sd)
-            rows.append((off[0], float(np.linalg.norm(off[1:])), inside[0], inside[1:].mean()))
+            away = float(np.linalg.norm(off[1:]))
+            rows.append((off[0], away, inside[0], inside[1:].mean(), sd[0]))
         return np.array(rows)
 
     def learned(self, model: object, count: int) -> tuple[np.ndarray, ...]:
@@ -267,20 +275,25 @@ class Unit:
             off[:, 0] *= self.radius
             none = np.full(len(off), np.nan)
             away = np.linalg.norm(off, axis=1)
-            every.append(np.stack([strength / self.seen[:, 2] - 1, away, none, none], 1))
+            strength = strength / self.seen[:, 2] - 1
+            every.append(np.stack([strength, away, none, none, none], 1))
         return tuple(every)
 
 
 def summary(rows: list[tuple[np.ndarray, ...]]) -> tuple[float, ...]:
-    """Medians of the errors, 95th percentile of the force's, coverages, other bodies' force."""
+    """Medians of the errors, 95th percentile of the force's, coverages, other bodies' force.
+
+    Last the median deviation of the force that is told.
+    """
     every, *others = (np.concatenate(bodies) for bodies in zip(*rows, strict=True))
-    off = np.abs(every)
+    off, told = np.abs(every), every[np.isfinite(every[:, 4]), 4]
     return (
         100 * float(np.nanmedian(off[:, 0])),
         100 * float(np.nanpercentile(off[:, 0], 95)),
         1e3 * float(np.nanmedian(off[:, 1])),
         *(100 * float(np.mean(every[:, k])) for k in (2, 3)),
         *(100 * float(np.nanmedian(np.abs(own[:, 0]))) for own in others),
+        100 * float(np.median(told)) if len(told) else np.nan,
     )
 
 
@@ -327,6 +340,9 @@ def main() -> None:
         for seed in range(options.first, options.first + options.units):
             most = max(options.learned)
             unit = Unit(options.skin, seed, plan, options.tests, most, options.force)
+            if not np.isfinite(unit.rest).all():
+                print(f"unit {seed} buckles at rest: left out", flush=True)
+                continue
             begin = time.process_time()
             for label, model in (("Gaussian process", gaussian_process), ("network", network)):
                 for count in options.learned:
@@ -355,11 +371,13 @@ def main() -> None:
 def printed(table: dict[tuple[str, int], tuple[float, ...]]) -> None:
     """Print the table."""
     print(
-        "model, presses | force median %, 95th % | place mm | in 95 %: force, place | wider %"
+        "model, presses | force median %, 95th % | place mm | in 95 %: force, place, wider % |"
+        " deviation told %"
     )
-    for (kind, count), (force, high, place, *inside) in table.items():
+    for (kind, count), (force, high, place, *inside, told) in table.items():
         shown = ", ".join("-" if np.isnan(x) else f"{x:.1f}" for x in inside)
-        print(f"{kind}, {count} | {force:.2f}, {high:.2f} | {place:.2f} | {shown}", flush=True)
+        row = f"{kind}, {count} | {force:.2f}, {high:.2f} | {place:.2f} | {shown} | {told:.1f}"
+        print(row, flush=True)
 
 
 if __name__ == "__main__":

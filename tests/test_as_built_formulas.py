@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import tomlkit
+from scipy.stats import multivariate_normal
 from typer.testing import CliRunner
 
 from fitting.calibration import next_press
@@ -20,24 +21,32 @@ from fitting.cli.app import app
 from fitting.inverse_load.estimator import MODEL_ERROR as ESTIMATOR_ERROR
 from fitting.inverse_load.estimator import PAD_MODEL_ERROR
 from fitting.sensor.fit.calibrate import _as_built
+from fitting.sensor.fit.priors import hierarchical
 from fitting.sensor.fit.residuals import Prior, SensorProblem, SensorResiduals
 from fitting.sensor.fit.sensor_posterior import sample_sensor
 from fitting.sensor.logs.data import SensorData
 from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.logs.readings import averaged, held_presses
 from fitting.sensor.model.as_built import (
+    FORCE_ERROR,
     GAIN_ERROR,
     MODEL_ERROR,
+    Alike,
     as_built,
     as_built_deviations,
     as_built_names,
     is_gain,
     press_errors,
-    shared_deviation,
     shared_error,
     shift_of_loads,
 )
-from fitting.sensor.model.constants import SensorConstant, SensorFamily, named, with_constants
+from fitting.sensor.model.constants import (
+    STIFFNESS,
+    SensorConstant,
+    SensorFamily,
+    named,
+    with_constants,
+)
 from fitting.sensor.model.counts import SensorModel, parts_of
 from fitting.sensor.report.skin_file import _set_as_built
 from fitting.sensor.shapes.scene_states import SceneStates
@@ -94,15 +103,67 @@ def test_fields_have_a_common_and_a_smooth_part() -> None:
     assert np.linalg.eigvalsh(correlation).min() > 0
 
 
+@pytest.mark.parametrize(("true", "m"), [(0.03, 4), (0.001, 4)])
+def test_presses_tell_what_their_forces_scatter_by(true: float, m: int) -> None:
+    """The most probable deviation, against the marginal likelihood of the same readings."""
+    count, noise = 12, 0.004
+    skin = as_built(SKIN)
+    forces = press_errors(skin, count, 1e-3)[count:]
+    parts = (named(skin, STIFFNESS), *forces)
+    random = np.random.default_rng(5)
+    slope = np.concatenate([np.ones((count, 1)), np.eye(count)], 1)
+    errors = true * random.normal(size=count)
+    read = slope @ np.append(1.05, errors) + noise * random.normal(size=count)
+
+    class Linear(eqx.Module):
+        family: SensorFamily = eqx.field(static=True)
+
+        def so(self, constants: Any) -> Any:
+            return (slope @ constants)[None]
+
+    readings: Any = SimpleNamespace(
+        so=read[None],
+        used=np.ones((1, count), bool),
+        sigma=np.full((1, count), noise),
+        state=np.arange(count),
+        basis=lambda sigma: np.zeros((1, count, 0)),
+    )
+    deviations = [0.1, *(part.size for part in forces)]
+    means = np.append(1.0, np.zeros(count))
+    priors = {
+        part.name: Prior(*row, "given")
+        for part, *row in zip(parts, means, deviations, strict=True)
+    }
+    model: Any = Linear(SensorFamily(parts))
+    problem = SensorProblem(model, readings, priors, np.eye(len(parts)))
+    before = np.diag(np.array(deviations) ** 2)
+    gain = before @ slope.T @ np.linalg.inv(slope @ before @ slope.T + noise**2 * np.eye(count))
+    found = hierarchical(problem, means + gain @ (read - slope @ means)).priors
+
+    def cost(t: float) -> float:
+        own = 0.1**2 * np.ones((count, count)) + (noise**2 + t**2) * np.eye(count)
+        told = multivariate_normal(np.full(count, 1.0), own).logpdf(read)
+        return -told + m * (np.log(t) + FORCE_ERROR**2 / (2 * t**2))
+
+    tried = np.geomspace(1e-3, 0.1, 2000)
+    best = tried[np.argmin([cost(t) for t in tried])]
+    assert {found[part.name].sd for part in forces} == {found["push.0"].sd}
+    assert found["push.0"].sd == pytest.approx(best, rel=0.01)
+    assert found[STIFFNESS] == priors[STIFFNESS]
+
+
 def test_gains_tell_their_own_deviation() -> None:
     """Repeated, one step of expectation and maximisation finds the deviation drawn from."""
     true, error = 0.02, 0.005
-    read = 1 + true * RNG.normal(size=4000) + error * RNG.normal(size=4000)
+    read = true * RNG.normal(size=4000) + error * RNG.normal(size=4000)
+    names = ["stiffness", *(f"electrodes.taxels.{k}.gain" for k in range(4000))]
+    (gains,) = Alike.of(names)
+    assert gains.rows[[0, -1]].tolist() == [1, 4000]
     t = 0.1
     for _ in range(200):
         share = t**2 / (t**2 + error**2)
         variance = np.full(len(read), share * error**2)
-        t = shared_deviation(1 + share * (read - 1), variance)
+        t = gains.shared_deviation(share * read, variance)
     assert t == pytest.approx(true, rel=0.04)
 
 
@@ -158,7 +219,7 @@ def test_errors_of_presses_are_known_places_and_forces() -> None:
         f"{k}.{i}" for k in ("place", "axial", "push") for i in (0, 1)
     ]
     assert parts[0].size == pytest.approx(1e-3 / 58.25e-3)  # mid-line
-    assert (parts[2].size, parts[5].size) == (1e-3, 2e-3)
+    assert (parts[2].size, parts[5].size) == (1e-3, FORCE_ERROR)
     with pytest.raises(ValueError, match="--place-error"):
         press_errors(PAD, 2, 0.0)
     assert {2: ESTIMATOR_ERROR, 3: PAD_MODEL_ERROR} == MODEL_ERROR

@@ -12,6 +12,7 @@ from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.field.fallback import FieldFallback
 from fitting.inverse_load.field.forward import FieldForward, even_nodes
 from fitting.inverse_load.field.posterior import FieldPosterior, LinearReadings, Scale, Scales
+from fitting.inverse_load.fit.section_errors import SectionErrors
 from fitting.steps import Budget
 from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import Loads
@@ -69,6 +70,31 @@ def test_forces_that_readings_tell_are_known_to_their_noise_and_to_errors_of_inp
 
 
 # --- on a section -------------------------------------------------------------------------
+
+
+def test_errors_move_a_field_s_channels_together_as_alone() -> None:
+    """Any number of errors, under any number of nodes: each does what it does alone."""
+    random, errors, nodes, taxels = np.random.default_rng(3), 3, 5, 4
+    left = random.normal(size=(nodes, errors, taxels))
+    alike = random.normal(size=(nodes, errors, 2))
+    membrane = np.array([True, False, True])
+    places, force = np.linspace(-1, 1, nodes)[:, None], random.uniform(1, 2, nodes)
+    state = random.normal(size=(taxels + 1, nodes)), random.normal(size=taxels + 1)
+
+    def moved(own: list[int]) -> Floats:
+        section = object.__new__(SectionErrors)
+        section.of_membrane, section.rest = membrane[own], np.zeros((len(own), taxels))
+        section._changes = lambda angle, force: (alike[:, own], left[:, own])  # type: ignore
+        return section.under_field(places, force, *state)
+
+    together = moved([0, 1, 2])
+    for k in range(errors):
+        np.testing.assert_allclose(together[k], moved([k])[0], atol=1e-12)
+    assert together[1, -1] == 0.0  # what changes readings alone presses the oil no more
+    softer = alike[:, 0, 1]
+    gauge, pressure = state[0][-1], state[1][-1]
+    less = softer.sum() / force.sum() * pressure
+    assert together[0, -1] == pytest.approx(softer @ gauge - less)
 
 
 @pytest.fixture(scope="module")

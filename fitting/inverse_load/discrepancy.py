@@ -24,7 +24,6 @@ class ReadingDiscrepancy:
     """The discrepancy of one skin's readings under one radial contact."""
 
     def __init__(self, found: Discrepancy, table: LoadTable) -> None:
-        self._scatter = found.numbers.scatter**2
         angles, levels = (
             np.linspace(0, size - 1, min(size, count)).round().astype(int)
             for size, count in zip(table.forces.shape, (_ANGLES, _LEVELS), strict=True)
@@ -121,8 +120,7 @@ class ReadingDiscrepancy:
         """Covariances of the parameters, beside those of noise, padded as the information is.
 
         The weights of the explanations have the variances of what is left; with its covariance
-        C [frame, taxel, taxel] and G = (J^T W J)^-1 J^T W it is G (C - diag C) G^T, and the
-        scatter of presses.
+        C [frame, taxel, taxel] and G = (J^T W J)^-1 J^T W it is G (C - diag C) G^T.
         """
         total = np.full(best.information.shape, np.nan)
         for count in np.unique(best.contacts):
@@ -134,5 +132,4 @@ class ReadingDiscrepancy:
             gain = inverse(best.information[i : i + 1, own, own])[0] @ jacobian
             apart = left[i] - np.diag(np.diag(left[i]))
             total[i, own, own] = np.nan_to_num(gain @ apart @ gain.T)
-            total[i, 1, 1] += self._scatter * best.parameters[i, 1] ** 2
         return total

@@ -17,15 +17,13 @@ change from rest. What the skin file's own numbers leave open (`suas_jax.config.
 is the same in all frames.
 """
 
-import time
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.special import chdtrc
 
 from fitting.arrays import Flags, Floats
 from fitting.inverse_load.discrepancy import ReadingDiscrepancy
@@ -37,36 +35,28 @@ from fitting.inverse_load.drift import (
     ReadingWeights,
     zero_of_readings,
 )
-from fitting.inverse_load.estimate.assessment import POOR
-from fitting.inverse_load.estimate.at_rest import chi2_at_rest, drifting, untouched
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
-from fitting.inverse_load.estimate.measured_pressure import with_doubts
 from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.field.fallback import FieldFallback
 from fitting.inverse_load.film_motion import (
     FilmFollower,
     FilmMotion,
-    covariance_by_motion,
     fading_time,
-    told_moving,
 )
 from fitting.inverse_load.fit.bounded_selection import BoundedSelection
-from fitting.inverse_load.fit.explanation import Alternative, Explanations
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.other_stiffness import AbstractSectionErrors
 from fitting.inverse_load.fit.selection import Selection
-from fitting.inverse_load.fit.systematic import AbstractSystematicErrors, of_shared_place
+from fitting.inverse_load.frames import FULL_SCALE, FrameEstimator
 from fitting.inverse_load.memory.follower import MemoryFollower
 from fitting.inverse_load.memory.series import LoadMemory
 from fitting.inverse_load.readings import noise_of_readings
 from fitting.inverse_load.section import section_parts
 from fitting.inverse_load.taps import MotionWatch, TapFinder
 from fitting.steps import Budget
-from suas_jax.acquisition.log.format import MAX_COUNT
 from suas_jax.config import InputErrors, SkinSpec, input_errors
 from suas_jax.config.input_errors import as_assembled
-from suas_jax.runtime.compiled import COMPILED
 
 if TYPE_CHECKING:
     from fitting.inverse_load.pad.table_build import PadResolution
@@ -75,7 +65,6 @@ __all__ = ["FULL_SCALE", "MODEL_ERROR", "STATUS", "Contact", "LoadEstimate", "Lo
 
 MODEL_ERROR = 2.5e-3
 """Error of the shell's change of readings, relative (`benchmarks/inverse_load.py`)."""
-FULL_SCALE = MAX_COUNT
 MOST_CONTACTS = 3
 MOST_ON_PADS = 4
 PAD_MODEL_ERROR = 1e-2
@@ -83,7 +72,6 @@ PAD_MODEL_ERROR = 1e-2
 DIAMETER = 6e-3
 """Of contacts on a pad where nothing else is said [m]: a fingertip's."""
 
-_FEWEST_TAXELS = 4
 _GATHERED_ON_PADS = 32  # frames of a stream between looks at the drift of hundreds of taxels
 _BLOCK = 2048  # frames whose explanations are sought together
 
@@ -163,12 +151,6 @@ class LoadEstimator:
             pad,
         )
         self._systematic = parts.systematic
-        self.discrepancy: ReadingDiscrepancy | None = None
-        record = None if pad else self.spec.calibration
-        self._place_variance = 0.0 if record is None else record.place_shift_error**2
-        if not pad:
-            places = np.asarray(self.skin.electrodes.taxels.angle)[:, 0]
-            self.discrepancy = ReadingDiscrepancy.of(self.spec, self.table, places)
         self._drift: DriftFollower | None = None
         if self.follow_drift and self.rest is not None:
             at_rest = np.nan_to_num(self.rest, nan=0.0)
@@ -191,6 +173,19 @@ class LoadEstimator:
             self.selection = Selection(*given)
         else:
             self.selection = BoundedSelection(*given, budget=self._budget)
+        discrepancy = None
+        if not pad:
+            places = np.asarray(self.skin.electrodes.taxels.angle)[:, 0]
+            discrepancy = ReadingDiscrepancy.of(self.spec, self.table, places)
+        self.frames = FrameEstimator(
+            parts,
+            self._weights,
+            self.selection,
+            self.false_alarm,
+            discrepancy,
+            self.spec.calibration,
+            lambda: self._field,
+        )
         memory = None if pad else LoadMemory.of(self.spec)
         self._memory: MemoryFollower | None = None
         if memory is not None:
@@ -239,7 +234,7 @@ class LoadEstimator:
     def _film_of(self, fading: float) -> FilmFollower:
         """Follows a film whose motion fades in a time [s]."""
         reading = self.reading_noise**2 + ROUNDING
-        own = self._parts.nodes, self.taxels, reading, self._alone
+        own = self._parts.nodes, self.taxels, reading, self.frames.alone
         taps = TapFinder(MotionWatch(fading), self.skin.electrodes, *own)
         return FilmFollower(FilmMotion(fading, reading), taps, self._weights)
 
@@ -413,7 +408,7 @@ class LoadEstimator:
             if self._budget is not None and begin:
                 self._budget.begin()
             measured = None if pressure is None else pressure[part]
-            found += self._batch(so[part], faulty[part], measured, *past.rows(part))
+            found += self.frames.batch(so[part], faulty[part], measured, *past.rows(part))
             done(len(found))
         return found
 
@@ -449,7 +444,7 @@ class LoadEstimator:
             # The dent of a load before is not a drift.
             drift = self._drifted(so[row] - shift, faulty[row], time[row])
             motion = None if moved is None else moved[row]
-            found += self._batch(so[row], faulty[row], None, drift, motion, memory, shift)
+            found += self.frames.batch(so[row], faulty[row], None, drift, motion, memory, shift)
             done(len(found))
         return found
 
@@ -466,18 +461,6 @@ class LoadEstimator:
         if self._drift is None:
             return None
         return self._drift.follow(time, self._weights.change_from_rest(so, faulty))
-
-    def _alone(self, y: Floats, weight: Floats) -> tuple[LoadEstimate, Floats]:
-        """A frame that no frame came before, and its parameters; no load where none is felt."""
-        errors = None if self._systematic is None else self._systematic.rest
-        test = self._parts.detector.test(y - self._parts.nodes.rest, weight, errors)
-        if test.p_value[0] >= self.false_alarm:
-            return LoadEstimate(False), np.zeros(0)
-        of_one = self.selection.of_one
-        of_one.forget()
-        frame = y, weight, np.zeros((1, self.taxels), bool), None
-        best, told = self._explained(of_one, self._systematic, *frame, False)
-        return told[0], best.parameters[0]
 
     def forget(self) -> None:
         """Live: start the next frame from the table instead of from the last frame."""
@@ -502,110 +485,3 @@ class LoadEstimator:
             self.forget()
         self._drift, self._budget = drift, budget
         self.forget()
-
-    def _batch(
-        self,
-        so: Floats,
-        faulty: Flags,
-        pressure: Floats | None,
-        drift: Drift | None,
-        moved: Floats | None = None,
-        memory: MemoryFollower | None = None,
-        shift: Floats | float = 0.0,
-    ) -> list[LoadEstimate]:
-        """Estimates of some frames; of one, with what its membrane remembers."""
-        begin, compiling = time.perf_counter(), COMPILED.seconds
-        selection = self.selection if memory is None else memory.selection
-        systematic = self._systematic if memory is None else memory.errors
-        y, weight = self.weigh(so, faulty, pressure, drift)
-        y = np.where(weight > 0, y - shift, 0.0)
-        taxels = slice(self.taxels)
-        measured = None
-        if not self._weights.beside:
-            measured = np.array(self._weights.of_pressure(pressure, len(so)))
-        change = np.where(weight > 0, y - self._parts.nodes.rest, 0.0)
-        count = (weight[:, taxels] > 0).sum(1)
-        enough = count >= max(_FEWEST_TAXELS, self._parts.fitter.per_contact + 1)
-        errors = None if systematic is None else systematic.rest
-        test = self._parts.detector.test(change, weight, errors)
-        touched = enough & (test.p_value < self.false_alarm)
-        results: list[LoadEstimate] = [LoadEstimate(None)] * len(so)
-        alone = np.zeros(len(so))
-        chi2_rest = chi2_at_rest(change, weight, errors)
-        at_rest = chdtrc(np.maximum(count, 1), chi2_rest) > POOR
-        for i in np.flatnonzero(~touched):
-            ratio = float(chi2_rest[i] / max(int(count[i]), 1))
-            used = weight[i, taxels] > 0
-            results[i] = untouched(so[i], used, bool(enough[i]), ratio)
-        full_scale = (so >= FULL_SCALE) & ~faulty
-        if not touched.any():
-            selection.untouched()
-        for index, pulled in (
-            (np.flatnonzero(touched), False),
-            (np.flatnonzero(enough & ~touched & ~at_rest), True),
-        ):
-            if index.size:
-                own_motion = None if moved is None else moved[index]
-                own_frames = y[index], weight[index], full_scale[index], own_motion
-                beside = None if measured is None else measured[:, index]
-                how = pulled, beside
-                best, found = self._explained(selection, systematic, *own_frames, *how)
-                for i, estimate in zip(index, found, strict=True):
-                    results[i] = estimate
-                if not pulled:
-                    alone[index] = selection.seconds
-                if memory is not None:
-                    memory.after(best.q[0] if results[0].contacts else None)
-        if memory is not None and results[0].contact is False:
-            memory.after(memory.unloaded)
-        if moved is not None:
-            results = told_moving(results, moved, change[:, taxels])
-        if drift is not None:
-            results = [drifting(e, *d) for e, d in zip(results, drift.sizes(), strict=True)]
-        spent = time.perf_counter() - begin - (COMPILED.seconds - compiling)
-        shared = max(spent - alone.sum(), 0.0) / len(so)
-        own = (shared + alone).tolist()
-        return [replace(result, latency=s) for result, s in zip(results, own, strict=True)]
-
-    def _explained(
-        self,
-        selection: Selection,
-        systematic: AbstractSystematicErrors | None,
-        y: Any,
-        weight: Any,
-        full_scale: Any,
-        moved: Floats | None,
-        pulled: bool,
-        # oil pressure [Pa] and its inverse variance [2, frame], where no channel has it
-        measured: Floats | None = None,
-    ) -> tuple[Explanations, list[LoadEstimate]]:
-        """Estimates of frames that are not at rest, whether pressed or pulled."""
-        discrepancy, left = None if pulled else self.discrepancy, None
-        if discrepancy is not None:
-            y, weight, left = discrepancy.taken_off(selection, y, weight)
-        if pulled:
-            best = selection.pulled(y, weight)
-            others: list[Alternative | None] = [None] * len(y)
-        else:
-            best, others = selection.explain(y, weight)
-            if selection.coarse:
-                return best, [self._parts.assessment.so_far(best)]
-        motion = None
-        per_contact = self._parts.fitter.per_contact
-        parts = []
-        if systematic is not None:
-            parts.append(systematic.covariance(best, y, per_contact))
-        if self._place_variance:
-            parts.append(of_shared_place(best, per_contact, self._place_variance))
-        if discrepancy is not None and left is not None:
-            parts.append(discrepancy.of_loads(best, left, per_contact))
-        covariance = sum(parts[1:], parts[0]) if parts else None
-        if moved is not None:
-            motion = covariance_by_motion(best, moved, per_contact)
-        assess = self._parts.assessment.estimates
-        told = assess(best, others, full_scale, covariance, motion)
-        if measured is not None:
-            y, weight = (np.column_stack(x) for x in zip((y, weight), measured, strict=True))
-        if self._field is not None and selection is self.selection:
-            told = self._field.told(told, best, y, weight)
-        return best, with_doubts(told, y, weight)

@@ -78,8 +78,8 @@ def frame_posterior(
     if not estimate.contacts or estimate.wall_contact:
         raise ValueError(f"there is no load to sample in this frame: {estimate.status}")
     y, weight = estimator.weigh(so[None], faulty, measured)
-    if estimator.discrepancy is not None:
-        y, weight, _ = estimator.discrepancy.taken_off(estimator.selection, y, weight)
+    if estimator.frames.discrepancy is not None:
+        y, weight, _ = estimator.frames.discrepancy.taken_off(estimator.selection, y, weight)
     weight[0, list(estimate.left_out)] = 0.0
     found, probability = likely_modes(estimator, y, weight)
     modes: list[LoadMode] = []

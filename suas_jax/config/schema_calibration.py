@@ -46,14 +46,13 @@ class DiscrepancySpec(Spec):
         apart: over which angle between taxel and press readings err alike [rad].
         along: over which angle of the press [rad].
         force: over which logarithm of its force.
-        scatter: deviation of a press's force, relative.
         angles: of the presses [rad].
         forces: of the presses [N].
         changes: of the model's readings from rest, in rows of one press [counts].
         left: readings less the model's, likewise; nan where one was left out [counts].
         noise: their standard deviations, likewise [counts].
         places: what one standard deviation of a place does to them, likewise [counts].
-        pushes: what the relative force does, likewise [counts].
+        pushes: what one standard deviation of its force does, likewise [counts].
     """
 
     common: float = file_key("0.01", ge=0, le=1)
@@ -61,7 +60,6 @@ class DiscrepancySpec(Spec):
     apart: float = file_key("0.35", gt=0)
     along: float = file_key("0.5", gt=0)
     force: float = file_key("1.0", gt=0)
-    scatter: float = file_key("0.004", ge=0, le=1)
     angles: Numbers = file_key("[-0.3, 0.4]", min_length=1, max_length=300)
     forces: Numbers = file_key("[5.0, 10.0]")
     changes: Rows = file_key("[[420.0, -35.0], [-60.0, 800.0]]")
@@ -92,8 +90,8 @@ class DiscrepancySpec(Spec):
 class CalibrationSpec(Spec):
     """The record of `suas fit sensor`. It changes no result of the model.
 
-    Estimates of loads read it: covariance, offsets, place_shift and discrepancy. Simulated
-    readings have its offsets.
+    Estimates of loads read it: covariance, offsets, place_shift, force_scatter and
+    discrepancy. Simulated readings have its offsets.
 
     Attributes:
         created: date and time, UTC.
@@ -113,6 +111,8 @@ class CalibrationSpec(Spec):
         place_shift: by how much further along the arc than they are contacts are felt, as
             presses show; it is taken off estimated places [rad].
         place_shift_error: its standard deviation [rad].
+        force_scatter: what forces scatter by from press to press, standard deviation,
+            relative.
         discrepancy: what presses showed beyond the model, where they did.
         skin: the file that was calibrated.
         logs: files of readings and known inputs.
@@ -133,6 +133,7 @@ class CalibrationSpec(Spec):
     masked: Names = file_key('["module 0, taxel 3: stuck"]', ())
     place_shift: float = file_key("-0.012", 0.0, ge=-1, le=1)
     place_shift_error: float = file_key("0.003", 0.0, ge=0, le=1)
+    force_scatter: float = file_key("0.008", 0.0, ge=0, le=1)
     discrepancy: DiscrepancySpec | None = file_key("{ common = 0.01 }", None)
     skin: LogRecord | None = file_key('{ path = "suas.toml", sha256 = "e3b0c442..." }', None)
     logs: Annotated[tuple[LogRecord, ...], AsList] = file_key(

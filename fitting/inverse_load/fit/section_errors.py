@@ -181,7 +181,7 @@ class SectionErrors(AbstractSectionErrors):
         by_angle = force[:, None] * np.gradient(counts.T, angle, axis=0)
         alike, left = self._changes(angle, force)
         moved = left + alike @ np.stack([by_angle, counts.T], 1)
-        softer = self.of_membrane * alike[:, :, 1].T  # change of force at each node
+        softer = (self.of_membrane * alike[:, :, 1]).T  # change of force at each node
         more = softer @ pressure[0] - softer.sum(1) / force.sum() * channels[-1]
         return np.column_stack([self.rest + moved.sum(0), more])
 

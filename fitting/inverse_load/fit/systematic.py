@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from fitting.arrays import Floats, Rows
 from fitting.inverse_load.fit.covariance import inverse
 from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.model.contact_parameters import ContactParameters
 
 _CHUNK = 128  # frames that are worked through together
 
@@ -138,6 +139,20 @@ def of_shared_place(best: Explanations, per_contact: int, variance: float) -> Fl
         frames, width = best.contacts == count, per_contact * int(count)
         total[frames, :width, :width] = 0.0
         total[frames, :count, :count] = variance
+    return total
+
+
+def of_scattered_forces(
+    best: Explanations, parameters: ContactParameters, variance: float
+) -> Floats:
+    """The same by errors of each force, relative, of one variance."""
+    total = np.full(best.information.shape, np.nan)
+    for count in np.unique(best.contacts):
+        frames = np.flatnonzero(best.contacts == count)
+        width = parameters.per_contact * int(count)
+        total[frames, :width, :width] = 0.0
+        own = np.arange(width)[parameters.rows("force", int(count))]
+        total[frames[:, None], own, own] = variance * best.parameters[frames[:, None], own] ** 2
     return total
 
 

@@ -55,8 +55,14 @@ class LoadTable:
 
     @property
     def signatures(self) -> Floats:
-        """Change of readings per newton of a light contact [angle, taxel]."""
-        return (self.so[:, 0] - self.rest) / self.forces[:, :1]
+        """Change of readings per newton of a light contact [angle, taxel].
+
+        Those of neighbours where no state was found, as on a skin that nearly buckles.
+        """
+        found = (self.so[:, 0] - self.rest) / self.forces[:, :1]
+        known = np.isfinite(found).all(1)
+        rows = [np.interp(self.angles, self.angles[known], own[known]) for own in found.T]
+        return np.stack(rows, 1)
 
     @property
     def steps(self) -> tuple[float, float]:

@@ -289,11 +289,15 @@ def _settled(
     for _ in range(_ROUNDS):
         at = np.asarray(problem.model.at)[moving]
         moved = bool((np.abs(found.constants[moving] - at) > same).any())
-        problem = problem.replace(priors=hierarchical(problem, found.constants))
-        needed = needed_priors(problem, found.constants, stated)
-        if not moved and not needed:
+        told = hierarchical(problem, found.constants)
+        needed = needed_priors(told, found.constants, stated)
+        known = all(
+            abs(prior.sd - problem.priors[name].sd) <= _SAME_AS_BUILT * prior.sd
+            for name, prior in told.priors.items()
+        )
+        if not moved and not needed and known:
             return problem, found, shapes, touching, True
-        problem = problem.replace(priors={**problem.priors, **needed})
+        problem = told.replace(priors={**told.priors, **needed})
         start = found.constants
         if moved:
             shapes = solver.at(start)

@@ -11,7 +11,6 @@ import numpy as np
 
 from fitting.arrays import Floats
 from fitting.sensor.fit.result import SensorFit
-from fitting.sensor.model.as_built import FORCE_ERROR
 from fitting.sensor.model.constants import PLACE, PUSH
 from fitting.sensor.model.counts import parts_of
 from fitting.statistics.discrepancy import Presses, learned
@@ -25,7 +24,7 @@ def with_discrepancy(fit: SensorFit) -> SensorFit:
     numbers = fit.problem.model.numbers(jnp.asarray(fit.constants))
     *_, electrodes = parts_of(fit.data.spec, numbers)
     taxels = np.asarray(electrodes.taxels.angle)[:, 0]
-    found = learned(presses_of(fit), taxels, FORCE_ERROR)
+    found = learned(presses_of(fit), taxels)
     return dataclasses.replace(fit, discrepancy=found)
 
 
@@ -49,8 +48,8 @@ def presses_of(fit: SensorFit) -> Presses:
         k, m = (names.index(f"{kind}.{number}") for kind in (PLACE, PUSH))
         place, push = by[:, i, k], by[:, i, m]
         told = left[:, i] + place * (fit.constants[k] - shift) + push * fit.constants[m]
-        size = fit.family.parts[k].size
-        rows.append((change[:, i], told, here.sigma[:, i], place * size, push))
+        size, scatter = fit.family.parts[k].size, fit.priors[names[m]].sd
+        rows.append((change[:, i], told, here.sigma[:, i], place * size, push * scatter))
     own = here.state[pressed]
     force = np.nan_to_num(fit.data.loads.force).sum(0)[own]
     return Presses(

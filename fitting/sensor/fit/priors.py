@@ -12,7 +12,7 @@ import numpy as np
 
 from fitting.sensor.fit.residuals import Prior, SensorProblem, bounds_of
 from fitting.sensor.logs.data import SensorData
-from fitting.sensor.model.as_built import as_built_deviations, is_gain, shared_deviation
+from fitting.sensor.model.as_built import Alike, as_built_deviations, is_gain
 from fitting.sensor.model.constants import (
     FILL,
     GAP,
@@ -53,6 +53,7 @@ _LEAST_KNOWN = (LAYERS, STRAY, SCALE)
 # Constants that are linked to one with a prior are no better known than it.
 _LINKED = 2.0
 _FIXED = 1e6
+_EXPECTATIONS = 30  # steps of expectation and maximisation, each at a fraction of a search
 _BARELY = 0.9  # of the deviation that the drawing allows
 
 
@@ -101,18 +102,31 @@ def _stated(drawing: SkinSpec, part: SensorConstant, value: float) -> float:
     return given if deviation_of(given) is not None else float(value)
 
 
-def hierarchical(problem: SensorProblem, constants: np.ndarray) -> dict[str, Prior]:
-    """The priors with the gains' common deviation as the gains tell it."""
-    names = problem.family.names
-    own = [i for i, name in enumerate(names) if is_gain(name)]
-    if not own:
-        return dict(problem.priors)
-    information = problem.information(constants) + problem.prior_information(constants)
+def hierarchical(problem: SensorProblem, constants: np.ndarray) -> SensorProblem:
+    """The problem with the deviations that constants share as these tell them themselves.
+
+    The constants are the most probable ones under the priors so far, P their information. Under
+    others, P', they move by (I + P')^-1 (P - P') (c - mean), readings being linear about them.
+    """
+    names, at = problem.family.names, constants
+    groups = Alike.of(names) if problem.correlation is not None else ()
+    if not groups:
+        return problem
+    means = np.array([problem.priors[name].mean for name in names])
     sizes = problem.relative_sizes(constants)
-    variance = np.diag(np.linalg.inv(information)) * sizes**2
-    sd = shared_deviation(constants[own], variance[own])
-    changed = {names[i]: dataclasses.replace(problem.priors[names[i]], sd=sd) for i in own}
-    return {**problem.priors, **changed}
+    told, before = problem.information(constants), problem.prior_information(constants)
+    for _ in range(_EXPECTATIONS):
+        now = problem.prior_information(constants)
+        covariance = np.linalg.inv(told + now)
+        at = constants + sizes * (covariance @ ((before - now) @ ((constants - means) / sizes)))
+        variance = np.diag(covariance) * sizes**2
+        priors = dict(problem.priors)
+        for own in groups:
+            sd = own.shared_deviation((at - means)[own.rows], variance[own.rows])
+            for i in own.rows:
+                priors[names[i]] = dataclasses.replace(priors[names[i]], sd=sd)
+        problem = problem.replace(priors=priors)
+    return problem
 
 
 def needed_priors(

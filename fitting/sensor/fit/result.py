@@ -24,10 +24,10 @@ from fitting.sensor.logs.data import SensorData
 from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.logs.log import Masked
 from fitting.sensor.model.as_built import shared_error
-from fitting.sensor.model.constants import GAP, PATHS, PERMITTIVITY, PLACE, SensorFamily
+from fitting.sensor.model.constants import GAP, PATHS, PERMITTIVITY, PLACE, PUSH, SensorFamily
 from fitting.sensor.shapes.shapes import Shapes
 from fitting.statistics.diagnostics import Misfit, misfit
-from fitting.statistics.discrepancy import Discrepancy, Evidence
+from fitting.statistics.discrepancy import Discrepancy
 from fitting.statistics.identifiability import Uncertainty, uncertainty
 
 
@@ -57,8 +57,7 @@ class SensorFit:
     findings: tuple[str, ...]  # what the data don't determine, in words
     contributions: tuple[dict[str, Any], ...]  # what each log, and each fluid, tells
     warnings: tuple[str, ...]  # what a person should know
-    # what presses show beyond the model, and its evidence; of sections as built
-    discrepancy: tuple[Discrepancy | None, Evidence] | None = None
+    discrepancy: Discrepancy | None = None  # from the model, as presses show; of sections
 
     @property
     def residuals(self) -> SensorResiduals:
@@ -96,6 +95,12 @@ class SensorFit:
             return None
         own = self.uncertainty.covariance[np.ix_(at, at)]
         return shared_error(self.constants[at], own, self.family.parts[at[0]].size)
+
+    @property
+    def force_scatter(self) -> float | None:
+        """Relative deviation of presses' forces as presses tell it; None of other fits."""
+        prior = self.priors.get(f"{PUSH}.0")
+        return None if prior is None else prior.sd
 
     @property
     def status(self) -> str:

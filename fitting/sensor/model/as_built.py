@@ -7,9 +7,10 @@ on pads also along the axis. Before any press they are, relative to the drawing,
 
 a common part and a smooth one, each with the standard deviation s that the skin file states,
 else 3 %, and l = 1 / 4 of the arc and of the length. Filling, mounting, permittivity and the
-membrane's stiffness have the file's deviations; channels have gains 1 + N(0, t^2), whose t is
-found from the gains themselves (`shared_deviation`). Every press is where, and as strong as, it
-was told to be up to errors of its own, which are constants like the others.
+membrane's stiffness have the file's deviations. Every press is where, and as strong as, it was
+told to be up to errors of its own, which are constants like the others. Channels have gains
+1 + N(0, t^2), presses relative errors of force N(0, t^2), each with a t of their own that the
+gains and the presses tell themselves (`shared_deviation`).
 
 On a section presses may all be off alike, by a ruler's zero, or a bar that stands askew or
 presses unevenly: a press's place is off by m + u_k, and m and each u_k have the standard
@@ -17,11 +18,11 @@ deviation s that is stated of places (`shared_error`).
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from fitting.arrays import Floats
+from fitting.arrays import Floats, Rows
 from fitting.sensor.model.constants import (
     AXIAL,
     FILL,
@@ -50,14 +51,16 @@ MODEL_ERROR = {2: 2.5e-3, 3: 1e-2}
 loads (`fitting.inverse_load.estimator`)."""
 PLACE_ERROR = 1e-3
 """Standard deviation of a known place where none is stated [m]."""
-FORCE_ERROR = 2e-3
-"""The same of a known force, relative: of a kitchen scale."""
+FORCE_ERROR = 0.01
+"""The same of a known force, relative, before the presses themselves tell it. Rubber gives way
+by some per cent a decade of time, so that presses held for 5 to 50 s differ by about as much; a
+kitchen scale errs by less."""
 GAIN_ERROR = 0.01
 """The same of a channel's gain, before the gains themselves tell it."""
 
 _TOLERANCE, _REACH = 0.03, 0.25
 _STIFFNESS, _PERMITTIVITY = 0.10, 0.022  # relative; the scale's is in the second
-_USUAL_GAINS = 8
+_USUAL_GAINS, _USUAL_PRESSES = 8, 4
 _EXACT = 1e-6
 _TABLES = ("thickness", "oil_gap")
 
@@ -206,13 +209,31 @@ def shift_of_loads(shared: float, deviation: float) -> tuple[float, float]:
     return shared / 2, float(np.sqrt(deviation**2 / 2 + shared**2 / 4))
 
 
-def shared_deviation(values: Floats, variances: Floats) -> float:
-    """The deviation t of numbers x ~ N(1, t^2) that are known to within variances.
+class Alike(NamedTuple):
+    """Constants whose errors have one deviation that they tell themselves."""
 
-    One step of expectation and maximisation,
-    t^2 = (sum((x - 1)^2 + variance) + m t_0^2) / (n + m)
-    for n numbers, the usual t_0 = 1 % counting as m = 8 further ones. Repeated with the
-    posteriors under N(1, t^2) it ends at the most probable t.
-    """
-    total = np.sum((values - 1) ** 2 + variances) + _USUAL_GAINS * GAIN_ERROR**2
-    return float(np.sqrt(total / (len(values) + _USUAL_GAINS)))
+    rows: Rows  # which of all constants
+    usual: float  # t_0, relative
+    weight: int  # m
+
+    @classmethod
+    def of(cls, names: Sequence[str]) -> "tuple[Alike, ...]":
+        """Gains of channels, and forces of presses, where there are any."""
+        gains = np.flatnonzero([is_gain(name) for name in names])
+        forces = np.flatnonzero([name.startswith(f"{PUSH}.") for name in names])
+        kinds = (
+            cls(gains, GAIN_ERROR, _USUAL_GAINS),
+            cls(forces, FORCE_ERROR, _USUAL_PRESSES),
+        )
+        return tuple(own for own in kinds if own.rows.size)
+
+    def shared_deviation(self, errors: Floats, variances: Floats) -> float:
+        """The deviation t of errors x ~ N(0, t^2) that are known to within variances.
+
+        One step of expectation and maximisation,
+        t^2 = (sum(x^2 + variance) + m t_0^2) / (n + m)
+        for n errors, the usual t_0 counting as m further ones. Repeated with the posteriors
+        under N(0, t^2) it ends at the most probable t.
+        """
+        total = np.sum(errors**2 + variances) + self.weight * self.usual**2
+        return float(np.sqrt(total / (len(errors) + self.weight)))

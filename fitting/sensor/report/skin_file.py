@@ -205,8 +205,10 @@ def _record(skin: Path, fit: SensorFit) -> Any:
         found, deviation = shift_of_loads(*fit.place_shift)
         table["place_shift"] = float(f"{found:.6g}")
         table["place_shift_error"] = float(f"{deviation:.6g}")
-    if fit.discrepancy is not None and fit.discrepancy[0] is not None:
-        table["discrepancy"] = _discrepancy(fit.discrepancy[0])
+    if fit.force_scatter is not None:
+        table["force_scatter"] = float(f"{fit.force_scatter:.6g}")
+    if fit.discrepancy is not None:
+        table["discrepancy"] = _discrepancy(fit.discrepancy)
     table["skin"] = _file(str(skin), hashlib.sha256(read_bytes(skin, MOST_BYTES)).hexdigest())
     logs = tomlkit.array()
     for file in fit.data.files:

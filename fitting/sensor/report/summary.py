@@ -89,12 +89,10 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
         size = float(plain_geometry(fit.data.spec.geometry).section.size[0])
         value, error = (size * x for x in fit.place_shift)
         report["place_shift"] = {"value": value, "standard_error": error, "unit": "m"}
+    if fit.force_scatter is not None:
+        report["force_scatter"] = fit.force_scatter
     if fit.discrepancy is not None:
-        lacking, evidence = fit.discrepancy
-        report["discrepancy"] = {
-            "log_evidence": evidence._asdict(),
-            "numbers": None if lacking is None else lacking.numbers._asdict(),
-        }
+        report["discrepancy"] = fit.discrepancy.numbers._asdict()
     if fit.ratio is not None:
         report["permittivity_per_gap"] = {
             "value": fit.ratio[0],
@@ -102,20 +100,6 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
             "unit": "1/m",
         }
     return report
-
-
-def _lacking(log_evidence: dict[str, float], numbers: dict[str, float] | None) -> str:
-    """What presses show beyond the model, in a sentence."""
-    if numbers is None:
-        return "beyond the model: nothing; the stated errors of presses explain the readings"
-    gain = max(log_evidence.values()) - log_evidence["none"]
-    found = f"presses scatter by {100 * numbers['scatter']:.2g} %"
-    if numbers["pattern"]:
-        found += (
-            f", readings err by {100 * numbers['common']:.2g} % together and "
-            f"{100 * numbers['pattern']:.2g} % one by one; suas invert takes that off"
-        )
-    return f"beyond the model: {found} (log evidence +{gain:.0f})"
 
 
 def _taxels(
@@ -186,8 +170,14 @@ def described(report: dict[str, Any], fit: SensorFit) -> Iterator[Part]:
             f"all presses were felt {value} +- {error} mm further along the arc than told; "
             "suas invert takes half of it off places, and counts half as their error"
         )
+    if scatter := report.get("force_scatter"):
+        yield Remark(f"forces scatter by {100 * scatter:.2g} % from press to press")
     if lacking := report.get("discrepancy"):
-        yield Remark(_lacking(**lacking))
+        together, alone = (f"{100 * lacking[key]:.2g} %" for key in ("common", "pattern"))
+        yield Remark(
+            f"beyond the model: readings err by {together} together and by {alone} one by one; "
+            "suas invert takes off what presses show of it"
+        )
     if posterior := report.get("posterior"):
         good = posterior["status"] == "converged"
         yield Headline(f"posterior {posterior['status']}", posterior["message"], good)

@@ -1,0 +1,173 @@
+"""Estimates of frames, each by itself: contact or none, loads, and how sure they are."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.special import chdtrc
+
+from fitting.arrays import Flags, Floats
+from fitting.inverse_load.discrepancy import ReadingDiscrepancy
+from fitting.inverse_load.drift import Drift, ReadingWeights
+from fitting.inverse_load.estimate.assessment import POOR
+from fitting.inverse_load.estimate.at_rest import chi2_at_rest, drifting, untouched
+from fitting.inverse_load.estimate.estimate import LoadEstimate
+from fitting.inverse_load.estimate.measured_pressure import with_doubts
+from fitting.inverse_load.estimate.parts import EstimationParts
+from fitting.inverse_load.field.fallback import FieldFallback
+from fitting.inverse_load.film_motion import covariance_by_motion, told_moving
+from fitting.inverse_load.fit.explanation import Alternative, Explanations
+from fitting.inverse_load.fit.selection import Selection
+from fitting.inverse_load.fit.systematic import (
+    AbstractSystematicErrors,
+    of_scattered_forces,
+    of_shared_place,
+)
+from fitting.inverse_load.memory.follower import MemoryFollower
+from suas_jax.acquisition.log.format import MAX_COUNT
+from suas_jax.config.schema_calibration import CalibrationSpec
+from suas_jax.runtime.compiled import COMPILED
+
+FULL_SCALE = MAX_COUNT
+_FEWEST_TAXELS = 4
+
+
+@dataclass
+class FrameEstimator:
+    """Estimates frames of one skin."""
+
+    parts: EstimationParts  # of the skin
+    weights: ReadingWeights  # readings as the model has them, weighed
+    selection: Selection  # finds what explains a frame
+    false_alarm: float  # rate at which noise alone may be called a contact
+    # what presses showed of the unit beyond the model; None where they showed nothing
+    discrepancy: ReadingDiscrepancy | None
+    record: CalibrationSpec | None  # of the unit; None where it was not calibrated
+    # told where contacts explain a frame poorly; made with the first such frame
+    load_field: Callable[[], FieldFallback | None]
+
+    def batch(
+        self,
+        so: Floats,
+        faulty: Flags,
+        pressure: Floats | None,
+        drift: Drift | None,
+        moved: Floats | None = None,
+        memory: MemoryFollower | None = None,
+        shift: Floats | float = 0.0,
+    ) -> list[LoadEstimate]:
+        """Estimates of some frames; of one, with what its membrane remembers."""
+        begin, compiling = time.perf_counter(), COMPILED.seconds
+        selection = self.selection if memory is None else memory.selection
+        systematic = self.parts.systematic if memory is None else memory.errors
+        y, weight = self.weights.weigh(so, faulty, pressure, drift)
+        y = np.where(weight > 0, y - shift, 0.0)
+        taxels = slice(len(self.parts.rest))
+        measured = None
+        if not self.weights.beside:
+            measured = np.array(self.weights.of_pressure(pressure, len(so)))
+        change = np.where(weight > 0, y - self.parts.nodes.rest, 0.0)
+        count = (weight[:, taxels] > 0).sum(1)
+        enough = count >= max(_FEWEST_TAXELS, self.parts.fitter.per_contact + 1)
+        errors = None if systematic is None else systematic.rest
+        test = self.parts.detector.test(change, weight, errors)
+        touched = enough & (test.p_value < self.false_alarm)
+        results: list[LoadEstimate] = [LoadEstimate(None)] * len(so)
+        alone = np.zeros(len(so))
+        chi2_rest = chi2_at_rest(change, weight, errors)
+        at_rest = chdtrc(np.maximum(count, 1), chi2_rest) > POOR
+        for i in np.flatnonzero(~touched):
+            ratio = float(chi2_rest[i] / max(int(count[i]), 1))
+            used = weight[i, taxels] > 0
+            results[i] = untouched(so[i], used, bool(enough[i]), ratio)
+        full_scale = (so >= FULL_SCALE) & ~faulty
+        if not touched.any():
+            selection.untouched()
+        for index, pulled in (
+            (np.flatnonzero(touched), False),
+            (np.flatnonzero(enough & ~touched & ~at_rest), True),
+        ):
+            if index.size:
+                own_motion = None if moved is None else moved[index]
+                own_frames = y[index], weight[index], full_scale[index], own_motion
+                beside = None if measured is None else measured[:, index]
+                how = pulled, beside
+                best, found = self._explained(selection, systematic, *own_frames, *how)
+                for i, estimate in zip(index, found, strict=True):
+                    results[i] = estimate
+                if not pulled:
+                    alone[index] = selection.seconds
+                if memory is not None:
+                    memory.after(best.q[0] if results[0].contacts else None)
+        if memory is not None and results[0].contact is False:
+            memory.after(memory.unloaded)
+        if moved is not None:
+            results = told_moving(results, moved, change[:, taxels])
+        if drift is not None:
+            results = [drifting(e, *d) for e, d in zip(results, drift.sizes(), strict=True)]
+        spent = time.perf_counter() - begin - (COMPILED.seconds - compiling)
+        shared = max(spent - alone.sum(), 0.0) / len(so)
+        own = (shared + alone).tolist()
+        return [replace(result, latency=s) for result, s in zip(results, own, strict=True)]
+
+    def _explained(
+        self,
+        selection: Selection,
+        systematic: AbstractSystematicErrors | None,
+        y: Any,
+        weight: Any,
+        full_scale: Any,
+        moved: Floats | None,
+        pulled: bool,
+        # oil pressure [Pa] and its inverse variance [2, frame], where no channel has it
+        measured: Floats | None = None,
+    ) -> tuple[Explanations, list[LoadEstimate]]:
+        """Estimates of frames that are not at rest, whether pressed or pulled."""
+        discrepancy, left = None if pulled else self.discrepancy, None
+        if discrepancy is not None:
+            y, weight, left = discrepancy.taken_off(selection, y, weight)
+        if pulled:
+            best = selection.pulled(y, weight)
+            others: list[Alternative | None] = [None] * len(y)
+        else:
+            best, others = selection.explain(y, weight)
+            if selection.coarse:
+                return best, [self.parts.assessment.so_far(best)]
+        motion = None
+        per_contact = self.parts.fitter.per_contact
+        parts = []
+        if systematic is not None:
+            parts.append(systematic.covariance(best, y, per_contact))
+        record = self.record
+        if record is not None and record.place_shift_error:
+            parts.append(of_shared_place(best, per_contact, record.place_shift_error**2))
+        if record is not None and record.force_scatter:
+            parameters = self.parts.fitter.parameters
+            parts.append(of_scattered_forces(best, parameters, record.force_scatter**2))
+        if discrepancy is not None and left is not None:
+            parts.append(discrepancy.of_loads(best, left, per_contact))
+        covariance = sum(parts[1:], parts[0]) if parts else None
+        if moved is not None:
+            motion = covariance_by_motion(best, moved, per_contact)
+        assess = self.parts.assessment.estimates
+        told = assess(best, others, full_scale, covariance, motion)
+        if measured is not None:
+            y, weight = (np.column_stack(x) for x in zip((y, weight), measured, strict=True))
+        field = self.load_field() if selection is self.selection else None
+        if field is not None:
+            told = field.told(told, best, y, weight)
+        return best, with_doubts(told, y, weight)
+
+    def alone(self, y: Floats, weight: Floats) -> tuple[LoadEstimate, Floats]:
+        """A frame that no frame came before, and its parameters; no load where none is felt."""
+        errors = None if self.parts.systematic is None else self.parts.systematic.rest
+        test = self.parts.detector.test(y - self.parts.nodes.rest, weight, errors)
+        if test.p_value[0] >= self.false_alarm:
+            return LoadEstimate(False), np.zeros(0)
+        of_one = self.selection.of_one
+        of_one.forget()
+        frame = y, weight, np.zeros((1, len(self.parts.rest)), bool), None
+        best, told = self._explained(of_one, self.parts.systematic, *frame, False)
+        return told[0], best.parameters[0]
