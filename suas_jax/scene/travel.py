@@ -1,7 +1,8 @@
 """Bodies that are pressed or pulled along by a force: the travel at which they carry it.
 
-Forces grow with travels close to a power law: Newton's method in the logarithms of both, with
-Broyden's derivatives; those across the approach, which friction carries, as shares of it.
+Forces grow with travels close to a power law: Newton's method in the logarithms of both (of
+travels their arcsinh, as other loads may bulge the skin towards a body), with Broyden's
+derivatives; those across the approach, which friction carries, as shares of it.
 """
 
 from collections.abc import Callable
@@ -20,7 +21,9 @@ _LOOSE = 1e-9  # where rounding leaves no more
 _MOST_RUNS = 60
 FIRST = 0.25  # travel to begin with, in thicknesses
 POWER = 1.5  # with which a force grows with the travel, at first sight
-_LEAST = 1e-3  # travel that means the skin came out to meet the body, in thicknesses
+# Travel below which a number stands for it, not for its logarithm, in thicknesses: where the
+# skin comes out to meet a body, its travel is negative.
+LEAST = 1e-3
 LONGEST = 1.5  # step of a logarithm
 _PROBE, _ACROSS = 1e-3, 0.3  # drag to learn from, and longest step of it, in thicknesses
 _LEVEL = 1e-3  # least share of the normal force that a thickness of drag is taken to add
@@ -95,7 +98,6 @@ class _Search(NamedTuple):
     driven: list[Driven]
     wanted: np.ndarray
     length: float
-    ahead: np.ndarray  # where travels begin, before first touch of the undeformed skin
 
     @classmethod
     def of(
@@ -104,10 +106,9 @@ class _Search(NamedTuple):
         """A search, and the numbers of the travels to begin with."""
         wanted = np.array([number(inputs[d.path(d.force)]) for d in driven])
         known = np.array([number(inputs.get(d.path(d.travel), 0.0)) / length for d in driven])
-        search = cls(driven, wanted, length, np.zeros(len(driven)))
-        ahead = np.where(search.across | (known >= 0), 0.0, FIRST - known)
-        first = np.where(known > 0, known, FIRST)
-        return search._replace(ahead=ahead), np.where(search.across, known, np.log(first))
+        search = cls(driven, wanted, length)
+        begin = np.arcsinh(np.where(known, known, FIRST) / LEAST)
+        return search, np.where(search.across, known, begin)
 
     @property
     def across(self) -> np.ndarray:
@@ -116,8 +117,7 @@ class _Search(NamedTuple):
 
     def gone(self, x: np.ndarray) -> np.ndarray:
         """Travels from the numbers, in lengths."""
-        along = np.exp(np.where(self.across, 0.0, x)) - self.ahead
-        return np.where(self.across, x, along)
+        return np.where(self.across, x, LEAST * np.sinh(np.where(self.across, 0.0, x)))
 
     def travels(self, x: np.ndarray) -> dict[str, np.ndarray]:
         """Inputs of the program from the numbers."""
@@ -125,12 +125,6 @@ class _Search(NamedTuple):
             d.path(d.travel): np.asarray(self.length * v)
             for d, v in zip(self.driven, self.gone(x), strict=True)
         }
-
-    def further_ahead(self, x: np.ndarray, met: np.ndarray) -> "tuple[_Search, np.ndarray]":
-        """Let the travels of some begin earlier; with the numbers of the same travels."""
-        ahead = np.where(met, np.maximum(2 * self.ahead, FIRST), self.ahead)
-        moved = np.log(np.where(met, ahead + self.gone(x), 1.0))
-        return self._replace(ahead=ahead), np.where(met, moved, x)
 
     def apart(self, report: dict[str, Any]) -> np.ndarray | None:
         """How far the forces are from those wanted; None where a body does not touch."""
@@ -177,11 +171,9 @@ def under_forces(
     across = search.across
     best: tuple[float, Solved, np.ndarray] | None = None
     before: tuple[np.ndarray, np.ndarray] | None = None
-    slope = steep = np.diag(np.where(across, 0.0, POWER))
-    idle = 0
+    slope, idle = np.diag(np.where(across, 0.0, POWER)), 0
     unknown = [k for k, d in enumerate(loaded) if d.across]
-    never = np.full(len(x), np.inf)
-    low, high = -never, never
+    low, high = np.full(len(x), -np.inf), np.full(len(x), np.inf)
     blocked = index_of("no_convergence")
     alone = len(every) == len(scene.bodies) == 1 and not across.any()
     for _ in range(_MOST_RUNS):
@@ -213,10 +205,6 @@ def under_forces(
             break
         if error < _TOLERANCE or idle > _PATIENCE:
             break
-        met = ~across & (y > 0) & (x < np.log(_LEAST))
-        if met.any():
-            search, x = search.further_ahead(x, met)
-            before, slope, low, high = None, steep, -never, never
         if before is not None:
             dx, dy = x - before[0], y - before[1]
             slope = slope + np.outer(dy - slope @ dx, dx) / (dx @ dx)
