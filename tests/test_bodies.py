@@ -309,6 +309,20 @@ def test_a_body_off_the_skin_leaves_it_at_rest() -> None:
     assert report["max_displacement_m"] < 1e-15
 
 
+@quick
+def _slope_of_shift(problem: Problem, q: Array) -> Array:
+    """Derivative of the sum of what a body's gap shifts by, by every unknown."""
+    mechanics = problem.mechanics
+    body = mechanics.bodies[0].placed(1.0)
+    return jax.grad(lambda q: jnp.sum(mechanics.gap_shift(q, body)))(q)
+
+
+def test_a_body_off_the_skin_leaves_the_derivatives_of_other_loads() -> None:
+    problem = problem_of(scene(line(20.0, 5.0), body(0, -1.0)), 8)
+    slope = _slope_of_shift(problem, find(problem).state.q)
+    assert bool(jnp.all(jnp.isfinite(slope)))
+
+
 def test_indentation_curves_go_there_and_back() -> None:
     spec = on_the_crown(4.0).scene
     depths = np.array([0.0, 1e-3, 3e-3, 1e-3, 0.0])
@@ -583,6 +597,30 @@ def test_travels_are_found_from_forces() -> None:
     found = [float(load["force_N"][0]) for load in report["loads"]]
     np.testing.assert_allclose(found, [3.0, 20.0], rtol=1e-10)
     assert len(runs) < 25
+
+
+@pytest.mark.parametrize("force", [0.3, 1e-4, 0.0])
+def test_a_body_that_the_skin_comes_out_to_meet_is_drawn_back(force: float) -> None:
+    """By a stand-in whose skin bulges, so that a force is met before first touch."""
+    inputs = {"load.0.force": np.asarray(force)}
+    bulge, runs = 1.1, []  # mm
+
+    def run(inputs: Any, start: Any) -> Any:
+        depth = 1e3 * float(inputs["load.0.depth"])
+        runs.append(depth)
+        load = {"force_N": 2 * max(depth + bulge, 0.0) ** 1.2, "depth_m": depth / 1e3}
+        loads = [{key: np.array([x]) for key, x in load.items()}]
+        return {"loads": loads}, start, start, start, {"result": np.zeros(1)}
+
+    zero = np.zeros(1)
+    start = State(zero, zero, zero)
+    spec = scene(_by_force(20, 2.0))
+    for _ in range(2):  # from first touch, and from the travel that was found
+        report, *_, outcome = under_forces(spec, inputs, start, run)
+        assert outcome["result"][0] == 0
+        assert report["loads"][0]["force_N"][0] == pytest.approx(force, rel=1e-9)
+        inputs["load.0.depth"] = np.asarray(report["loads"][0]["depth_m"][0])
+    assert len(runs) < 50, runs
 
 
 def test_a_force_that_no_travel_carries_is_given_up_soon() -> None:

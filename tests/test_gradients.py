@@ -16,6 +16,7 @@ from suas_jax.equilibrium.equilibrium import differentiable, equilibrium
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.numerics.bordered_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
 from suas_jax.scene.build import build_problem, plan_for
+from suas_jax.scene.gradient import _of_travels
 
 ELEMENTS = 6
 PUSH = {"kind": "pressure", "pressure": "700 Pa"}
@@ -280,3 +281,8 @@ def test_batches_equal_loops() -> None:
         for path in varied:
             scale = abs(float(reverse[path])) + 1 / abs(float(inputs[path]))
             assert abs(float(slopes[path][lane] - reverse[path])) <= 1e-11 * scale
+
+
+def test_a_body_under_no_force_leaves_the_derivatives_of_other_forces() -> None:
+    slopes = jnp.array([[6.0, 0.0], [3.0, 0.0], [0.0, 0.0]])  # the second body is off the skin
+    np.testing.assert_allclose(_of_travels(slopes), [2.0, 0.0])

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxtyping import Array
 from scipy.integrate import quad
 from test_cli import SCENES, suas
 
@@ -20,13 +21,16 @@ from suas_jax.config.schema_load import EnvironmentSpec
 from suas_jax.constitutive.relaxation import Past, PronySeries, Response
 from suas_jax.dynamics import history, steps
 from suas_jax.dynamics.course import Course
-from suas_jax.dynamics.driven import answering
+from suas_jax.dynamics.driven import Travels, _under_forces, answering
 from suas_jax.dynamics.film import Film
 from suas_jax.dynamics.history import history_sweep
 from suas_jax.dynamics.history_gradient import point_asked, require_derivatives
 from suas_jax.dynamics.history_table import history_of, read_history
+from suas_jax.equilibrium.balance import State
+from suas_jax.equilibrium.equilibrium import Equilibrium
 from suas_jax.scene.build import build_problem, plan_for
 from suas_jax.scene.sweep import SweepError
+from suas_jax.scene.travel import POWER
 
 STILL = Film(False, "")
 HOLD = SCENES / "hold.toml"
@@ -457,6 +461,28 @@ def test_the_force_of_a_held_body_relaxes() -> None:
 
 # The search for travels within a step; a static one has tests of its own.
 @pytest.mark.long
+@pytest.mark.parametrize("bulge", [0.0, 0.7e-3])
+def test_the_travel_at_which_a_force_is_carried_may_lie_before_first_touch(
+    bulge: float,
+) -> None:
+    """By a stand-in whose skin comes out to meet the body."""
+    wanted, one = jnp.array([0.3]), jnp.ones(1)
+
+    def found(_: State, travels: Travels) -> Equilibrium:
+        at = State(travels.length, one, one)
+        return Equilibrium(at, one, jnp.zeros(1, int), jnp.ones(1, int), one, one > 0)
+
+    def carried(travels: Travels, _: Equilibrium) -> Array:
+        return 2.0 * jnp.maximum(1e3 * (travels.length + bulge), 0.0) ** 1.5
+
+    expected = Travels(jnp.zeros(1), POWER * jnp.eye(1))
+    start = State(jnp.zeros(1), one, one)
+    best, travels = _under_forces(found, carried, start, wanted, (expected, expected), 1.5e-3)
+    assert best.result[0] == 0
+    depth = 1e-3 * (0.3 / 2.0) ** (1 / 1.5) - bulge
+    np.testing.assert_allclose(travels.length, depth, rtol=1e-8)
+
+
 def test_under_a_constant_force_a_body_goes_on() -> None:
     scene = under_a_cylinder(force="8 N")
     given = history_of([0.0, 0.0, 1e4, 1e4], force_N=[0.0, 8.0, 8.0, 0.0])

@@ -30,7 +30,7 @@ from fitting.inverse_load.pad.solved_patch import SolvedPatch, patch_points
 from fitting.inverse_load.pad.spline import SplineBasis, TensorSpline
 from fitting.inverse_load.pad.stiffening import Stiffening
 from fitting.inverse_load.pad.table import PadTable, reciprocal
-from fitting.inverse_load.pad.table_build import _between, edge_of, force_surplus
+from fitting.inverse_load.pad.table_build import _between, edge_of, force_surplus, pad_table_of
 from fitting.inverse_load.pad.uneven import (
     PROBES,
     _by_reach,
@@ -40,7 +40,7 @@ from fitting.inverse_load.pad.uneven import (
     contacts_alike,
     force_shares,
 )
-from suas_jax.config import InputErrors, SkinSpec, load_skin
+from suas_jax.config import InputErrors, SkinSpec, load_skin, scene_from_dict
 from suas_jax.config.geometry import SheetSpec
 from suas_jax.config.input_errors import scaled_input, value_of
 from suas_jax.equilibrium.equilibrium import State
@@ -132,6 +132,24 @@ def misfit(table: PadTable, places: np.ndarray, force: np.ndarray, found: Column
     good = np.isfinite(found.so) & found.found[..., None]
     left, change = (np.where(good, found.so - x, 0.0) for x in (so, table.rest))
     return float(np.sqrt(np.sum(left**2) / np.sum(change**2)))
+
+
+def test_a_lopsided_pad_has_no_table() -> None:
+    geometry = {
+        "section": "path",
+        "path": [{"line": "12 mm"}, {"radius": "30 mm", "angle": "80 deg"}, {"line": "9 mm"}],
+        "start": "70 deg",
+        "thickness": "1.5 mm",
+        "oil_gap": "5 mm",
+        "width": "100 mm",
+        "ends": "clamped",
+    }
+    oil = {"model": "incompressible", "relative_permittivity": 2.2}
+    electrodes = {"taxels": [{"arc": "0 mm"}]}
+    material = {"law": "neo-hookean", "mu": "1 MPa"}
+    tables = {"geometry": geometry, "material": material, "oil": oil, "electrodes": electrodes}
+    with pytest.raises(ValueError, match="its own mirror image"):
+        pad_table_of(scene_from_dict(tables).skin, 6e-3)
 
 
 def test_a_softer_unit_is_the_even_pad_under_more_force_with_taxels_of_its_own() -> None:

@@ -36,14 +36,14 @@ from suas_jax.scene.build import problem_of
 from suas_jax.scene.contact_zone import body_observables
 from suas_jax.scene.parts import SceneParts, scene_parts
 from suas_jax.scene.structure import Inputs, Structure
-from suas_jax.scene.travel import FIRST, LONGEST, POWER, driven_by_force
+from suas_jax.scene.travel import FIRST, LEAST, LONGEST, POWER, driven_by_force
 
 FACTOR = "factor"
 """Of the values that change: on all loads. The others are inputs by their paths."""
 Values = dict[str, Array]
 
 _TOLERANCE, _LOOSE = 1e-10, 1e-8  # of a force, and where rounding leaves no more
-_MOST_TRAVELS = 15
+_MOST_TRAVELS = 30
 
 
 class Travels(NamedTuple):
@@ -180,8 +180,8 @@ class DrivenSkin(AbstractDriven):
             return self.forces(parts, answering(problem, after), at.state)
 
         wanted = jnp.stack([step.values[f"load.{i}.force"] for i in self.pressed])
-        first = FIRST * self.scene.scene.geometry.mean_thickness
-        return _under_forces(found, forces, start, wanted, (travels, step.before), first)
+        thickness = self.scene.scene.geometry.mean_thickness
+        return _under_forces(found, forces, start, wanted, (travels, step.before), thickness)
 
     def forces(self, parts: SceneParts, problem: Problem, state: State) -> Array:
         """What bodies that are pressed by forces carry, as reports tell it [N]."""
@@ -265,17 +265,21 @@ def _under_forces(
     wanted: Array,  # forces [N]
     # travels to begin with, and those of an equilibrium nearby
     expected: tuple[Travels, Travels],
-    first: float,  # travel of a body that has not touched yet [m]
+    thickness: float,  # of the membrane [m]
 ) -> tuple[Equilibrium, Travels]:
     """Travels at which bodies carry given forces; those without a force are at first touch."""
     travels, before = expected
-    known = jnp.all((before.length > 0) | (wanted <= 0))
+    known = jnp.all((before.length != 0) | (wanted <= 0))
     loaded = wanted > 0
     target = jnp.log(jnp.where(loaded, wanted, 1.0))
     never = jnp.asarray(np.inf)
 
     def lengths(x: Array) -> Travels:
-        return Travels(jnp.where(loaded, jnp.exp(x), 0.0), travels.slope)
+        return Travels(jnp.where(loaded, LEAST * thickness * jnp.sinh(x), 0.0), travels.slope)
+
+    def numbers(lengths: Array) -> Array:
+        begin = jnp.where(lengths != 0, lengths / thickness, FIRST)
+        return jnp.arcsinh(begin / LEAST)
 
     def attempt(at: _Search) -> _Search:
         own = lengths(at.x)
@@ -311,7 +315,7 @@ def _under_forces(
             (error < _TOLERANCE) | stands | ~jnp.any(loaded),
         )
 
-    x, near = (jnp.log(jnp.where(moved.length > 0, moved.length, first)) for moved in expected)
+    x, near = (numbers(moved.length) for moved in expected)
     none = jax.tree.map(jnp.zeros_like, jax.eval_shape(found, start, lengths(x)))
     count, false = jnp.zeros((), jnp.int32), jnp.zeros((), bool)
     search = _Search(

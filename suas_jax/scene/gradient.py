@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from suas_jax.config import continuous_inputs
@@ -96,10 +96,21 @@ def _program(
     rows = jax.jacrev(with_forces)(inputs)
     travels = jnp.stack([rows.pop(d.path(d.travel)) for d in driven], -1)
     # The travels change until the forces are the given ones: dF = 0, or that of the input.
-    shares = jnp.linalg.solve(travels[1:].T, travels[0])
+    shares = _of_travels(travels)
     for k, d in enumerate(driven):
         rows[d.path(d.force)] = jnp.zeros(1 + len(driven)).at[1 + k].set(-1.0)
     return {path: row[0] - shares @ row[1:] for path, row in rows.items()}
+
+
+def _of_travels(slopes: Float[Array, "row travel"]) -> Float[Array, " travel"]:
+    """How far a quantity follows each force when travels keep the other forces.
+
+    `slopes`: of the quantity, then of the forces, by the travels; a body that touches nothing
+    has none.
+    """
+    quantity, forces = slopes[0], slopes[1:]
+    off = ~jnp.any(forces, 1)
+    return jnp.linalg.solve((forces + jnp.diag(off)).T, quantity)
 
 
 def require_known(path: str, allowed: list[str]) -> None:

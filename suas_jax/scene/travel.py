@@ -1,7 +1,8 @@
 """Bodies that are pressed or pulled along by a force: the travel at which they carry it.
 
-Forces grow with travels close to a power law: Newton's method in the logarithms of both, with
-Broyden's derivatives; those across the approach, which friction carries, as shares of it.
+Forces grow with travels close to a power law: Newton's method in the logarithms of both (of
+travels their arcsinh, as other loads may bulge the skin towards a body), with Broyden's
+derivatives; those across the approach, which friction carries, as shares of it.
 """
 
 from collections.abc import Callable
@@ -20,6 +21,9 @@ _LOOSE = 1e-9  # where rounding leaves no more
 _MOST_RUNS = 60
 FIRST = 0.25  # travel to begin with, in thicknesses
 POWER = 1.5  # with which a force grows with the travel, at first sight
+# Travel below which a number stands for it, not for its logarithm, in thicknesses: where the
+# skin comes out to meet a body, its travel is negative.
+LEAST = 1e-3
 LONGEST = 1.5  # step of a logarithm
 _PROBE, _ACROSS = 1e-3, 0.3  # drag to learn from, and longest step of it, in thicknesses
 _LEVEL = 1e-3  # least share of the normal force that a thickness of drag is taken to add
@@ -95,11 +99,31 @@ class _Search(NamedTuple):
     wanted: np.ndarray
     length: float
 
+    @classmethod
+    def of(
+        cls, driven: list[Driven], inputs: Inputs, length: float
+    ) -> "tuple[_Search, np.ndarray]":
+        """A search, and the numbers of the travels to begin with."""
+        wanted = np.array([number(inputs[d.path(d.force)]) for d in driven])
+        known = np.array([number(inputs.get(d.path(d.travel), 0.0)) / length for d in driven])
+        search = cls(driven, wanted, length)
+        begin = np.arcsinh(np.where(known, known, FIRST) / LEAST)
+        return search, np.where(search.across, known, begin)
+
+    @property
+    def across(self) -> np.ndarray:
+        """Which are across the approach."""
+        return np.array([d.across for d in self.driven], bool)
+
+    def gone(self, x: np.ndarray) -> np.ndarray:
+        """Travels from the numbers, in lengths."""
+        return np.where(self.across, x, LEAST * np.sinh(np.where(self.across, 0.0, x)))
+
     def travels(self, x: np.ndarray) -> dict[str, np.ndarray]:
         """Inputs of the program from the numbers."""
         return {
-            d.path(d.travel): np.asarray(self.length * (v if d.across else np.exp(v)))
-            for d, v in zip(self.driven, x, strict=True)
+            d.path(d.travel): np.asarray(self.length * v)
+            for d, v in zip(self.driven, self.gone(x), strict=True)
         }
 
     def apart(self, report: dict[str, Any]) -> np.ndarray | None:
@@ -142,29 +166,25 @@ def under_forces(
     every = driven_by_force(scene)
     none = {d.path(d.travel): np.zeros(()) for d in every}
     loaded = [d for d in every if d.across or number(inputs[d.path(d.force)]) > 0]
-    wanted = np.array([number(inputs[d.path(d.force)]) for d in loaded])
-    length = scene.geometry.mean_thickness
-    search = _Search(loaded, wanted, length)
-    known = [number(inputs.get(d.path(d.travel), 0.0)) / length for d in loaded]
-    x = np.array(
-        [
-            v if d.across else np.log(v if v > 0 else FIRST)
-            for d, v in zip(loaded, known, strict=True)
-        ]
-    )
+    idlers = [d for d in every if d not in loaded]
+    search, x = _Search.of(loaded, inputs, scene.geometry.mean_thickness)
+    across = search.across
     best: tuple[float, Solved, np.ndarray] | None = None
     before: tuple[np.ndarray, np.ndarray] | None = None
-    slope, idle = np.diag([0.0 if d.across else POWER for d in loaded]), 0
+    slope, idle = np.diag(np.where(across, 0.0, POWER)), 0
     unknown = [k for k, d in enumerate(loaded) if d.across]
-    across = np.array([d.across for d in loaded], bool)
     low, high = np.full(len(x), -np.inf), np.full(len(x), np.inf)
     blocked = index_of("no_convergence")
     alone = len(every) == len(scene.bodies) == 1 and not across.any()
     for _ in range(_MOST_RUNS):
         near = start
         if before is not None and alone:
-            near = on_the_way(scene, start, float(np.exp(before[0] - x)[0]))
+            near = on_the_way(scene, start, float((search.gone(before[0]) / search.gone(x))[0]))
         found = run({**inputs, **none, **search.travels(x)}, near)
+        pushed = [d for d in idlers if d.of(found[0], d.force) > 0]
+        if pushed:  # by a skin that comes out to meet them: they are taken away
+            none |= {d.path(d.travel): np.asarray(-scene.geometry.width) for d in pushed}
+            continue
         y = search.apart(found[0])
         failure = int(number(found[-1]["result"]))
         if failure != 0 or y is None:
@@ -173,7 +193,7 @@ def under_forces(
             if idle > _PATIENCE:
                 break
             # Not touched yet, or too far at once.
-            away = np.array([0.0 if d.across else 1.0 for d in loaded])
+            away = np.where(across, 0.0, 1.0)
             x = x + (-away if failure else away) if before is None else (x + before[0]) / 2
             continue
         start, error = found[3], float(np.max(np.abs(y), initial=0.0))

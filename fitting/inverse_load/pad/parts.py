@@ -20,7 +20,6 @@ from fitting.inverse_load.pad.interpolant import PLAIN, PadInterpolant
 from fitting.inverse_load.pad.marginal import Told
 from fitting.inverse_load.pad.table import PadTable
 from fitting.inverse_load.pad.table_build import FINE, PadResolution, pad_table_of
-from fitting.inverse_load.pad.uneven import even_spec
 from fitting.inverse_load.search.base import AbstractNodeSearch, PairSearch
 from fitting.statistics.log_probability import NumpyBatch
 from suas_jax.config import InputErrors, SkinSpec
@@ -152,11 +151,6 @@ def pad_parts(
     [m]; None tells the diameter, too.
     """
     skin = skin_of(spec, elements=resolution.elements, contact=False)
-    if not skin_of(even_spec(spec), contact=False).geometry.symmetric:
-        raise ValueError(
-            "loads on a pad are estimated from a table of a quarter of it, which takes a "
-            "section that is its own mirror image"
-        )
     middle = _table(spec, diameter or _DIAMETER, progress, workers, resolution)
     radius = float(skin.geometry.outer_size[0])
     interpolant = PadInterpolant(middle, radius)

@@ -58,7 +58,8 @@ def pad_table_of(
     """The table of a pad, from the cache where it is there.
 
     That of a pad whose thickness or gap differ from side to side is made from an even pad's,
-    see `fitting.inverse_load.pad.uneven`.
+    see `fitting.inverse_load.pad.uneven`. Raises ValueError: its section is not its own mirror
+    image.
 
     `progress` is called with the number of columns solved and their total. Workers solve the
     table (`fitting.workers`); without them (None) this process does, on all cores.
@@ -80,6 +81,11 @@ def pad_table_of(
         if spec.geometry.mirrored_along_axis and skin.geometry.symmetric:
             return build_pad_table(skin, *how)
         even = even_spec(spec)
+        if not skin_of(even, contact=False).geometry.symmetric:
+            raise ValueError(
+                "geometry.section: loads on a pad are told from a table of a quarter of it, "
+                "which takes a section that is its own mirror image"
+            )
         table = pad_table_of(even, diameter, resolution, progress=progress, workers=workers)
         return uneven_table(table, (even, spec), skin, same_places(even, spec), progress)
 

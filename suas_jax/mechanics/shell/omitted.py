@@ -49,7 +49,7 @@ CLAMP_MOMENT_SHEAR, CLAMP_NORMAL_SHEAR = 0.103, 0.0077
 _FLAT, _NARROWEST = 1e-4, 1e-4
 _SPREAD = 1.1  # of the line forces at the ends of a zone that lies flat, in thicknesses
 _STEPS = 12
-_TINY = 1e-300
+_TINY = 1e-100
 
 
 class Resultants(NamedTuple):
