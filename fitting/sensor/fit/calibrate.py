@@ -59,7 +59,7 @@ from suas_jax.acquisition.baseline import Baseline
 from suas_jax.runtime.compiled import require_float64
 from suas_jax.skin.plain import angles_at, plain_geometry
 
-_ROUNDS = 8
+_ROUNDS, _HALVINGS = 8, 3
 _SAME, _SAME_AS_BUILT = 1e-7, 0.02  # of a constant's size, or of its prior's deviation
 # LoggedCounts are left out where the membrane would touch the wall in a gap smaller by this.
 _NEAR_CONTACT = 0.85
@@ -300,7 +300,7 @@ def _settled(
         problem = told.replace(priors={**told.priors, **needed})
         start = found.constants
         if moved:
-            shapes = solver.at(start)
+            shapes = _solved_towards(solver, np.asarray(problem.model.at), start)
             field = problem.model.factor
             problem = problem.replace(model=dataclasses.replace(shapes.model, factor=field))
             progress("fitting")
@@ -309,6 +309,19 @@ def _settled(
         else:
             found = search(problem, start)
     return problem, found, shapes, touching, False
+
+
+def _solved_towards(solver: ShapeSolver, last: np.ndarray, wanted: np.ndarray) -> Shapes:
+    """Shapes at the wanted constants, or on the way there where a step ends in buckling.
+
+    `last` are the constants of the shapes before.
+    """
+    for _ in range(_HALVINGS):
+        try:
+            return solver.at(wanted)
+        except NoCalibration:
+            wanted = (last + wanted) / 2
+    return solver.at(wanted)
 
 
 def _with_measured_noise(
