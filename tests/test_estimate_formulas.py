@@ -28,6 +28,7 @@ from fitting.inverse_load.check.verdict import (
 )
 from fitting.inverse_load.drift import Drift, DriftDensities, ReadingWeights, zero_of_readings
 from fitting.inverse_load.estimate.assessment import LoadAssessment
+from fitting.inverse_load.estimate.at_rest import untouched
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate, load_array
 from fitting.inverse_load.estimate.measured_pressure import contradicted, with_doubts
 from fitting.inverse_load.estimate.place import ContactPlaces
@@ -938,3 +939,10 @@ def test_the_range_of_a_pad_is_known_to_first_contact_and_to_its_table(
     )
     row = found.report()["places"][0]
     assert [p["force_N"] for p in row["points"]] == sorted([*ladder[0], 3.0])
+
+
+def test_a_frame_that_nothing_touches_has_the_oil_pressure_of_rest() -> None:
+    """A skin that lacks oil has suction at rest; too few readings tell none."""
+    so, used = np.full(5, 100.0), np.ones(5, bool)
+    assert untouched(so, used, True, 1.0, -545.0).oil_pressure == -545.0
+    assert np.isnan(untouched(so, used, False, 1.0, -545.0).oil_pressure)

@@ -379,8 +379,11 @@ def test_a_pad_that_lacks_oil_is_tabulated_to_its_wall(spec: SkinSpec) -> None:
     oil = spec.oil.model_copy(update={"fill": 0.999})
     skin = skin_of(spec.model_copy(update={"oil": oil}), elements=ELEMENTS, contact=False)
     columns = Columns(skin, DIAMETER, lambda *_: None, MANY)
-    rest = np.asarray(forward(skin, Loads.patch(0.0, 0.0, 0.0, DIAMETER)).so)[:, 0]
-    np.testing.assert_allclose(columns.rest(), rest, rtol=1e-9)
+    unloaded = forward(skin, Loads.patch(0.0, 0.0, 0.0, DIAMETER))
+    rest, pressure = columns.rest()
+    np.testing.assert_allclose(rest, np.asarray(unloaded.so)[:, 0], rtol=1e-9)
+    assert pressure < -1.0
+    assert pressure == pytest.approx(float(unloaded.oil_pressure[0]), rel=1e-9)
     middle = np.zeros(1)
     cap, _ = largest_forces(columns, (middle, middle))
     levels = LEVELS[LEVELS != 0]

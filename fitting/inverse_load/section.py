@@ -49,6 +49,7 @@ def section_parts(
         skin,
         table,
         table.rest,
+        float(table.rest_pressure),
         ArcDetector(table.signatures),
         nodes,
         fitter,

@@ -29,10 +29,11 @@ def drifting(estimate: LoadEstimate, mean: float, largest: float) -> LoadEstimat
     return replace(estimate, status=status, drift=(mean, largest))
 
 
-def untouched(so: Any, used: Any, enough: bool, ratio: float) -> LoadEstimate:
+def untouched(so: Any, used: Any, enough: bool, ratio: float, pressure: float) -> LoadEstimate:
     """The estimate of a frame that shows no contact, or has too few readings to show one.
 
-    Readings are [taxel] [counts]; the ratio is chi2 per degree of freedom.
+    Readings are [taxel] [counts]; the ratio is chi2 per degree of freedom, the
+    pressure that of the oil at rest [Pa].
     """
     missing = tuple(np.flatnonzero(~used).tolist())
     if not enough:
@@ -40,4 +41,4 @@ def untouched(so: Any, used: Any, enough: bool, ratio: float) -> LoadEstimate:
         at_limits = present.size and saturated(present).all()
         status = "saturated" if at_limits else "too_few_taxels"
         return LoadEstimate(None, status=status, left_out=missing)
-    return LoadEstimate(False, (), 0.0, False, ratio, "no_contact", missing)
+    return LoadEstimate(False, (), pressure, False, ratio, "no_contact", missing)

@@ -20,6 +20,7 @@ class EstimationParts:
     skin: Skin  # its model
     table: Any  # of its solved states
     rest: Floats  # the model's readings at rest [taxel] [counts]
+    rest_pressure: float  # of the oil [Pa]
     detector: AbstractDetector  # tells contact from noise
     nodes: AbstractNodeSearch  # where fits begin
     fitter: AbstractLoadFitter  # fits loads to readings

@@ -99,20 +99,22 @@ class Columns:
             rows += pool.map(solved, others)
         return _joined([column for row in rows for column in row])
 
-    def rest(self) -> Floats:
-        """Readings of the pad without contacts [taxel], by the program that solves columns.
+    def rest(self) -> tuple[Floats, float]:
+        """Readings of the pad without contacts [taxel], and the oil's pressure [Pa].
+
+        By the program that solves columns.
 
         Raises NoRestError: there is no state without contacts.
         """
         if not self.skin.prestressed:
-            return film_readings(self.skin)
+            return film_readings(self.skin), 0.0
         nothing = np.array([0.0, 0.0, 0.0, self._diameter, 0.0])
         once = self._total < _FEW
         levels = LEVELS[None, LEVELS != 0]
         found = solve_line(self.skin, nothing[None], levels, once)[0]
         if not found.found[0]:
             raise NoRestError
-        return np.asarray(found.so[0])
+        return np.asarray(found.so[0]), float(found.pressure[0])
 
     def _on_workers(
         self,

@@ -168,6 +168,7 @@ def pad_parts(
         skin,
         middle,
         middle.rest,
+        middle.rest_pressure,
         detector,
         nodes,
         fitter,

@@ -58,6 +58,11 @@ class PadTable:
     # the same of readings' changes from rest, relative, all over the pad []
     reading_error: Floats | float = 0.0
 
+    @property
+    def rest_pressure(self) -> float:
+        """Of the oil, without contacts [Pa]."""
+        return float(self.pressure[0, 0, LEVELS == 0][0])
+
     @functools.cached_property
     def spline(self) -> TensorSpline:
         """Of the changes of u from rest and, as the last channel, the oil's pressure."""

@@ -127,7 +127,7 @@ def build_pad_table(
     across = across.reshape(-1)
     found = columns.solve(places, force, shares, across=across, line=counts[1])
     stray = stray_counts(skin)
-    rest = columns.rest()
+    rest, pressure = columns.rest()
     return _unfolded(
         found,
         where,
@@ -135,7 +135,7 @@ def build_pad_table(
         force,
         reciprocal(_between(probes, reciprocal(touch), places)),
         surplus,
-        (rest, stray_counts(images)),
+        (rest, stray_counts(images), pressure),
         (rest[where[0]], stray),
         (along, axially),
         diameter,
@@ -179,20 +179,20 @@ def _unfolded(
     force: Floats,
     touch: Floats,
     surplus: Floats,
-    of_images: tuple[Floats, Floats],
+    of_images: tuple[Floats, Floats, float],  # at rest; stray; the oil's pressure at rest
     of_taxels: tuple[Floats, Floats],
     some: tuple[Rows, Rows],
     diameter: float,
 ) -> PadTable:
     """The whole pad's table from the quarter's states of all images."""
     angle, axial = axes
-    rest, stray = of_images
+    rest, stray, at_rest = of_images
     u = 1 / (found.so - stray)
     # Where the membrane touches nothing parts it from the electrode.
     u = np.where(np.isfinite(u) & (u > 0), u, 0.0)
     level = int(np.flatnonzero(LEVELS == 0)[0])
     u = np.insert(u, level, 1 / (rest - stray), axis=1)
-    pressure = np.insert(found.pressure, level, 0.0, axis=1)
+    pressure = np.insert(found.pressure, level, at_rest, axis=1)
     across = _across(found, u)
     u, pressure = _mended(u, found.found, level), _mended(pressure, found.found, level)
     shape = (len(angle), len(axial))

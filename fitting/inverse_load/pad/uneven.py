@@ -199,7 +199,7 @@ def uneven_table(
     of_even, of_unit = (
         line._replace(at=1 / (rest - line.stray))
         for line, rest in zip(
-            (gap_line(spec, {}) for spec in specs), (even.rest, columns.rest()), strict=True
+            (gap_line(spec, {}) for spec in specs), (even.rest, columns.rest()[0]), strict=True
         )
     )
     radius = float(skin.geometry.outer_size[0])

@@ -7,7 +7,7 @@ user's cache folder under a hash of everything it depends on.
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import jax
 import jax.numpy as jnp
@@ -47,6 +47,7 @@ class LoadTable:
     pressure: Floats  # of the oil [angle, force] [Pa]
     # force at which the membrane reaches the wall [angle] [N]; infinite where none does
     first_contact: Floats
+    rest_pressure: Floats = field(default_factory=lambda: np.zeros(()))  # of the oil [Pa]
 
     @property
     def nodes(self) -> Floats:
@@ -155,7 +156,8 @@ def build_table(skin: Skin) -> LoadTable:
         columns.append((readings, q, np.asarray(state.pressure)))
     so, q, pressure = (np.stack([c[i] for c in columns], 1) for i in range(3))
     touch = first_contacts(skin, angles, forces[:, -1])
-    return LoadTable(angles, forces, so, rest[:, 0], q, pressure, touch)
+    at_rest = np.asarray(unloaded.pressure)[0]
+    return LoadTable(angles, forces, so, rest[:, 0], q, pressure, touch, at_rest)
 
 
 def first_contacts(skin: Skin, angles: np.ndarray, below: np.ndarray) -> np.ndarray:
