@@ -474,7 +474,7 @@ class LoadEstimator:
         shift = 0.0 if self.rest is None else np.nan_to_num(self.rest - self.model_rest)
         time = None if self._memory is None else np.zeros(1)
         if self._field is not None:
-            self._field.warm_up(self.model_rest)
+            self._field.warm_up(self._parts.trials[0])
         drift, self._drift = self._drift, None  # trials say nothing of it
         budget, self._budget = self._budget, None
         if budget is not None:

@@ -78,6 +78,8 @@ class FieldFitter:
             force, here = force + share * move, there
             if share * np.abs(move).sum() < _MOVED * force.sum():
                 break
+        if not force.any():
+            return None
         linear = _linear(y, weight, force, here)
         scales = self._posterior.scales(linear)
         return FieldFit(force, here, linear, scales, _chi2(y, weight, here))
