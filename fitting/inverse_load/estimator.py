@@ -11,7 +11,8 @@
              -> covariances, statuses                       `systematic`, `assessment`
              -> what may be motion of the film              `film_motion`, `taps`
 
-Readings are compared with the skin's own model in counts, weighed by their variances
+`frames` goes this way for frames by themselves; what frames before say of them is followed
+here. Readings are compared with the skin's own model in counts, weighed by their variances
 (`ReadingWeights`): the corrected shell is within MODEL_ERROR of the continuum, in terms of the
 change from rest. What the skin file's own numbers leave open (`suas_jax.config.input_errors`)
 is the same in all frames.
@@ -39,11 +40,7 @@ from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
 from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.field.fallback import FieldFallback
-from fitting.inverse_load.film_motion import (
-    FilmFollower,
-    FilmMotion,
-    fading_time,
-)
+from fitting.inverse_load.film_motion import FilmFollower, FilmMotion, fading_time
 from fitting.inverse_load.fit.bounded_selection import BoundedSelection
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.other_stiffness import AbstractSectionErrors
