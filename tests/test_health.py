@@ -164,11 +164,11 @@ def test_the_command_listens_to_a_port(rest: np.ndarray, tmp_path: Path) -> None
 
         def play() -> None:
             device.wait_for_host()
-            device.play(log_readings(log_of(rest)), duration=1.5)
+            device.play(log_readings(log_of(rest)), duration=3.5)
 
         player = threading.Thread(target=play)
         player.start()
-        arguments = ["health", device.port, "--format", "cobs", "--duration", "1", "--json"]
+        arguments = ["health", device.port, "--format", "cobs", "--duration", "3", "--json"]
         done = CliRunner().invoke(app, arguments)
         player.join()
     assert done.exit_code == 0, done.output
