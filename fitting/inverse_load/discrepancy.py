@@ -13,6 +13,7 @@ from fitting.inverse_load.fit.covariance import inverse
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT
 from fitting.inverse_load.fit.selection import Selection
+from fitting.inverse_load.fit.systematic import no_covariance
 from fitting.inverse_load.search.table import LoadTable
 from fitting.statistics.discrepancy import Discrepancy, Numbers, Presses
 from suas_jax.config import SkinSpec
@@ -122,10 +123,7 @@ class ReadingDiscrepancy:
         The weights of the explanations have the variances of what is left; with its covariance
         C [frame, taxel, taxel] and G = (J^T W J)^-1 J^T W it is G (C - diag C) G^T.
         """
-        total = np.full(best.information.shape, np.nan)
-        for count in np.unique(best.contacts):
-            width = per_contact * int(count)
-            total[best.contacts == count, :width, :width] = 0.0
+        total = no_covariance(best, per_contact)
         own = slice(0, per_contact)
         for i in np.flatnonzero(best.contacts == 1):
             jacobian = np.nan_to_num(best.jacobian[i, own]) * best.weight[i]

@@ -5,8 +5,8 @@ there are nine components and no stretch at hand. Invariants follow from the dev
 power sums from trace functions of it, so that small strains keep their digits and stretches
 may coincide.
 
-Entries of a matrix are arrays of their own: one that is read of an array is an operation more,
-and one for each derivative.
+Entries of matrices are separate arrays: to index a stacked one is an operation of the compiled
+program, and each derivative adds further ones.
 """
 
 from collections.abc import Sequence

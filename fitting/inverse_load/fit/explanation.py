@@ -153,6 +153,15 @@ class Alternative(NamedTuple):
             int(explanations.contacts[frame]),
         )
 
+    @classmethod
+    def cheaper(
+        cls, known: "Alternative | None", explanations: Explanations, frame: int
+    ) -> "Alternative":
+        """That of a frame, unless the known one leaves no more."""
+        if known is None or explanations.chi2[frame] < known.chi2:
+            return cls.of(explanations, frame)
+        return known
+
 
 class AbstractLoadFitter(abc.ABC):
     """Least squares for any number of frames, on one skin."""

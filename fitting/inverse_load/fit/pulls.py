@@ -30,8 +30,7 @@ class Pulls:
 
     def fit(self, y: Floats, weight: Floats) -> Steps[Explanations]:
         """The best explanation of every frame by one force that pulls outwards."""
-        change = np.where(weight > 0, y - self.nodes.rest, 0.0)
-        along, size = self.nodes.score(-change, weight)
+        along, size, _ = self._score(y, weight)
         place = np.where(along > 0, along**2 / size, -np.inf).argmax(1)
         frame = np.arange(len(y))
         force = -np.maximum(along[frame, place] / size[frame, place], 0.0)
@@ -47,9 +46,8 @@ class Pulls:
         A light one reads much as a push does whose bulge lies where it pulls. To first order it
         must leave no more than the push does, but for the penalty.
         """
-        change = np.where(weight > 0, y - self.nodes.rest, 0.0)
-        along, size = self.nodes.score(-change, weight)
-        left = (weight * change**2).sum(1) - (np.maximum(along, 0.0) ** 2 / size).max(1)
+        along, size, whole = self._score(y, weight)
+        left = whole - (np.maximum(along, 0.0) ** 2 / size).max(1)
         frames = np.flatnonzero(left < best.chi2 + self.penalty)
         if not frames.size:
             return best
@@ -57,11 +55,7 @@ class Pulls:
         cost = np.where(found.p_value(self.per_contact) >= SUSPECT, self.penalty, np.inf)
         best, pulled = best.cheapest(frames, found.penalised(cost))
         for k, i in enumerate(frames.tolist()):
-            other = others[i]
-            if i in pulled:
-                others[i] = None
-            elif other is None or found.chi2[k] < other.chi2:
-                others[i] = Alternative.of(found, k)
+            others[i] = None if i in pulled else Alternative.cheaper(others[i], found, k)
         return best
 
     def or_pulled(
@@ -71,12 +65,15 @@ class Pulls:
 
         One that, to first order, leaves more than half of what is beyond noise is not tried.
         """
-        used = weight[frames] > 0
-        change = np.where(used, y[frames] - self.nodes.rest, 0.0)
-        along, size = self.nodes.score(-change, weight[frames])
+        along, size, whole = self._score(y[frames], weight[frames])
         gain = (np.maximum(along, 0.0) ** 2 / size).max(1)
-        frames = frames[2 * gain > (weight[frames] * change**2).sum(1) - used.sum(1)]
+        frames = frames[2 * gain > whole - (weight[frames] > 0).sum(1)]
         if frames.size:
             found = yield from self.fit(y[frames], weight[frames])
             best, _ = best.cheapest(frames, found.penalised(self.penalty))
         return best
+
+    def _score(self, y: Floats, weight: Floats) -> tuple[Floats, Floats, Floats]:
+        """Scores of light pulls [frame, place], as of `nodes.score`, and chi2 at rest."""
+        change = np.where(weight > 0, y - self.nodes.rest, 0.0)
+        return *self.nodes.score(-change, weight), (weight * change**2).sum(1)

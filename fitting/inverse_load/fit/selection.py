@@ -172,9 +172,7 @@ class Selection:
         yield "pairs for one that is wide"
         rows, pairs = self.fitter.pairs_for_wide(y, best)
         for k, i in enumerate(rows.tolist()):
-            other = others[i]
-            if other is None or pairs.chi2[k] < other.chi2:
-                others[i] = Alternative.of(pairs, k)
+            others[i] = Alternative.cheaper(others[i], pairs, k)
         return others
 
     def _reconsidered(

@@ -129,29 +129,30 @@ class AbstractSystematicErrors(abc.ABC):
         return total if own_error is None else total + own_error
 
 
+def no_covariance(best: Explanations, per_contact: int) -> Floats:
+    """Covariances that are zero, padded with NaN as the information is."""
+    used = np.arange(best.information.shape[1]) < per_contact * best.contacts[:, None]
+    return np.where(used[:, :, None] & used[:, None], 0.0, np.nan)
+
+
 def of_shared_place(best: Explanations, per_contact: int, variance: float) -> Floats:
     """Covariances of the parameters by an error that all places share, padded likewise.
 
     Angles come first among the parameters; `variance` is the error's [rad^2].
     """
-    total = np.full(best.information.shape, np.nan)
-    for count in np.unique(best.contacts):
-        frames, width = best.contacts == count, per_contact * int(count)
-        total[frames, :width, :width] = 0.0
-        total[frames, :count, :count] = variance
-    return total
+    places = np.arange(best.information.shape[1]) < best.contacts[:, None]
+    both = places[:, :, None] & places[:, None]
+    return np.where(both, variance, no_covariance(best, per_contact))
 
 
 def of_scattered_forces(
     best: Explanations, parameters: ContactParameters, variance: float
 ) -> Floats:
     """The same by errors of each force, relative, of one variance."""
-    total = np.full(best.information.shape, np.nan)
+    total = no_covariance(best, parameters.per_contact)
     for count in np.unique(best.contacts):
         frames = np.flatnonzero(best.contacts == count)
-        width = parameters.per_contact * int(count)
-        total[frames, :width, :width] = 0.0
-        own = np.arange(width)[parameters.rows("force", int(count))]
+        own = np.arange(total.shape[1])[parameters.rows("force", int(count))]
         total[frames[:, None], own, own] = variance * best.parameters[frames[:, None], own] ** 2
     return total
 

@@ -105,10 +105,11 @@ def _stated(drawing: SkinSpec, part: SensorConstant, value: float) -> float:
 def hierarchical(problem: SensorProblem, constants: np.ndarray) -> SensorProblem:
     """The problem with the deviations that constants share as these tell them themselves.
 
-    The constants are the most probable ones under the priors so far, P their information. Under
-    others, P', they move by (I + P')^-1 (P - P') (c - mean), readings being linear about them.
+    The constants c are the most probable ones under the priors so far, of information P. Under
+    others, of P', they move by (I + P')^-1 (P - P') (c - mean), where I is the readings' own
+    information and readings are linear about them.
     """
-    names, at = problem.family.names, constants
+    names = problem.family.names
     groups = Alike.of(names) if problem.correlation is not None else ()
     if not groups:
         return problem
