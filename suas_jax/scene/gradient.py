@@ -23,7 +23,7 @@ from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import unloaded
 from suas_jax.scene.solve import Solution, report_with
 from suas_jax.scene.structure import Inputs, Structure
-from suas_jax.scene.travel import driven_by_force
+from suas_jax.scene.travel import Driven, driven_by_force
 
 
 class UnknownQuantityError(ValueError):
@@ -77,40 +77,56 @@ def _program(
     plan: AbstractPlan,
     states: tuple[State, State],
     inputs: Inputs,
+    weights: Float[Array, " row"],
 ) -> dict[str, Array]:
-    def quantity(inputs: Inputs) -> Array:
+    """Derivatives of a weighted sum of the quantity and of the forces that bodies are given.
+
+    One row after the other: all at once takes four times as long to compile.
+    """
+
+    def weighted(inputs: Inputs) -> Array:
         report = _observed(scene, plan, states, inputs)
         # Here, as no more than the trace is needed to know them.
         require_known(path, quantities(report))
-        return picked(report, path)[0]
+        forces = [
+            report["loads"][d.load][f"{d.force}_N"][0] for d in driven_by_force(scene.scene)
+        ]
+        return weights @ jnp.stack([picked(report, path)[0], *forces])
 
-    driven = driven_by_force(scene.scene)
+    return jax.grad(weighted)(inputs)
+
+
+def _with_forces(
+    driven: list[Driven], rows: dict[str, NDArray[np.float64]]
+) -> dict[str, NDArray[np.float64]]:
+    """Derivatives by all inputs but the travels, which keep the forces that bodies are given.
+
+    `rows`: derivatives of the quantity, then of the forces [row], by input, travels among them.
+    """
     if not driven:
-        return jax.grad(quantity)(inputs)
-
-    def with_forces(inputs: Inputs) -> Array:
-        loads = _observed(scene, plan, states, inputs)["loads"]
-        forces = [loads[d.load][f"{d.force}_N"][0] for d in driven]
-        return jnp.stack([quantity(inputs), *forces])
-
-    rows = jax.jacrev(with_forces)(inputs)
-    travels = jnp.stack([rows.pop(d.path(d.travel)) for d in driven], -1)
+        return {path: row[0] for path, row in rows.items()}
+    slopes = np.stack([rows[d.path(d.travel)] for d in driven], -1)
     # The travels change until the forces are the given ones: dF = 0, or that of the input.
-    shares = _of_travels(travels)
-    for k, d in enumerate(driven):
-        rows[d.path(d.force)] = jnp.zeros(1 + len(driven)).at[1 + k].set(-1.0)
-    return {path: row[0] - shares @ row[1:] for path, row in rows.items()}
+    shares = _of_travels(slopes)
+    left = {path: row[0] - shares @ row[1:] for path, row in rows.items()}
+    for d, share in zip(driven, shares, strict=True):
+        del left[d.path(d.travel)]
+        left[d.path(d.force)] = share
+    return left
 
 
-def _of_travels(slopes: Float[Array, "row travel"]) -> Float[Array, " travel"]:
+def _of_travels(slopes: Float[np.ndarray, "row travel"]) -> Float[np.ndarray, " travel"]:
     """How far a quantity follows each force when travels keep the other forces.
 
     `slopes`: of the quantity, then of the forces, by the travels; a body that touches nothing
-    has none.
+    has none. NaN where the forces do not tell the travels.
     """
     quantity, forces = slopes[0], slopes[1:]
-    off = ~jnp.any(forces, 1)
-    return jnp.linalg.solve((forces + jnp.diag(off)).T, quantity)
+    off = ~forces.any(1)
+    try:
+        return np.linalg.solve((forces + np.diag(off)).T, quantity)
+    except np.linalg.LinAlgError:
+        return np.full(len(quantity), np.nan)
 
 
 def require_known(path: str, allowed: list[str]) -> None:
@@ -154,9 +170,12 @@ def gradient(solution: Solution, path: str) -> dict[str, float]:
     require_float64()
     scene = Structure(solution.scene, wall=solution.wall)
     inputs = {k: jnp.asarray(v, float) for k, v in solution.inputs.items()}
-    known = (solution.plan, (solution.state, solution.shown), inputs)
-    found = COMPILED.run(_program, scene, path, *known, once=True)
-    slopes = {name: float(value) for name, value in found.items()}
+    known = (scene, path, solution.plan, (solution.state, solution.shown), inputs)
+    driven = driven_by_force(solution.scene)
+    unit = np.eye(1 + len(driven))
+    found = [COMPILED.run(_program, *known, weights, once=True) for weights in unit]
+    rows = {name: np.stack([row[name] for row in found]) for name in inputs}
+    slopes = {name: float(value) for name, value in _with_forces(driven, rows).items()}
     if not any(map(math.isfinite, slopes.values())):
         raise SingularTangentError(
             f'"{path}" has no derivative at this equilibrium, whose tangent is singular; '
