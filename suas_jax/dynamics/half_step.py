@@ -38,6 +38,7 @@ from suas_jax.skin.geometry import SkinGeometry
 
 _MOST_CORRECTIONS = 30
 _EXACT = 1e-12  # correction of the volume that does not count, over the film's
+_EXACT_FORCE = 3e-8  # relative error of a body's force that does not
 _OTHER_STEP = 0.2  # difference of steps that an inverse serves
 _SLOW = 0.5  # ratio of corrections from which on an inverse is made anew
 # In thicknesses: how deep a body that touches nothing is moved in, and how far off the skin one
@@ -188,15 +189,25 @@ class SkinAtMoment:
             .reshape(wrong.shape)
         )
 
+    def _expected(self, base: Base, last: "Half") -> tuple[State, Array]:
+        """State at the velocity of before, and travels that keep bodies as near to the skin.
+
+        Contact is so stiff that a body left behind would be lost and met again, each time with
+        another inverse.
+        """
+        q = base.q + base.length * last.velocity
+        moved = self._apart(q, last.travel) - self._apart(last.state.q, last.travel)
+        return last.state._replace(q=q), last.travel + moved
+
     def found(
         self,
         base: Base,  # what is known before it
-        last: "Half",  # state and travels to begin with, and an inverse made nearby
+        last: "Half",  # to begin with, and an inverse made nearby
         exact: Array,  # size of a displacement that does not count [m]
         wanted: Float[Array, " body"],  # forces that bodies carry, in units of the membrane's
     ) -> Half:
         """The end of half a step, by Newton's method."""
-        begin = last.state
+        begin, travel = self._expected(base, last)
         free, near = free_unknowns(self.problem.mechanics), self.near(begin.q)
         volume, thick = self.problem.mechanics.film_volume[0], self.geometry.thickness[0]
         count = len(free)
@@ -230,6 +241,9 @@ class SkinAtMoment:
             y = BorderedVector(at.y.stations - step, pressure - change[count : count + 1])
             size = self.problem.mechanics.displacement_size(step)[0]
             size = jnp.maximum(size, jnp.max(jnp.abs(change[count + 1 :]), initial=0.0))
+            # Contact is so stiff that an exact travel is not yet a force.
+            missed = jnp.where(held, jnp.abs(carried - wanted) / wanted, 0.0) / _EXACT_FORCE
+            size = jnp.maximum(size, exact * jnp.max(missed, initial=0.0))
             counts = (at.taken > 0) & (at.size > exact)
             ratio = jnp.where(counts, size / at.size, 0.0)
             left = jnp.where(counts, jnp.minimum(ratio, 1.0), 1.0)
@@ -253,7 +267,7 @@ class SkinAtMoment:
         never, none = jnp.asarray(False), 0.0 * base.length
         y = BorderedVector(begin.q, begin.pressure)
         start = _Newton(
-            y, last.travel, last.inverse, none, jnp.zeros((), jnp.int32), never, never, never
+            y, travel, last.inverse, none, jnp.zeros((), jnp.int32), never, never, never
         )
         end = jax.lax.while_loop(going, correct, start)
         velocity, _, flow, rate = moving(end.y)

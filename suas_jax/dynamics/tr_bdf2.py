@@ -120,9 +120,7 @@ def tried(
             LENGTH * step,
         )
         given = values(stage.end)
-        guess = last.state._replace(q=base.q + base.length * last.velocity)
-        begin = last._replace(state=guess)
-        found = moving.half(given, past, elapsed, base, begin, exact)
+        found = moving.half(given, past, elapsed, base, last, exact)
         found = found._replace(good=found.good & last.good)
         stress = moving.stress(given, found.state.q)
         past = past.after(series, elapsed, stress)
