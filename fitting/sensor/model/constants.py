@@ -107,7 +107,7 @@ def is_gap(name: str) -> bool:
 def moves_membrane(name: str) -> bool:
     """Whether the membrane's shape under known forces depends on a constant.
 
-    The gap's does where the oil yields, too.
+    It does on the gap, too, where the oil yields or takes another volume than the film's.
     """
     return name.startswith((_MATERIAL, "geometry.thickness.")) or name in (
         FILL,
