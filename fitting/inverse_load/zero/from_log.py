@@ -65,7 +65,8 @@ def zero_from_log(
         aligned = read_aligned(spec, log, inputs, None)
         so, time, around = aligned.so.T, aligned.time, aligned.surroundings
         began = aligned.began
-    spec, _ = spec_at(spec, around, str(log))
+    # What creeps counts from the long-term response (`creeping_load`).
+    spec = spec_at(spec, around, str(log))[0].responding("long-term")
     errors = input_errors(as_assembled(spec))
     if not len(errors):
         raise ValueError("the skin file states every input as exact: there is nothing to find")
