@@ -72,8 +72,17 @@ def zero_from_log(
         raise ValueError("the skin file states every input as exact: there is nothing to find")
     if known:
         presses = tuple(known_press(text, spec.geometry, diameter) for text in known)
-        patterns = PressModel(errors, presses).change()
-        frames = frames_of_presses(so, patterns, noise_of_readings(spec, None))
+        patterns, touching = PressModel(errors, presses).change()
+        try:
+            frames = frames_of_presses(so, patterns, noise_of_readings(spec, None))
+        except ValueError as error:
+            heavy = [press.text for press, t in zip(presses, touching, strict=True) if t]
+            if not heavy:
+                raise
+            raise ValueError(
+                f"{error}; under {', '.join(heavy)} the membrane reaches the wall by the skin "
+                "file, and readings there hardly tell the force: press with less"
+            ) from None
     else:
         presses, frames = _told_in_columns(spec, aligned, diameter)
     found = zero_of(errors, presses, _averaged(spec, so, time, frames), model_error)
