@@ -706,3 +706,5 @@ def test_what_statics_leave_out_of_a_rubber_is_not_found_beside_its_law() -> Non
         ValueError, match=r"material.density.* unknown; allowed: .*material.C3$"
     ):
         named(skin, "material.density")
+    with pytest.raises(ValueError, match='"relaxation": is found alone; allowed: '):
+        named(skin, "relaxation")

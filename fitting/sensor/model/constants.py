@@ -196,9 +196,11 @@ def named(spec: SkinSpec, name: str) -> SensorConstant:
         return SensorConstant(own, "1", inputs[own])
     material = {path: inputs[path] for path in law_constants(spec)}
     if own not in material:
+        what = "is found alone" if name == "relaxation" else "unknown"
         raise ValueError(
-            f'--fit "{name}": unknown; allowed: permittivity, gap, scale, stray, layers, fill, '
-            "mounting, thickness, " + ", ".join(material)
+            f'--fit "{name}": {what}; allowed: as-built or relaxation alone, or any of '
+            "permittivity, gap, scale, stray, layers, fill, mounting, thickness, "
+            + ", ".join(material)
         )
     value = material[own]
     size = abs(value) or max(abs(v) for v in material.values())
