@@ -25,7 +25,7 @@ from suas_jax.config.schema_load import EnvironmentSpec
 from suas_jax.config.surrounding_columns import DEPTH, SURROUNDINGS, TEMPERATURE
 from suas_jax.config.tolerance import deviation_of
 
-_PLAIN = {TEMPERATURE.lower(): ZERO_CELSIUS, "temperature_k": 0.0}
+_PLAIN = {TEMPERATURE: ZERO_CELSIUS, "temperature_K": 0.0}
 _PADS = ("thermal_1", "thermal_2")
 _SENSOR = 0.5  # standard deviation of a thermometer that states none [K]
 _STEADY = {"temperature": 2.0, "depth": 10.0}  # change within which one state stands for all
@@ -115,9 +115,9 @@ def log_surroundings(
 def _temperature(
     named: Mapping[str, Iterable[object]], header: Mapping[str, str], spec: SkinSpec, where: str
 ) -> tuple[LogColumn | None, list[str]]:
-    plain = next((name for name in _PLAIN if name in named), None)
+    plain = next((name for name in _PLAIN if name.lower() in named), None)
     if plain is not None:
-        value = _numbers(named[plain], plain, where) + _PLAIN[plain]
+        value = _numbers(named[plain.lower()], plain, where) + _PLAIN[plain]
         found, source = value, f"column {plain}"
     else:
         pads = [name for name in _PADS if name in named]
@@ -193,7 +193,8 @@ def spec_at(spec: SkinSpec, found: Surroundings, where: str) -> tuple[SkinSpec, 
     own = None if spec.environment is None else spec.environment.temperature
     spec = spec_in(spec, temperature=mean)
     grows = [name for name in ("material", "oil", "wall") if getattr(spec, name).expansion]
-    text += f": {', '.join(grows)} have grown as the skin file says, since "
+    have = "has" if len(grows) == 1 else "have"
+    text += f": {', '.join(grows)} {have} grown as the skin file says, since "
     text += f"{spec.reference.temperature - ZERO_CELSIUS:.4g} degC"
     if spec.oil.expansion is not None:
         text += ", the oil's permittivity with its density (Clausius-Mossotti)"

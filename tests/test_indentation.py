@@ -11,6 +11,7 @@ import pytest
 
 from fitting.material.data.errors import DataError
 from fitting.material.experiments.datasets import load_dataset
+from fitting.material.experiments.skin_curve import ratio_of
 from fitting.material.experiments.skin_readings import DISPLACEMENT, PRESSURE, IndentationTest
 from fitting.material.fit.fit import fit_material
 from fitting.material.fit.noise import on_smooth_scale
@@ -75,6 +76,15 @@ def test_what_is_missing_is_named(
 ) -> None:
     with pytest.raises(DataError, match=wanted):
         loaded(written(tmp_path, header, row), SCENE.parent / scene)
+
+
+def test_readings_of_rest_do_not_tell_the_size_of_the_modulus() -> None:
+    """A skin of cold oil: no force before the touch, and a pressure of the other sign."""
+    channel = np.repeat([DISPLACEMENT, PRESSURE], 5)
+    force, pressure = np.array([0.0, 0, 0, 0.5, 2]), np.array([-23.0, -23, -22, -5, 60])
+    stiff = np.concatenate([1.5 * force, 1.5 * pressure])
+    assert ratio_of(stiff, np.concatenate([force, pressure]), channel) == 1.5
+    assert np.isnan(ratio_of(stiff, np.zeros(10), channel))  # of a body that never touches
 
 
 def test_an_input_that_is_wrong_moves_the_modulus_as_least_squares_says() -> None:

@@ -117,12 +117,16 @@ def hold_and_slide(folder: Path, skin: Path) -> Path:
 
 # Compiles the estimator of a frame, the membrane that remembers, and the simulation.
 @pytest.mark.long
-def test_a_relaxing_membrane_tells_true_loads_and_leaves_no_ghost(tmp_path: Path) -> None:
+@pytest.mark.parametrize("response", ["long-term", "instantaneous"])  # of `suas solve`
+def test_a_relaxing_membrane_tells_true_loads_and_leaves_no_ghost(
+    tmp_path: Path, response: str
+) -> None:
     from fitting import LoadEstimator, readings_of
     from suas_jax import read_log
 
     skin = tmp_path / "skin.toml"
     relaxation = 'relaxation = { g = [0.15, 0.10], tau = ["0.5 s", "10 s"] }'
+    relaxation += f'\nresponse = "{response}"'
     text = SKIN.read_text().replace(
         'preset = "epdm-paper"', f'preset = "epdm-paper"\n{relaxation}'
     )

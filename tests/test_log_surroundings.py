@@ -65,7 +65,8 @@ def test_a_plain_column_moves_sizes_and_permittivity(spec: SkinSpec, tmp_path: P
     np.testing.assert_allclose(
         warm.temperature.deviation, np.hypot(np.std([29.5, 30.5, 30]), 0.5)
     )
-    assert any("30 degC" in text and "oil" in text for text in data.warnings)
+    told = "30 degC (column temperature_degC, 29.5 to 30.5): oil has grown"
+    assert any(told in text for text in data.warnings)
     parts = skin_parts(data.spec, continuous_inputs(data.spec))
     grown = np.log1p(10 * EXPANSION)
     wanted = warmed_permittivity(np.array([2.2]), np.array([grown]))

@@ -554,6 +554,29 @@ def test_a_gap_that_is_a_table_is_no_one_constant(tmp_path: Path) -> None:
         fit_sensor(load_sensor_data(skin, [log]), model="shell")
 
 
+@pytest.mark.long  # derivatives by the gap of the shapes
+def test_a_gap_moves_a_membrane_whose_oil_is_a_share_more_than_its_film(
+    tmp_path: Path,
+) -> None:
+    """1 % more of the film's volume is more oil under a wider gap, and a stiffer skin."""
+    plain = load_skin(SKIN)
+    skin = plain.model_copy(
+        update={"oil": plain.oil.model_copy(update={"fill": 1.01})}  # kept, not fitted
+    )
+    angle, force = np.deg2rad([-50, -20, 0, 5, 20, 50]), np.array([0.0, 6, 10, 5, 9, 12])
+    true = skin_of(skin, {"geometry.oil_gap": 5.4e-3}, contact=False)
+    so = np.asarray(forward(true, Loads.line(angle, force)).so)
+    columns = {
+        "load_0_angle_deg": np.repeat(np.rad2deg(angle), 20),
+        "load_0_force_N": np.repeat(force, 20),
+    }
+    log = write_log(tmp_path / "presses.csv", np.repeat(so, 20, 1), columns)
+    fit = fit_sensor(load_sensor_data(skin, [log]), model="shell")
+    found, error = value(fit, "oil_gap")
+    assert error < 1.5e-5
+    assert abs(found - 5.4e-3) < 3.5 * error
+
+
 @pytest.mark.long  # derivatives by prestress; those of scenes in test_prestress
 def test_ten_presses_find_filling_and_mounting(tmp_path: Path) -> None:
     """Both move forces and no baseline; the derivatives by each are told apart."""

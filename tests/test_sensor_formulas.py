@@ -25,6 +25,7 @@ from fitting.sensor.model.constants import (
 )
 from fitting.sensor.report.skin_file import _layers, _text
 from suas_jax.config import UncertainQuantity, load_skin
+from suas_jax.config.inelastic import RelaxationSpec
 from suas_jax.config.sections.circle import CircleSpec
 
 ROOT = Path(__file__).parent.parent
@@ -652,6 +653,32 @@ def test_forces_tell_a_gap_no_better_than_the_membrane_is_known(
     assert all(part in text for part in said)
 
 
+@pytest.mark.parametrize(
+    ("response", "column", "said"),
+    [
+        # A dent of 3/4 grows to 1 while the stress of a held one falls from 1 to 3/4.
+        ("long-term", "load_0_force_N", "33 % too far where presses are not held for several"),
+        ("instantaneous", "load_0_force_N", "25 % too little where presses are not much short"),
+        ("long-term", "load_0_displacement_mm", ""),
+    ],
+)
+def test_known_forces_on_a_membrane_that_creeps_are_doubted(
+    tmp_path: Path, response: str, column: str, said: str
+) -> None:
+    spec = load_skin(ROOT / "configs/skins/suas.toml")
+    relaxation = RelaxationSpec(g=(0.15, 0.1), tau=(0.5, 10.0))
+    material = {"relaxation": relaxation, "response": response}
+    spec = spec.model_copy(update={"material": spec.material.model_copy(update=material)})
+    counts = ",".join(["200"] * 8)
+    names = ",".join(f"so_{k}" for k in range(1, 9))
+    rows = [f"{k},{k},{k},0,{counts},{k},20" for k in range(3)]
+    head = f"t_host_s,t_device_s,seq,module,{names},{column},load_0_angle_deg"
+    (tmp_path / "a.csv").write_text("\n".join([head, *rows]) + "\n")
+    text = assumptions.elastic_warning(load_sensor_data(spec, [tmp_path / "a.csv"]))
+    assert bool(text) == bool(said)
+    assert said in text
+
+
 def test_why_no_constants_give_finite_counts() -> None:
     """Exchanged columns of loads press the membrane onto the wall: frames are told."""
     so = np.full((2, 5), 300.0)
@@ -679,3 +706,5 @@ def test_what_statics_leave_out_of_a_rubber_is_not_found_beside_its_law() -> Non
         ValueError, match=r"material.density.* unknown; allowed: .*material.C3$"
     ):
         named(skin, "material.density")
+    with pytest.raises(ValueError, match='"relaxation": is found alone; allowed: '):
+        named(skin, "relaxation")

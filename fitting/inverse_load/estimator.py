@@ -131,6 +131,9 @@ class LoadEstimator:
 
     def __post_init__(self) -> None:
         self._check()
+        if self.spec.geometry.dimension == 2:
+            # What a membrane remembers comes on top of its long-term response.
+            self.spec = self.spec.responding("long-term")
         self.reading_noise = noise_of_readings(self.spec, self.noise)
         self.input_errors = input_errors(as_assembled(self.spec))
         self._parts = parts = self._make_parts()

@@ -83,6 +83,13 @@ class SkinSpec(Spec):
         """The scene in which nothing presses it."""
         return SceneSpec(**{name: getattr(self, name) for name in self.model_fields_set})
 
+    def responding(self, response: str) -> Self:
+        """The same with one of its material's two elastic responses, where it relaxes."""
+        if self.material.relaxation is None:
+            return self
+        material = self.material.model_copy(update={"response": response})
+        return self.model_copy(update={"material": material})
+
     def require_plane_strain(self, what: str) -> None:
         """Refuse a skin whose curved ends are clamped for `what`, which begins the message.
 

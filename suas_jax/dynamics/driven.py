@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from suas_jax.config import SceneSpec, SkinSpec
+from suas_jax.config import SkinSpec
 from suas_jax.constitutive.relaxation import Past, PronySeries, Response
 from suas_jax.equilibrium.balance import Problem, State, Verification, verify
 from suas_jax.equilibrium.continuation import LoadStepping
@@ -208,14 +208,6 @@ def series_of(skin: SkinSpec, inputs: Inputs) -> PronySeries:
         return jnp.stack([jnp.asarray(x, float) for x in values] or [jnp.zeros(())])[:count]
 
     return PronySeries(terms("g"), terms("tau"))
-
-
-def responding(scene: SceneSpec, response: str) -> SceneSpec:
-    """The scene with one of its material's two elastic responses."""
-    if scene.material.relaxation is None:
-        return scene
-    material = scene.material.model_copy(update={"response": response})
-    return scene.model_copy(update={"material": material})
 
 
 def membrane_of(problem: Problem) -> Shell | Solid | Pad:

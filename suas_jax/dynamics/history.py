@@ -10,7 +10,6 @@ import numpy as np
 
 from suas_jax.config import SceneSpec, with_solve
 from suas_jax.dynamics.course import Course
-from suas_jax.dynamics.driven import responding
 from suas_jax.dynamics.film import LEFT_OUT, Film, film_of
 from suas_jax.dynamics.history_gradient import (
     history_gradient,
@@ -120,7 +119,7 @@ class _Errors(NamedTuple):
     @classmethod
     def at(cls, scene: SceneSpec, pad_counts: Counts | None = None) -> "_Errors":
         """Errors under a scene's loads; on a pad with some elements."""
-        held, models = responding(scene, "long-term"), MODELS[scene.geometry.dimension]
+        held, models = scene.responding("long-term"), MODELS[scene.geometry.dimension]
 
         def solved(name: str) -> Solution:
             model = models[name]
@@ -206,7 +205,7 @@ class _Follower:
         if any(p["status"] != "converged" for p in own):
             return None
         wall = course.scene.wall.contact and any(p["wall_contact"] for p in own)
-        spec = responding(course.scene, "instantaneous")
+        spec = course.scene.responding("instantaneous")
         known = Structure(spec, wall=wall), self.errors.plan, inputs_of(spec)
         rows, _ = course.block(0, row + 1)
         tolerance = np.asarray(_STEP_SHARE * course.scene.rtol)
@@ -238,7 +237,7 @@ class _Follower:
         self, first: int, moment: Moment | Moving | None, *, wall: bool
     ) -> tuple[list[dict[str, Any]], Moment | Moving]:
         course = self.course
-        spec = responding(course.scene, "instantaneous")
+        spec = course.scene.responding("instantaneous")
         known = Structure(spec, wall=wall), self.errors.plan, inputs_of(spec)
         rows, count = course.block(first, _BLOCK)
         moves = self.film.included

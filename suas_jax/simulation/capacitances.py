@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from suas_jax.acquisition.baseline import Baseline
 from suas_jax.config import SceneSpec, continuous_inputs
-from suas_jax.dynamics.driven import responding
 from suas_jax.runtime.compiled import COMPILED, jit
 from suas_jax.runtime.settings import configure
 from suas_jax.scene.forward import forward
@@ -110,7 +109,7 @@ def _remembering(
     path: LoadPath, time: NDArray[np.float64], progress: Callable[[int], None]
 ) -> NDArray[np.float64]:
     """The same of a material that relaxes, followed along the rows between frames, too."""
-    path = dataclasses.replace(path, scene=responding(path.scene, "instantaneous"))
+    path = dataclasses.replace(path, scene=path.scene.responding("instantaneous"))
     moments = path.moments(time)
     frames = np.searchsorted(time, moments, "right")  # done by then
     follow = _along_pad if path.scene.geometry.dimension == 3 else _along_section

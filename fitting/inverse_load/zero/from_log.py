@@ -65,14 +65,24 @@ def zero_from_log(
         aligned = read_aligned(spec, log, inputs, None)
         so, time, around = aligned.so.T, aligned.time, aligned.surroundings
         began = aligned.began
-    spec, _ = spec_at(spec, around, str(log))
+    # What creeps counts from the long-term response (`creeping_load`).
+    spec = spec_at(spec, around, str(log))[0].responding("long-term")
     errors = input_errors(as_assembled(spec))
     if not len(errors):
         raise ValueError("the skin file states every input as exact: there is nothing to find")
     if known:
         presses = tuple(known_press(text, spec.geometry, diameter) for text in known)
-        patterns = PressModel(errors, presses).change()
-        frames = frames_of_presses(so, patterns, noise_of_readings(spec, None))
+        patterns, touching = PressModel(errors, presses).change()
+        try:
+            frames = frames_of_presses(so, patterns, noise_of_readings(spec, None))
+        except ValueError as error:
+            heavy = [press.text for press, t in zip(presses, touching, strict=True) if t]
+            if not heavy:
+                raise
+            raise ValueError(
+                f"{error}; under {', '.join(heavy)} the membrane reaches the wall by the skin "
+                "file, and readings there hardly tell the force: press with less"
+            ) from None
     else:
         presses, frames = _told_in_columns(spec, aligned, diameter)
     found = zero_of(errors, presses, _averaged(spec, so, time, frames), model_error)

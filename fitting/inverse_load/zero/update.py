@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 from jaxtyping import Array, Float
+from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from fitting.arrays import Floats
@@ -97,15 +98,16 @@ class PressModel:
             for (angle, axial, force), size in zip(rows, sizes, strict=True)
         ]
 
-    def change(self) -> Floats:
-        """Change of readings under the presses as known, by the skin's file [press, taxel]."""
-        so = np.concatenate(
-            [
-                np.asarray(forward(_on(self._skin, mesh), loads).so).T
-                for mesh, loads in zip(self._meshes, self._groups(self.known), strict=True)
-            ]
-        )
-        return np.asarray(np.nan_to_num(so[:-1] - so[-1]))
+    def change(self) -> tuple[Floats, NDArray[np.bool_]]:
+        """Change of readings under the presses as known, by the skin's file [press, taxel].
+
+        And whether the membrane reaches the wall there [press].
+        """
+        groups = zip(self._meshes, self._groups(self.known), strict=True)
+        found = [forward(_on(self._skin, mesh), loads) for mesh, loads in groups]
+        so = np.concatenate([np.asarray(x.so).T for x in found])
+        gap = np.concatenate([np.asarray(x.min_gap) for x in found])
+        return np.asarray(np.nan_to_num(so[:-1] - so[-1])), gap[:-1] <= 0
 
     def at(self, e: Floats, x: Floats) -> _Model:
         """Change of readings at some errors [error] and presses [press, quantity].
@@ -126,7 +128,8 @@ class PressModel:
                 raise ValueError(
                     "the model finds no state under the known presses with inputs "
                     + ", ".join(f"{path} = {value:.6g}" for path, value in values.items())
-                    + ": is the force right, and the skin file this skin's?"
+                    + ": is the force right, the skin file this skin's, and the membrane off "
+                    "the wall?"
                 )
             names = [k for k in _QUANTITIES if getattr(loads, k) is not None]
             by_skin, by_loads = (_zeros(x, errors + len(names)) for x in (skin, loads))

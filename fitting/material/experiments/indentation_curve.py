@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from fitting.material.data.errors import DataError
-from fitting.material.experiments.skin_curve import SkinCurve, Specimen
+from fitting.material.experiments.skin_curve import SkinCurve, Specimen, ratio_of
 from suas_jax.config import SceneSpec, with_inputs, with_solve
 from suas_jax.config.fields import Spec
 from suas_jax.config.input_errors import stresses_of
@@ -72,7 +72,12 @@ def body_specimen(
     scaled, scale = found.scene, 1.0
     for _ in range(2):
         known = _readings(points)
-        ratio = float(np.median(value / (weight * known[channel]).sum(1)))
+        ratio = ratio_of(value, (weight * known[channel]).sum(1), channel)
+        if np.isnan(ratio):
+            raise DataError(
+                "--data indentation: the model's body touches the skin at no travel of the "
+                "file; travel counts from the first touch of the undeformed skin"
+            )
         if not ratio > 0.0:
             raise DataError(
                 "--data indentation: force or oil pressure has the opposite sign of the "

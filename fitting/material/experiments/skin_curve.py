@@ -33,6 +33,7 @@ from suas_jax.scene.solve import solve
 from suas_jax.scene.structure import Structure
 
 ELEMENTS = 16
+_TELLS = 0.1  # of a channel's largest reading, from which its size tells one of the material
 
 
 class SkinCurve(AbstractExperiment):
@@ -158,6 +159,17 @@ class Specimen:
     slopes: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
 
 
+def ratio_of(value: np.ndarray, other: np.ndarray, channel: np.ndarray) -> float:
+    """Typical value over another, both [n]; NaN where the others are zero.
+
+    Those of rest say nothing: a skin has a pressure there, of either sign, and no force.
+    """
+    size = np.abs(other)
+    largest = np.array([size[channel == c].max(initial=0.0) for c in range(2)])
+    tells = size > _TELLS * largest[channel]
+    return float(np.median(value[tells] / other[tells])) if tells.any() else float("nan")
+
+
 def specimen(
     scene: SceneSpec, force: np.ndarray, channel: np.ndarray, value: np.ndarray
 ) -> Specimen:
@@ -195,7 +207,7 @@ def specimen(
             f"--scene: with its own material this skin carries no {top:.4g} N; correct the "
             f"scene's material, loads or the force column"
         )
-    ratio = np.median(readings / value)
+    ratio = ratio_of(readings, value, channel)
     if not ratio > 0.0:
         raise ValueError(
             "--data skin: displacement or pressure has the opposite sign of the model's; both "
@@ -203,7 +215,7 @@ def specimen(
         )
     return Specimen(
         curve,
-        float(law.shear_modulus) * float(ratio),
+        float(law.shear_modulus) * ratio,
         max(alone.report["stretch_max"], 1 / alone.report["stretch_min"]),
         alone.report["model_error"] or 0.0,
     )

@@ -54,6 +54,23 @@ def exact_membrane_warning(family: SensorFamily, data: SensorData) -> str:
     )
 
 
+def elastic_warning(data: SensorData) -> str:
+    """A warning where known forces press a membrane that creeps, or nothing."""
+    material, series = data.spec.material, data.spec.material.relaxation
+    if series is None or not np.nan_to_num(data.loads.force).any():
+        return ""
+    share = series.long_term_share
+    slow, fast = f"{max(series.tau):g} s", f"{min(series.tau):g} s"
+    off, well = f"{100 * (1 / share - 1):.2g} % too far", f"held for several times {slow}"
+    if material.response == "instantaneous":
+        off, well = f"{100 * (1 - share):.2g} % too little", f"much shorter than {fast}"
+    return (
+        f"[material] relaxation: known forces dent the model as the {material.response} "
+        f"constants say, up to {off} where presses are not {well}; only --fit relaxation "
+        "follows the creep, and known displacements hardly feel it"
+    )
+
+
 def pulled_warning(problem: SensorProblem, constants: np.ndarray) -> str:
     """A warning where a constant is far from its prior, which pulls it, or nothing."""
     found = dict(zip(problem.family.names, constants.tolist(), strict=True))

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 import jax.numpy as jnp
 import numpy as np
 
-from fitting.sensor.fit.assumptions import exact_membrane_warning
+from fitting.sensor.fit.assumptions import elastic_warning, exact_membrane_warning
 from fitting.sensor.fit.checks import check_agreement, drift_warning
 from fitting.sensor.fit.lacking import with_discrepancy
 from fitting.sensor.fit.priors import (
@@ -175,7 +175,7 @@ def fit_sensor(
     settled = _settled(problem, found, shapes, touching, solver, stated, progress)
     problem, found, shapes, touching, steady = settled
     warnings = [*data.warnings, *solver.warnings, "" if steady else _UNSTEADY]
-    warnings += [exact_membrane_warning(family, data)] if not own else []
+    warnings += [elastic_warning(data), "" if own else exact_membrane_warning(family, data)]
     drifts = drift_warning(problem, found.constants)
     if drifts:
         warnings.append(drifts)

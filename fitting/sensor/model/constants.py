@@ -107,7 +107,7 @@ def is_gap(name: str) -> bool:
 def moves_membrane(name: str) -> bool:
     """Whether the membrane's shape under known forces depends on a constant.
 
-    The gap's does where the oil yields, too.
+    It does on the gap, too, where the oil yields or takes another volume than the film's.
     """
     return name.startswith((_MATERIAL, "geometry.thickness.")) or name in (
         FILL,
@@ -196,9 +196,11 @@ def named(spec: SkinSpec, name: str) -> SensorConstant:
         return SensorConstant(own, "1", inputs[own])
     material = {path: inputs[path] for path in law_constants(spec)}
     if own not in material:
+        what = "is found alone" if name == "relaxation" else "unknown"
         raise ValueError(
-            f'--fit "{name}": unknown; allowed: permittivity, gap, scale, stray, layers, fill, '
-            "mounting, thickness, " + ", ".join(material)
+            f'--fit "{name}": {what}; allowed: as-built or relaxation alone, or any of '
+            "permittivity, gap, scale, stray, layers, fill, mounting, thickness, "
+            + ", ".join(material)
         )
     value = material[own]
     size = abs(value) or max(abs(v) for v in material.values())

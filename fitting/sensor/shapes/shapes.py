@@ -89,14 +89,13 @@ class ShapeSolver:
         self._corrections: list[SolidCorrection] | None = None
         alone = data.spec.geometry.dimension == 3 or loads.bodies
         self._states = SceneStates(data.spec, loads, progress) if alone else None
-        yields = data.spec.oil.yields or (self._air is not None and self._air.yields)
+        by_gap = FILL in family.names or self._volume_goes_with_gap()
         # positions of the constants that move the membrane
         self.moving = tuple(
             i
             for i, name in enumerate(family.names)
             if moves_membrane(name)
-            or (name == GAP and yields)
-            or (name.startswith(f"{PATHS[GAP]}.") and (yields or FILL in family.names))
+            or (by_gap and (name == GAP or name.startswith(f"{PATHS[GAP]}.")))
         )
         self._latent = {
             kind: tuple(
@@ -106,6 +105,13 @@ class ShapeSolver:
             for kind in PRESS_ERRORS
             if f"{kind}.0" in family.names
         }
+
+    def _volume_goes_with_gap(self) -> bool:
+        """Whether the oil asks for another volume than the film's, a share of it."""
+        oil = parts_of(self._data.spec, self.inputs)[2]
+        fluids = [oil] if self._air is None else [oil, self._air]
+        excess = oil.expansion(jnp.zeros(1), jnp.ones(1))
+        return any(x.yields for x in fluids) or bool(jnp.any(excess != 0))
 
     def stated(self, name: str) -> float | None:
         """What the skin file says of a constant, SI; None where it says nothing.
