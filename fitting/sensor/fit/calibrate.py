@@ -154,7 +154,8 @@ def fit_sensor(
     }
     correlation = None
     if own:
-        before, correlation = as_built_priors(drawing, parts, start)
+        places = data.loads.angle[0, pressed]
+        before, correlation = as_built_priors(drawing, parts, start, places)
         given = before | given
         share = MODEL_ERROR[drawing.geometry.dimension]
         readings = with_model_error(readings, frames, data.loaded, share)
