@@ -9,7 +9,8 @@ rubber that creeps while a press is held, and a bar that presses an arc of some 
 instead of a line, unevenly and a few degrees askew. Each is pressed at planned and at random
 places; the calibrated skin file then finds unseen loads with `LoadEstimator`, as `suas invert`
 does, with what the presses showed beyond the model and without; loads of a body three times as
-wide as well; with `--averaged` from means of 50 frames. A Gaussian process and a network learn from random presses of the same unit.
+wide as well, with `--averaged` from means of 50 frames. A Gaussian process and a network learn
+from random presses of the same unit.
 Prints the table of docs/as_built.md after each unit; `--plot` draws its figure::
 
     python -m benchmarks.as_built --units 2 --kinds random --presses 10 100

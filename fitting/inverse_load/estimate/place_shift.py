@@ -1,4 +1,4 @@
-"""By how much further along the arc than they are contacts are felt, as presses of a unit show."""
+"""How much further along the arc than they are contacts are felt, as presses show."""
 
 import numpy as np
 

@@ -36,7 +36,7 @@ class PlaceErrors(NamedTuple):
         return self._shared(self.angle, self.angle) + self.own**2 * np.eye(len(self.angle))
 
     def shared(self, found: Floats, covariance: Floats, at: Floats) -> tuple[Floats, Floats]:
-        """m at some places and its covariance [place, place], from the errors' posterior.
+        """What is shared at some places, with its covariance, from the errors' posterior.
 
         `found`: the errors [press]. `covariance`: theirs [press, press]. `at`: angles [place].
         """
