@@ -86,16 +86,8 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
         "warnings": list(fit.warnings),
         "status": fit.status,
     }
-    geometry = fit.data.spec.geometry
-    nodes = places_of_shifts(geometry)
-    if (shared := fit.place_shift(nodes)) is not None:
-        size = float(plain_geometry(geometry).section.size[0])
-        report["place_shift"] = {
-            "angles": nodes.tolist(),
-            "value": (size * shared[0]).tolist(),
-            "standard_error": (size * np.sqrt(np.diag(shared[1]))).tolist(),
-            "unit": "m",
-        }
+    if (shift := _place_shift(fit)) is not None:
+        report["place_shift"] = shift
     if fit.force_scatter is not None:
         report["force_scatter"] = fit.force_scatter
     if fit.discrepancy is not None:
@@ -107,6 +99,22 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
             "unit": "1/m",
         }
     return report
+
+
+def _place_shift(fit: SensorFit) -> dict[str, Any] | None:
+    """What presses share of their places, at angles along the arc [rad]; None of other fits."""
+    geometry = fit.data.spec.geometry
+    nodes = places_of_shifts(geometry)
+    shared = fit.place_shift(nodes)
+    if shared is None:
+        return None
+    size = float(plain_geometry(geometry).section.size[0])
+    return {
+        "angles": nodes.tolist(),
+        "value": (size * shared[0]).tolist(),
+        "standard_error": (size * np.sqrt(np.diag(shared[1]))).tolist(),
+        "unit": "m",
+    }
 
 
 def _taxels(
