@@ -9,7 +9,8 @@ rubber that creeps while a press is held, and a bar that presses an arc of some 
 instead of a line, unevenly and a few degrees askew. Each is pressed at planned and at random
 places; the calibrated skin file then finds unseen loads with `LoadEstimator`, as `suas invert`
 does, with what the presses showed beyond the model and without; loads of a body three times as
-wide as well. A Gaussian process and a network learn from random presses of the same unit.
+wide as well, with `--averaged` from means of 50 frames. A Gaussian process and a network learn
+from random presses of the same unit.
 Prints the table of docs/as_built.md after each unit; `--plot` draws its figure::
 
     python -m benchmarks.as_built --units 2 --kinds random --presses 10 100
@@ -132,6 +133,7 @@ class Unit:
         tests: how many unseen loads.
         most: how many random presses.
         largest: force of a press [N].
+        averaged: whether loads are found from means of `FRAMES` frames.
     """
 
     def __init__(
@@ -142,10 +144,12 @@ class Unit:
         tests: int,
         most: int = LEARNED[-1],
         largest: float = 10.0,
+        averaged: bool = False,
     ) -> None:
         spec, random = load_skin(file), np.random.default_rng(seed)
         if not np.isclose(plain_geometry(spec.geometry).half_angle[0], np.pi / 2):
             raise ValueError(f"{file}: units are made of half circles alone")
+        self.noise = NOISE / FRAMES**0.5 if averaged else NOISE
         skin, offsets = unit_of(spec, random)
         self.skin, self.radius = skin, float(skin.geometry.outer_size[0])
         self.pad = spec.geometry.dimension == 3
@@ -186,7 +190,8 @@ class Unit:
         means = so[: len(told)]
         means = means + NOISE / FRAMES**0.5 * random.normal(size=means.shape)
         single = so[len(told) : -1]
-        single = np.rint(single + NOISE * random.normal(size=single.shape))
+        single = single + self.noise * random.normal(size=single.shape)
+        single = single if averaged else np.rint(single)
         self.bodies = 1 if self.pad else 2
         self.file, self.spec, self.rest = file, spec, rest
         self.good = good[: len(told)]
@@ -235,6 +240,7 @@ class Unit:
             spec,
             rest=self.rest,
             rest_variance=variance,
+            noise=self.noise,
             most_contacts=1,
             load_fields=False,  # loads are bars and discs
         )
@@ -326,6 +332,7 @@ def main() -> None:
     parser.add_argument("--presses", type=int, nargs="+", default=[10])
     parser.add_argument("--learned", type=int, nargs="+", default=[*LEARNED])
     parser.add_argument("--kinds", nargs="+", default=["planned", "random"])
+    parser.add_argument("--averaged", action="store_true", help="loads from means of frames")
     parser.add_argument("--plot", type=Path)
     options = parser.parse_args()
     configure()
@@ -339,7 +346,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         for seed in range(options.first, options.first + options.units):
             most = max(options.learned)
-            unit = Unit(options.skin, seed, plan, options.tests, most, options.force)
+            given = options.tests, most, options.force, options.averaged
+            unit = Unit(options.skin, seed, plan, *given)
             if not np.isfinite(unit.rest).all():
                 print(f"unit {seed} buckles at rest: left out", flush=True)
                 continue
@@ -358,9 +366,13 @@ def main() -> None:
                     spent = time.process_time() - begin
                     record = own.calibration
                     assert record is not None
+                    shift = record.place_shift
                     # Half of what presses share, see `shift_of_loads`.
-                    shared = 2e3 * unit.radius * record.place_shift
-                    said = f"presses off by {shared:.2f} mm alike, {spent:.0f} s"
+                    low, high = (
+                        2e3 * unit.radius * f(shift.shifts if shift else (0.0,))
+                        for f in (min, max)
+                    )
+                    said = f"presses off by {low:.2f} to {high:.2f} mm together, {spent:.0f} s"
                     print(f"unit {seed}, {kind} {count}: {said}", flush=True)
             print(f"unit {seed}, all so far:", flush=True)
             printed({key: summary(own) for key, own in rows.items()})

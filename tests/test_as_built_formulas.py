@@ -37,8 +37,6 @@ from fitting.sensor.model.as_built import (
     as_built_names,
     is_gain,
     press_errors,
-    shared_error,
-    shift_of_loads,
 )
 from fitting.sensor.model.constants import (
     STIFFNESS,
@@ -48,6 +46,7 @@ from fitting.sensor.model.constants import (
     with_constants,
 )
 from fitting.sensor.model.counts import SensorModel, parts_of
+from fitting.sensor.model.place_errors import PlaceErrors, shift_of_loads
 from fitting.sensor.report.skin_file import _set_as_built
 from fitting.sensor.shapes.scene_states import SceneStates
 from fitting.sensor.shapes.state_programs import TaxelFace
@@ -57,11 +56,13 @@ from suas_jax.config import UncertainQuantity, continuous_inputs, load_skin
 from suas_jax.config.input_errors import input_errors
 from suas_jax.config.schema_calibration import CalibrationSpec
 from suas_jax.sensing.taxels import DISC, by_taxel
+from suas_jax.skin.plain import plain_geometry
 
 RNG = np.random.default_rng(0)
 ROOT = Path(__file__).parent.parent
 SKIN = load_skin(ROOT / "configs/skins/suas.toml")
 PAD = load_skin(ROOT / "configs/skins/suas-pad.toml")
+RADIUS = float(plain_geometry(SKIN.geometry).section.size[0])  # [m]
 
 
 def test_a_skin_as_built_has_the_drawing_s_values() -> None:
@@ -168,40 +169,45 @@ def test_gains_tell_their_own_deviation() -> None:
 
 
 def test_what_errors_share_is_told_by_their_posterior() -> None:
-    """Against the joint posterior of the shared part and all errors, from the same readings."""
-    own, count = 0.5, 6
-    prior = own**2 * (1 + np.eye(count))
+    """Against the joint posterior of what is shared and all errors, from the same readings."""
+    own, at = 0.01, np.array([-0.9, 0.3])
+    angle = np.array([-1.0, -0.6, -0.55, 0.2, 0.5, 0.9])
+    count = len(angle)
+    every = np.concatenate([angle, at])
+    near = np.exp(-((every[:, None] - every) ** 2) / (2 * 0.35**2))
+    # A ruler's zero, and a bar that stands askew: alike all over, and smooth along the arc.
+    shared = own**2 + 0.0085**2 * (1 + near)
+    prior = shared[:count, :count] + own**2 * np.eye(count)
     skin = as_built(SKIN)
-    errors = press_errors(SKIN, count, own)
+    errors = press_errors(SKIN, count, own * RADIUS)
     parts = [*(named(skin, name) for name in as_built_names(skin)), *errors]
-    deviations, correlation = as_built_deviations(SKIN, parts)
-    sd = np.array([deviations[part.name] for part in errors[:count]]) / errors[0].size
+    deviations, correlation = as_built_deviations(SKIN, parts, angle)
+    sd = np.array([deviations[part.name] for part in errors[:count]])
     alike = correlation[-2 * count :, -2 * count :]
-    np.testing.assert_allclose(
-        alike[:count, :count] * np.outer(sd, sd), prior / own**2, rtol=1e-12
-    )
+    np.testing.assert_allclose(alike[:count, :count] * np.outer(sd, sd), prior, rtol=1e-12)
     np.testing.assert_array_equal(alike[count:], np.eye(2 * count)[count:])  # of forces
-    slope = RNG.normal(size=(9, count))
-    read = slope @ (0.7 + own * RNG.normal(size=count)) + 0.1 * RNG.normal(size=9)
-    information = slope.T @ slope / 0.1**2
-    covariance = np.linalg.inv(information + np.linalg.inv(prior))
-    found = covariance @ slope.T @ read / 0.1**2
-    # Jointly: the shared part m first, errors m + u.
-    base = np.concatenate([[[1.0]], np.zeros((1, count))], 1)
-    mixed = np.concatenate([np.ones((count, 1)), np.eye(count)], 1)
-    both = (slope @ mixed).T @ (slope @ mixed) / 0.1**2 + np.eye(count + 1) / own**2
-    joint = np.linalg.inv(both)
-    expected = base @ joint @ (slope @ mixed).T @ read / 0.1**2
-    m, deviation = shared_error(found, covariance, own)
-    assert m == pytest.approx(expected.item(), rel=1e-9)
-    assert deviation == pytest.approx(np.sqrt(joint[0, 0]), rel=1e-9)
+    slope, noise = RNG.normal(size=(9, count)), 0.002
+    read = slope @ (0.014 + own * RNG.normal(size=count)) + noise * RNG.normal(size=9)
+    covariance = np.linalg.inv(slope.T @ slope / noise**2 + np.linalg.inv(prior))
+    found = covariance @ slope.T @ read / noise**2
+    # Jointly Gaussian: readings, and what is shared at the places.
+    whole = slope @ prior @ slope.T + noise**2 * np.eye(9)
+    across = shared[count:, :count] @ slope.T
+    gain = across @ np.linalg.inv(whole)
+    m, left = PlaceErrors(angle, own).shared(found, covariance, at)
+    np.testing.assert_allclose(m, gain @ read, rtol=1e-7)
+    np.testing.assert_allclose(left, shared[count:, count:] - gain @ across.T, rtol=1e-7)
 
 
 def test_loads_to_come_are_off_as_presses_were_or_not_at_all() -> None:
-    """Mean and deviation of the mixture, from draws of it."""
-    mean, deviation = shift_of_loads(-0.7, 0.2)
-    drawn = np.where(RNG.random(400_000) < 0.5, RNG.normal(-0.7, 0.2, 400_000), 0.0)
-    assert (mean, deviation) == pytest.approx((drawn.mean(), drawn.std()), rel=5e-3)
+    """Errors after half is taken off: of draws of what was shared, and of none."""
+    m, own = np.array([-0.7, 0.1]), np.array([[0.04, 0.01], [0.01, 0.09]])
+    mean, covariance = shift_of_loads(m, own)
+    as_presses = RNG.multivariate_normal(m, own, 400_000) - mean
+    second = as_presses.T @ as_presses / len(as_presses)
+    np.testing.assert_allclose(covariance, second, atol=2e-3)
+    straight = np.outer(mean, mean)
+    assert np.linalg.eigvalsh(covariance - straight).min() >= 0
 
 
 def test_stiffness_is_a_factor_and_errors_of_presses_are_no_inputs() -> None:

@@ -32,13 +32,14 @@ from fitting.inverse_load.estimate.at_rest import untouched
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate, load_array
 from fitting.inverse_load.estimate.measured_pressure import contradicted, with_doubts
 from fitting.inverse_load.estimate.place import ContactPlaces
+from fitting.inverse_load.estimate.place_shift import PlaceShift
 from fitting.inverse_load.fit.explanation import Alternative
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.live.filter import LoadFilter
 from suas_jax.config import continuous_inputs, input_errors, load_skin
 from suas_jax.config.input_errors import STIFFNESS
-from suas_jax.config.schema_calibration import CalibrationSpec
+from suas_jax.config.schema_calibration import CalibrationSpec, PlaceShiftSpec
 from suas_jax.config.sections.circle import CircleSpec
 from suas_jax.skin.plain import plain_geometry
 from tests.stand_ins import (
@@ -419,12 +420,35 @@ def test_a_contact_s_place_is_the_one_that_scenes_state(section: str) -> None:
     slope = (places.estimated(at + step) - places.estimated(at - step)) / (2 * step)
     assert places.slope(at) == pytest.approx(slope, rel=1e-5)
     # What presses were felt to be off by is taken off places; the clamp stays where it is.
-    told = ContactPlaces(spec, geometry, 0.02)
+    even = PlaceShiftSpec(angles=(0.0,), shifts=(0.02,), covariance=((1e-6,),))
+    told = ContactPlaces(spec, geometry, PlaceShift(even))
     for name in ("angle", "arc", "outer_arc", "inner_arc", "estimated"):
         assert getattr(told, name)(at + 0.02) == pytest.approx(getattr(places, name)(at))
     assert told.edge == places.edge
     kind = {"ellipse": "angle", "path": "arc"}[section]
     assert told.from_place(kind, told.estimated(at)) == pytest.approx(at, abs=1e-6)
+
+
+def test_a_shift_along_the_arc_is_taken_off_and_put_on_again() -> None:
+    """Between its places by straight lines, as its covariance is; even beyond them."""
+    covariance = np.array([[4e-4, 1e-4], [1e-4, 9e-4]])
+    record = PlaceShiftSpec(
+        angles=(-1.0, 1.0), shifts=(0.02, -0.04), covariance=tuple(map(tuple, covariance))
+    )
+    shift, at = PlaceShift(record), np.array([-1.3, -1.0, 0.5, 1.0, 1.2])
+    expected = [0.02, 0.02, -0.025, -0.04, -0.04]
+    assert shift.felt(at) - at == pytest.approx(expected)
+    assert shift.taken_off(shift.felt(at)) == pytest.approx(at)
+    weights = np.array([[0.25, 0.75], [1.0, 0.0]])
+    own = shift.covariance(shift.felt(np.array([[0.5, -1.2]])))[0]
+    assert own == pytest.approx(weights @ covariance @ weights.T)
+    for wrong, said in (
+        ({"shifts": (0.02, -3.0)}, "ascending order"),
+        ({"shifts": (0.02,)}, "2 are needed, one for each of angles"),
+        ({"covariance": ((1.0, np.nan), (0.0, 1.0))}, "finite"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            PlaceShiftSpec(**record.model_dump() | wrong)
 
 
 class FarNodes(DimpleNodes):

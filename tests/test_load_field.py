@@ -1,6 +1,7 @@
 """Load fields: their posterior against closed forms, their model, palms on a section."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,12 +9,16 @@ from scipy.stats import multivariate_normal
 
 from benchmarks.inverse_load import skin_of_taxels, with_tolerances
 from fitting.arrays import Floats
+from fitting.inverse_load.estimate.place import ContactPlaces
+from fitting.inverse_load.estimate.place_shift import PlaceShift
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.field.fallback import FieldFallback
+from fitting.inverse_load.field.fitter import FieldFitter
 from fitting.inverse_load.field.forward import FieldForward, even_nodes
 from fitting.inverse_load.field.posterior import FieldPosterior, LinearReadings, Scale, Scales
 from fitting.inverse_load.fit.section_errors import SectionErrors
 from fitting.steps import Budget
+from suas_jax.config.schema_calibration import PlaceShiftSpec
 from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import skin_of
@@ -70,6 +75,24 @@ def test_forces_that_readings_tell_are_known_to_their_noise_and_to_errors_of_inp
 
 
 # --- on a section -------------------------------------------------------------------------
+
+
+def test_sums_of_a_field_hold_what_a_unit_s_presses_leave_open() -> None:
+    """Where readings leave nothing open: the scatter of forces, the shift of places."""
+    skin = skin_of(skin_of_taxels(8), contact=False)
+    shift = PlaceShiftSpec(angles=(0.0,), shifts=(0.0,), covariance=((0.03**2,),))
+    along = ContactPlaces(skin_of_taxels(8).geometry, skin.geometry, PlaceShift(shift))
+    fitter = FieldFitter(skin, np.array([1.4]), along, None, scatter=0.05)
+    force = np.exp(-(fitter.nodes.places[:, 0] ** 2))
+    sure = SimpleNamespace(samples=lambda *_: np.repeat(force[None], 4000, 0))
+    fitter._posterior = sure  # type: ignore[assignment]
+    field = fitter.told(SimpleNamespace(force=force, linear=None, scales=None), np.ones(9), 0.0)
+    total = force.sum()
+    assert field.force.value == pytest.approx(total)
+    assert field.force.high / total - 1 == pytest.approx(1.96 * 0.05, rel=0.1)
+    assert 1 - field.force.low / total == pytest.approx(1.96 * 0.05, rel=0.1)
+    assert (field.angle.high - field.angle.low) / 2 == pytest.approx(1.96 * 0.03, rel=0.1)
+    assert field.arc_extent.high == pytest.approx(field.arc_extent.low)
 
 
 def test_errors_move_a_field_s_channels_together_as_alone() -> None:

@@ -45,7 +45,7 @@ from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.fit.systematic import (
     AbstractSystematicErrors,
     ErrorsOfFrames,
-    of_shared_place,
+    of_shared_places,
 )
 from fitting.inverse_load.model.evaluation import Evaluation
 from fitting.inverse_load.search import table as load_table
@@ -299,8 +299,12 @@ class KnownErrors(AbstractSystematicErrors):
 
 def test_an_error_that_all_places_share_moves_them_alike() -> None:
     """Of two contacts the distance stays as it is, and their middle has its deviation."""
-    best: Any = SimpleNamespace(contacts=np.array([1, 2]), information=np.zeros((2, 4, 4)))
-    one, two = of_shared_place(best, 2, 0.04)
+    best: Any = SimpleNamespace(
+        contacts=np.array([1, 2]), information=np.zeros((2, 4, 4)), parameters=np.ones((2, 4))
+    )
+    one, two = of_shared_places(
+        best, 2, lambda angle: np.full((*angle.shape, angle.shape[1]), 0.04)
+    )
     np.testing.assert_array_equal(one[:2, :2], [[0.04, 0.0], [0.0, 0.0]])
     assert np.isnan(one[2:]).all()
     apart, middle = np.array([1.0, -1, 0, 0]), np.array([0.5, 0.5, 0, 0])

@@ -210,7 +210,7 @@ class LoadEstimator:
             wanted = self.spec.geometry.dimension == 2
         if not wanted or self._memory is not None:
             return None
-        fitter = self._parts.fitter
+        fitter, record = self._parts.fitter, self.spec.calibration
         return FieldFallback(
             self.skin,
             np.atleast_1d(fitter.edge),
@@ -218,6 +218,7 @@ class LoadEstimator:
             self._systematic,
             per_contact=fitter.per_contact,
             coordinates=fitter.parameters.places,
+            scatter=0.0 if record is None else record.force_scatter,
             live=self.live,
             budget=self._budget,
         )

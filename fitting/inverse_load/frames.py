@@ -23,7 +23,7 @@ from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.fit.systematic import (
     AbstractSystematicErrors,
     of_scattered_forces,
-    of_shared_place,
+    of_shared_places,
 )
 from fitting.inverse_load.memory.follower import MemoryFollower
 from suas_jax.acquisition.log.format import MAX_COUNT
@@ -143,8 +143,9 @@ class FrameEstimator:
         if systematic is not None:
             parts.append(systematic.covariance(best, y, per_contact))
         record = self.record
-        if record is not None and record.place_shift_error:
-            parts.append(of_shared_place(best, per_contact, record.place_shift_error**2))
+        shift = self.parts.assessment.along.shift
+        if shift.known:
+            parts.append(of_shared_places(best, per_contact, shift.covariance))
         if record is not None and record.force_scatter:
             parameters = self.parts.fitter.parameters
             parts.append(of_scattered_forces(best, parameters, record.force_scatter**2))

@@ -7,6 +7,7 @@ import numpy as np
 from fitting.inverse_load.estimate.assessment import LoadAssessment
 from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.estimate.place import ContactPlaces
+from fitting.inverse_load.estimate.place_shift import PlaceShift
 from fitting.inverse_load.fit.detection import ArcDetector
 from fitting.inverse_load.fit.load_posterior import SectionPosterior
 from fitting.inverse_load.fit.section_errors import SectionErrors
@@ -35,7 +36,8 @@ def section_parts(
         skin, table, direction=direction, live=live, most_contacts=most_contacts
     )
     nodes = NodeSearch(skin, table)
-    shift = 0.0 if spec.calibration is None else spec.calibration.place_shift
+    record = spec.calibration
+    shift = PlaceShift(None if record is None else record.place_shift)
     places = ContactPlaces(spec.geometry, skin.geometry, shift)
     taxels = np.asarray(skin.electrodes.taxels.angle)
     middle, quarter = len(table.angles) // 2, len(table.angles) // 4

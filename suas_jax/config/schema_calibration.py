@@ -1,5 +1,6 @@
 """What a calibrated skin file says about where its numbers come from."""
 
+import itertools
 import math
 from typing import Annotated, Self
 
@@ -87,6 +88,38 @@ class DiscrepancySpec(Spec):
         return self
 
 
+class PlaceShiftSpec(Spec):
+    """By how much further along the arc than they are contacts are felt, as presses show.
+
+    `suas invert` takes it off places, between the angles by straight lines.
+
+    Attributes:
+        angles: of places on the skin, in order [rad].
+        shifts: there [rad].
+        covariance: of the shifts, in rows [rad^2].
+    """
+
+    angles: Numbers = file_key("[-1.0, 1.0]", min_length=1, max_length=300)
+    shifts: Numbers = file_key("[-0.012, -0.008]")
+    covariance: Rows = file_key("[[9e-6, 4e-6], [4e-6, 9e-6]]")
+
+    @model_validator(mode="after")
+    def _of_one_shape(self) -> Self:
+        count = len(self.angles)
+        if len(self.shifts) != count or {len(row) for row in self.covariance} != {count}:
+            raise ValueError(f"shifts, covariance: {count} are needed, one for each of angles")
+        if len(self.covariance) != count:
+            raise ValueError(f"covariance: {count} rows are needed, one for each of angles")
+        felt = [a + b for a, b in zip(self.angles, self.shifts, strict=True)]
+        for key, own in (("angles", self.angles), ("angles with shifts", felt)):
+            # A NaN is in no order either.
+            if not all(a < b for a, b in itertools.pairwise(own)) or own[0] != own[0]:
+                raise ValueError(f"{key}: numbers in ascending order are needed")
+        if not all(math.isfinite(x) for row in self.covariance for x in row):
+            raise ValueError("covariance: finite numbers are needed")
+        return self
+
+
 class CalibrationSpec(Spec):
     """The record of `suas fit sensor`. It changes no result of the model.
 
@@ -109,8 +142,7 @@ class CalibrationSpec(Spec):
         offset_errors: their standard errors [counts].
         masked: taxels that took no part, in words.
         place_shift: by how much further along the arc than they are contacts are felt, as
-            presses show; it is taken off estimated places [rad].
-        place_shift_error: its standard deviation [rad].
+            presses show; it is taken off estimated places.
         force_scatter: what forces scatter by from press to press, standard deviation,
             relative.
         discrepancy: what presses showed beyond the model, where they did.
@@ -131,8 +163,7 @@ class CalibrationSpec(Spec):
     offsets: Numbers = file_key("[1.5, -0.3]", ())
     offset_errors: Numbers = file_key("[0.1, 0.1]", ())
     masked: Names = file_key('["module 0, taxel 3: stuck"]', ())
-    place_shift: float = file_key("-0.012", 0.0, ge=-1, le=1)
-    place_shift_error: float = file_key("0.003", 0.0, ge=0, le=1)
+    place_shift: PlaceShiftSpec | None = file_key("{ angles = [-1.0, 1.0] }", None)
     force_scatter: float = file_key("0.008", 0.0, ge=0, le=1)
     discrepancy: DiscrepancySpec | None = file_key("{ common = 0.01 }", None)
     skin: LogRecord | None = file_key('{ path = "suas.toml", sha256 = "e3b0c442..." }', None)

@@ -7,20 +7,24 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from fitting.arrays import Floats
+from fitting.inverse_load.estimate.place_shift import PlaceShift
 from suas_jax.config.geometry import GeometrySpec
 from suas_jax.skin.geometry import SkinGeometry
 
 _POINTS = 4001  # of the tables along the arc: good to 1e-9 of it
+_NONE = PlaceShift()
 
 
 class ContactPlaces:
     """Places along the arc of one skin, as its scenes state them.
 
-    They are made from the [geometry] table and its dimensions. Places that presses told are
-    less by `shift` than the model's angle [rad].
+    They are made from the [geometry] table and its dimensions. `shift` is how far from where
+    they are contacts are felt, which the model's angle tells.
     """
 
-    def __init__(self, spec: GeometrySpec, geometry: SkinGeometry, shift: float = 0.0) -> None:
+    def __init__(
+        self, spec: GeometrySpec, geometry: SkinGeometry, shift: PlaceShift = _NONE
+    ) -> None:
         # name of the coordinate that is estimated: "arc", the arc length of the inner face from
         # its middle [m], where the section knows no angle; else "angle" [rad]
         self.name = "angle" if spec.has_angle else "arc"
@@ -33,22 +37,22 @@ class ContactPlaces:
             rows = _told(geometry, jnp.asarray(angle)[:, None])
             self._rows = angle, np.concatenate([np.asarray(x) for x in rows], 1)
             self._table = CubicSpline(*self._rows)
-        self._shift = shift
+        self.shift = shift
         # the estimated coordinate of the right clamped edge, which no press tells
-        self.edge = float(self.estimated(np.asarray(geometry.half_angle)[0] + shift))
+        self.edge = float(self.estimated(shift.felt(np.asarray(geometry.half_angle)[0])))
 
     def angle(self, angle: Floats) -> Floats:
         """The angle that a scene calls so; of a path or spline that of the normal [rad]."""
-        angle = angle - self._shift
+        angle = self.shift.taken_off(angle)
         return angle if self._circle else self._table(angle)[..., 0]
 
     def arc(self, angle: Floats) -> Floats | None:
         """Arc length of the inner face from its middle [m]; None on a circle."""
-        return None if self._circle else self._table(angle - self._shift)[..., 1]
+        return None if self._circle else self._table(self.shift.taken_off(angle))[..., 1]
 
     def outer_arc(self, angle: Floats) -> Floats:
         """The same of the outer face [m]."""
-        angle = angle - self._shift
+        angle = self.shift.taken_off(angle)
         return angle * self._outer_size if self._circle else self._table(angle)[..., 2]
 
     def estimated(self, angle: Floats) -> Floats:
@@ -65,7 +69,7 @@ class ContactPlaces:
 
     def inner_arc(self, angle: Floats) -> Floats:
         """Arc length of the inner face from its middle [m], of a circle too."""
-        angle = angle - self._shift
+        angle = self.shift.taken_off(angle)
         return angle * self._inner_size if self._circle else self._table(angle)[..., 1]
 
     def outer_rate(self, angle: Floats) -> Floats:
@@ -77,9 +81,9 @@ class ContactPlaces:
     def from_place(self, name: str, place: Floats) -> Floats:
         """The model's angle of places that are told by "angle" [rad] or "arc" [m]."""
         if self._circle:
-            return self._shift + (place if name == "angle" else place / self._inner_size)
+            return self.shift.felt(place if name == "angle" else place / self._inner_size)
         angle, rows = self._rows
-        return self._shift + np.interp(place, rows[:, int(name == "arc")], angle)
+        return self.shift.felt(np.interp(place, rows[:, int(name == "arc")], angle))
 
     def coordinates(self, angle: Floats) -> dict[str, Floats]:
         """Places by key, as reports tell them."""

@@ -47,10 +47,11 @@ class FieldFallback:
         *,
         per_contact: int,  # parameters of a contact
         coordinates: int,
+        scatter: float = 0.0,  # of forces from one press to another, relative
         live: bool,
         budget: Budget | None = None,  # of a live frame
     ) -> None:
-        self._fitter = FieldFitter(skin, edge, along, errors)
+        self._fitter = FieldFitter(skin, edge, along, errors, scatter)
         self._taxels = len(skin.electrodes.taxels.angle)
         self._per_contact, self._coordinates = per_contact, coordinates
         self._live, self._budget = live, budget

@@ -44,8 +44,9 @@ class FieldFitter:
         edge: Floats,  # largest angle [rad] and axial position [m] of a load
         along: ContactPlaces,
         errors: AbstractSystematicErrors | None,  # of the skin's inputs
+        scatter: float = 0.0,  # of forces from one press to another, relative
     ) -> None:
-        self._along, self._errors = along, errors
+        self._along, self._errors, self._scatter = along, errors, scatter
         self.nodes = nodes = even_nodes(skin, edge, along)
         self._forward = FieldForward(skin, nodes)
         # where nodes are on the unrolled outer face [node, coordinate] [m]
@@ -85,7 +86,7 @@ class FieldFitter:
         return FieldFit(force, here, linear, scales, _chi2(y, weight, here))
 
     def told(self, fit: FieldFit, weight: Floats, preferred_by: float) -> LoadField:
-        """What a fit says, with what noise and the inputs' errors leave open."""
+        """What a fit says, with what noise, inputs, and a unit's presses leave open."""
         errors = np.zeros((0, len(weight)))
         if self._errors is not None:
             here = fit.found
@@ -96,10 +97,16 @@ class FieldFitter:
         random = np.random.default_rng(0)  # the same frame, the same answer
         samples = self._posterior.samples(fit.linear, fit.scales, errors, _SAMPLES, random)
         kept = samples[samples.any(1)]
-        return self._summed(np.concatenate([fit.force[None], kept]), preferred_by)
+        # One rubber gives way under all of a field.
+        kept = kept * (1 + self._scatter * random.normal(size=(len(kept), 1)))
+        aside = np.append(0.0, random.normal(size=len(kept)))
+        return self._summed(np.concatenate([fit.force[None], kept]), aside, preferred_by)
 
-    def _summed(self, samples: Floats, preferred_by: float) -> LoadField:
-        """What forces at nodes [sample, node] amount to, the likeliest of which come first."""
+    def _summed(self, samples: Floats, aside: Floats, preferred_by: float) -> LoadField:
+        """What forces at nodes [sample, node] amount to, the likeliest of which come first.
+
+        Centres are off by what all places are off by, in standard deviations [sample].
+        """
         nodes, total = self.nodes, samples.sum(1)
         inward = -np.stack([np.sin(nodes.direction), np.cos(nodes.direction)])
         share = samples / total[:, None]
@@ -109,6 +116,7 @@ class FieldFitter:
         outer = self._metres[:, 0]
         order = np.argsort(outer, kind="stable")
         angle = np.interp(middle[:, 0], outer[order], nodes.places[order, 0])
+        angle = angle + aside * np.sqrt(self._along.shift.covariance(angle[:1, None])[0, 0])
         arc, pad = self._along.arc(angle), middle.shape[1] == 2
         return LoadField(
             _interval(total),

@@ -18,7 +18,7 @@ Readings that count from a baseline are moved by S less its value at rest.
 """
 
 import abc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -135,14 +135,18 @@ def no_covariance(best: Explanations, per_contact: int) -> Floats:
     return np.where(used[:, :, None] & used[:, None], 0.0, np.nan)
 
 
-def of_shared_place(best: Explanations, per_contact: int, variance: float) -> Floats:
-    """Covariances of the parameters by an error that all places share, padded likewise.
+def of_shared_places(
+    best: Explanations, per_contact: int, covariance: Callable[[Floats], Floats]
+) -> Floats:
+    """Covariances of the parameters by what all places are off by together, padded likewise.
 
-    Angles come first among the parameters; `variance` is the error's [rad^2].
+    Angles come first among the parameters; `covariance` is theirs [frame, contact, contact].
     """
-    places = np.arange(best.information.shape[1]) < best.contacts[:, None]
-    both = places[:, :, None] & places[:, None]
-    return np.where(both, variance, no_covariance(best, per_contact))
+    total = no_covariance(best, per_contact)
+    for count in np.unique(best.contacts):
+        frames = np.flatnonzero(best.contacts == count)
+        total[frames, :count, :count] = covariance(best.parameters[frames, :count])
+    return total
 
 
 def of_scattered_forces(

@@ -59,7 +59,7 @@ from suas_jax.acquisition.baseline import Baseline
 from suas_jax.runtime.compiled import require_float64
 from suas_jax.skin.plain import angles_at, plain_geometry
 
-_ROUNDS, _HALVINGS = 8, 3
+_ROUNDS, _HALVINGS = 8, 8
 _SAME, _SAME_AS_BUILT = 1e-7, 0.02  # of a constant's size, or of its prior's deviation
 # LoggedCounts are left out where the membrane would touch the wall in a gap smaller by this.
 _NEAR_CONTACT = 0.85
@@ -154,7 +154,8 @@ def fit_sensor(
     }
     correlation = None
     if own:
-        before, correlation = as_built_priors(drawing, parts, start)
+        places = data.loads.angle[0, pressed]
+        before, correlation = as_built_priors(drawing, parts, start, places)
         given = before | given
         share = MODEL_ERROR[drawing.geometry.dimension]
         readings = with_model_error(readings, frames, data.loaded, share)

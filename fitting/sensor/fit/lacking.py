@@ -1,6 +1,6 @@
 """What the presses of a unit show beyond its model as built: `fitting.statistics.discrepancy`.
 
-Places and forces are those that were told, but for what all places are off by alike: their
+Places and forces are those that were told, but for what places are off by together: their
 errors, which a fit finds press by press, would take up part of it.
 """
 
@@ -40,10 +40,12 @@ def presses_of(fit: SensorFit) -> Presses:
     loaded = np.append(fit.data.loaded, False)  # a baseline's state comes last
     pressed = loaded[here.state]
     change = np.nan_to_num(so - so[:, ~pressed].mean(1, keepdims=True))
-    shift, _ = fit.place_shift or (0.0, 0.0)
+    angle = fit.data.loads.angle[0, here.state[pressed]]
+    shared = fit.place_shift(angle)
+    shifts = np.zeros(len(angle)) if shared is None else shared[0]
     rows: list[tuple[Floats, ...]] = []
     states = [int(k) for k in np.flatnonzero(loaded)]
-    for i in np.flatnonzero(pressed):
+    for i, shift in zip(np.flatnonzero(pressed), shifts, strict=True):
         number = states.index(int(here.state[i]))
         k, m = (names.index(f"{kind}.{number}") for kind in (PLACE, PUSH))
         place, push = by[:, i, k], by[:, i, m]
@@ -53,7 +55,7 @@ def presses_of(fit: SensorFit) -> Presses:
     own = here.state[pressed]
     force = np.nan_to_num(fit.data.loads.force).sum(0)[own]
     return Presses(
-        fit.data.loads.angle[0, own] + shift,
+        angle + shifts,
         force,
         *(np.array(x) for x in zip(*rows, strict=True)),
     )

@@ -81,13 +81,17 @@ def prior_of(part: SensorConstant, stated: float | None, reason: str) -> Prior:
 
 
 def as_built_priors(
-    drawing: SkinSpec, parts: Sequence[SensorConstant], stated: np.ndarray
+    drawing: SkinSpec,
+    parts: Sequence[SensorConstant],
+    stated: np.ndarray,
+    angle: np.ndarray | None = None,
 ) -> tuple[dict[str, Prior], np.ndarray]:
     """Priors of all that a unit has of its own, and their correlations [p, p].
 
-    The stated values are those of the constants in the skin file [p].
+    The stated values are those of the constants in the skin file [p]; presses whose errors are
+    among the constants have angles [press] [rad].
     """
-    deviations, correlation = as_built_deviations(drawing, parts)
+    deviations, correlation = as_built_deviations(drawing, parts, angle)
     found = {}
     for part, value in zip(parts, stated, strict=True):
         own = prior_of(part, _stated(drawing, part, value), "")

@@ -23,8 +23,8 @@ from fitting.sensor.fit.search import Found
 from fitting.sensor.logs.data import SensorData
 from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.logs.log import Masked
-from fitting.sensor.model.as_built import shared_error
 from fitting.sensor.model.constants import GAP, PATHS, PERMITTIVITY, PLACE, PUSH, SensorFamily
+from fitting.sensor.model.place_errors import PlaceErrors
 from fitting.sensor.shapes.shapes import Shapes
 from fitting.statistics.diagnostics import Misfit, misfit
 from fitting.statistics.discrepancy import Discrepancy
@@ -84,17 +84,19 @@ class SensorFit:
         """Of each load [load, state, m]."""
         return self.shapes.displacement
 
-    @property
-    def place_shift(self) -> tuple[float, float] | None:
-        """What all places of presses are off by alike, and its standard deviation [rad].
+    def place_shift(self, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """By how much presses at angles [place] are felt further along than told [rad].
 
-        None where presses have no places to be found, and on pads.
+        With its covariance [place, place]; None where presses have no places to be found, and
+        on pads.
         """
         at = [i for i, n in enumerate(self.family.names) if n.startswith(f"{PLACE}.")]
         if not at or self.data.spec.geometry.dimension == 3:
             return None
         own = self.uncertainty.covariance[np.ix_(at, at)]
-        return shared_error(self.constants[at], own, self.family.parts[at[0]].size)
+        told = self.data.loads.angle[0, np.flatnonzero(self.data.loaded)]
+        errors = PlaceErrors(told, self.family.parts[at[0]].size)
+        return errors.shared(self.constants[at], own, angle)
 
     @property
     def force_scatter(self) -> float | None:

@@ -12,9 +12,8 @@ told to be up to errors of its own, which are constants like the others. Channel
 1 + N(0, t^2), presses relative errors of force N(0, t^2), each with a t of their own that the
 gains and the presses tell themselves (`shared_deviation`).
 
-On a section presses may all be off alike, by a ruler's zero, or a bar that stands askew or
-presses unevenly: a press's place is off by m + u_k, and m and each u_k have the standard
-deviation s that is stated of places (`shared_error`).
+On a section presses may be off together, by a ruler's zero or a bar that stands askew
+(`fitting.sensor.model.place_errors`).
 """
 
 from collections.abc import Sequence
@@ -35,6 +34,7 @@ from fitting.sensor.model.constants import (
     is_press_error,
     naming,
 )
+from fitting.sensor.model.place_errors import PlaceErrors
 from suas_jax.config import SkinSpec, continuous_inputs
 from suas_jax.config.geometry import AlongSpec, SheetSpec
 from suas_jax.config.input_errors import stresses_of
@@ -140,18 +140,18 @@ def press_errors(spec: SkinSpec, presses: int, place: float) -> list[SensorConst
 
 
 def as_built_deviations(
-    drawing: SkinSpec, parts: Sequence[SensorConstant]
+    drawing: SkinSpec, parts: Sequence[SensorConstant], angle: Floats | None = None
 ) -> tuple[dict[str, float], Floats]:
     """Standard deviations of the constants before any press, and their correlations [p, p].
 
     The drawing is the skin file, which may state deviations; among the constants are those of
-    presses, whose sizes are their deviations.
+    presses, whose sizes are their deviations, and which have angles [press] [rad].
     """
     given = given_inputs(drawing)
     shares = {key: _share(given.get(f"geometry.{key}"), _TOLERANCE) for key in _TABLES}
     stresses = [_share(given[path], _STIFFNESS) for path in stresses_of(drawing)]
     permittivity = _share(given.get("oil.relative_permittivity"), _PERMITTIVITY)
-    own = {PERMITTIVITY: permittivity, STIFFNESS: max(stresses)}
+    common = {PERMITTIVITY: permittivity, STIFFNESS: max(stresses)}
     found: dict[str, float] = {}
     correlation = np.eye(len(parts))
     for part in parts:
@@ -159,14 +159,17 @@ def as_built_deviations(
             found[part.name] = np.sqrt(2) * shares[part.name.split(".")[1]] * part.size
         elif is_gain(part.name):
             found[part.name] = GAIN_ERROR
-        elif part.name in own:
-            found[part.name] = own[part.name] * part.size
+        elif part.name in common:
+            found[part.name] = common[part.name] * part.size
         elif is_press_error(part.name):
             found[part.name] = part.size
-    if drawing.geometry.dimension == 2:
-        alike = [i for i, part in enumerate(parts) if part.name.startswith(f"{PLACE}.")]
-        found |= {parts[i].name: np.sqrt(2) * parts[i].size for i in alike}
-        correlation[np.ix_(alike, alike)] = (1 + np.eye(len(alike))) / 2
+    places = [i for i, part in enumerate(parts) if part.name.startswith(f"{PLACE}.")]
+    if drawing.geometry.dimension == 2 and places:
+        assert angle is not None
+        own = PlaceErrors(angle, parts[places[0]].size).covariance
+        deviation = np.sqrt(np.diag(own))
+        found |= {parts[i].name: float(d) for i, d in zip(places, deviation, strict=True)}
+        correlation[np.ix_(places, places)] = own / np.outer(deviation, deviation)
     for key in _TABLES:
         table = _tabled(drawing, key)
         index = [
@@ -184,29 +187,6 @@ def _share(value: Any, usual: float) -> float:
     """Relative standard deviation that a file states, or the usual one."""
     deviation = deviation_of(value)
     return usual if deviation is None or not value else max(deviation / abs(value), _EXACT)
-
-
-def shared_error(found: Floats, covariance: Floats, own: float) -> tuple[float, float]:
-    """What errors share, and its standard deviation, from their posterior.
-
-    Errors are m + u_k with m, u_k ~ N(0, s^2). Given all n of them m is their sum over n + 1,
-    with the variance s^2 / (n + 1).
-
-    `found`: the errors [n]. `covariance`: theirs [n, n]. `own`: s.
-    """
-    count = len(found) + 1
-    variance = own**2 / count + covariance.sum() / count**2
-    return float(found.sum() / count), float(np.sqrt(variance))
-
-
-def shift_of_loads(shared: float, deviation: float) -> tuple[float, float]:
-    """What places of loads to come are off by, and its standard deviation.
-
-    Where a bar stood askew, a finger that presses straight is not off as the presses were;
-    where the ruler's zero was, it is. Presses do not tell which, so each counts as likely: the
-    mean is half of what they share, and what is left may be as large.
-    """
-    return shared / 2, float(np.sqrt(deviation**2 / 2 + shared**2 / 4))
 
 
 class Alike(NamedTuple):

@@ -11,7 +11,7 @@ import numpy as np
 import tomlkit
 
 from fitting.sensor.fit.result import SensorFit
-from fitting.sensor.model.as_built import is_gain, shift_of_loads
+from fitting.sensor.model.as_built import is_gain
 from fitting.sensor.model.constants import (
     FILL,
     GAP,
@@ -26,6 +26,7 @@ from fitting.sensor.model.constants import (
     is_gap,
     is_press_error,
 )
+from fitting.sensor.model.place_errors import places_of_shifts, shift_of_loads
 from fitting.sensor.report.mark import MARK
 from fitting.statistics.discrepancy import Discrepancy
 from suas_jax.config import SkinSpec
@@ -201,10 +202,9 @@ def _record(skin: Path, fit: SensorFit) -> Any:
     table["masked"] = [
         f"module {m.module}, taxel {m.taxel}: {m.reason}" for m in fit.masked if m.whole
     ]
-    if fit.place_shift is not None:
-        found, deviation = shift_of_loads(*fit.place_shift)
-        table["place_shift"] = float(f"{found:.6g}")
-        table["place_shift_error"] = float(f"{deviation:.6g}")
+    nodes = places_of_shifts(fit.data.spec.geometry)
+    if (shared := fit.place_shift(nodes)) is not None:
+        table["place_shift"] = _place_shift(nodes, *shift_of_loads(*shared))
     if fit.force_scatter is not None:
         table["force_scatter"] = float(f"{fit.force_scatter:.6g}")
     if fit.discrepancy is not None:
@@ -216,6 +216,13 @@ def _record(skin: Path, fit: SensorFit) -> Any:
         if file.inputs is not None:
             logs.append(_file(*file.inputs))
     table["logs"] = logs
+    return table
+
+
+def _place_shift(angle: np.ndarray, shift: np.ndarray, covariance: np.ndarray) -> Any:
+    table = tomlkit.inline_table()
+    table.update({"angles": _rounded(angle), "shifts": _rounded(shift)})
+    table["covariance"] = [_rounded(row) for row in covariance]
     return table
 
 

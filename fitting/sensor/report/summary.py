@@ -16,6 +16,7 @@ from fitting.report.description import (
 from fitting.sensor.fit.result import SensorFit
 from fitting.sensor.model.as_built import is_gain
 from fitting.sensor.model.constants import PATHS, is_press_error
+from fitting.sensor.model.place_errors import places_of_shifts
 from suas_jax.sensing.taxels import taxel_names
 from suas_jax.skin.plain import plain_geometry
 
@@ -85,10 +86,8 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
         "warnings": list(fit.warnings),
         "status": fit.status,
     }
-    if fit.place_shift is not None:
-        size = float(plain_geometry(fit.data.spec.geometry).section.size[0])
-        value, error = (size * x for x in fit.place_shift)
-        report["place_shift"] = {"value": value, "standard_error": error, "unit": "m"}
+    if (shift := _place_shift(fit)) is not None:
+        report["place_shift"] = shift
     if fit.force_scatter is not None:
         report["force_scatter"] = fit.force_scatter
     if fit.discrepancy is not None:
@@ -100,6 +99,22 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
             "unit": "1/m",
         }
     return report
+
+
+def _place_shift(fit: SensorFit) -> dict[str, Any] | None:
+    """What presses share of their places, at angles along the arc [rad]; None of other fits."""
+    geometry = fit.data.spec.geometry
+    nodes = places_of_shifts(geometry)
+    shared = fit.place_shift(nodes)
+    if shared is None:
+        return None
+    size = float(plain_geometry(geometry).section.size[0])
+    return {
+        "angles": nodes.tolist(),
+        "value": (size * shared[0]).tolist(),
+        "standard_error": (size * np.sqrt(np.diag(shared[1]))).tolist(),
+        "unit": "m",
+    }
 
 
 def _taxels(
@@ -165,10 +180,11 @@ def described(report: dict[str, Any], fit: SensorFit) -> Iterator[Part]:
         error = f"{ratio['standard_error']:.2g}"
         yield Remark(f"permittivity / gap: {ratio['value']:.6g} +- {error} 1/m")
     if shift := report.get("place_shift"):
-        value, error = (f"{1e3 * shift[key]:.2f}" for key in ("value", "standard_error"))
+        value, error = (1e3 * np.array(shift[key]) for key in ("value", "standard_error"))
         yield Remark(
-            f"all presses were felt {value} +- {error} mm further along the arc than told; "
-            "suas invert takes half of it off places, and counts half as their error"
+            f"presses were felt {value.min():.2f} to {value.max():.2f} mm further along the "
+            f"arc than told (+- {np.median(error):.2f} mm); suas invert takes half of it off "
+            "places, and counts half as their error"
         )
     if scatter := report.get("force_scatter"):
         yield Remark(f"forces scatter by {100 * scatter:.2g} % from press to press")
