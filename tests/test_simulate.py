@@ -15,9 +15,9 @@ from suas_jax.config import load_scene, with_inputs
 from suas_jax.config.inelastic import RelaxationSpec
 from suas_jax.config.schema_load import EnvironmentSpec, PatchLoadSpec, PressureLoadSpec
 from suas_jax.scene.forward import forward
-from suas_jax.scene.loads import Loads
+from suas_jax.scene.loads import Loads, loads_of
 from suas_jax.scene.skin import skin_of
-from suas_jax.simulation.capacitances import capacitances
+from suas_jax.simulation.capacitances import _loads, capacitances
 from suas_jax.simulation.load_path import LoadPath, load_path
 from suas_jax.simulation.simulated_log import NotKnownInputsError, true_loads
 
@@ -61,6 +61,7 @@ def suas(*arguments: object) -> tuple[int, str]:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("simulate")
     (folder / "scene.toml").write_text(SCENE)
+    (folder / "palm.toml").write_text(SCENE + 'spread = "20 mm"\n')
     (folder / "path.csv").write_text(PATH)
     return folder
 
@@ -147,6 +148,18 @@ def test_impossible_surroundings_are_refused(folder: Path, column: str, message:
         load_path(folder / "bad.csv")
 
 
+def test_a_load_over_an_arc_changes_its_force(folder: Path) -> None:
+    (folder / "palm.csv").write_text("# scene: palm.toml\nt_s,loads.0.force_N\n0,0\n1,8\n")
+    path = load_path(folder / "palm.csv")
+    section = skin_of(path.scene).geometry.section
+    found = _loads(path, np.array([0.0, 0.25]), section)
+    wanted = loads_of(with_inputs(path.scene, {"load.0.force": 2.0}))
+    np.testing.assert_allclose(found.force[:, 0], 0.0)
+    for name in ("angle", "force", "turn"):
+        own, other = getattr(found, name)[:, 1], getattr(wanted, name)[:, 0]
+        np.testing.assert_allclose(own, other, rtol=1e-14, err_msg=name)
+
+
 def test_true_loads_of_every_kind() -> None:
     scene = load_scene(Path("configs/scenes/two_contacts.toml"))
     turned = scene.loads[1].model_copy(update={"direction": "vertical", "angle": 0.5})
@@ -230,6 +243,7 @@ def test_a_taxel_that_touches_reads_full_scale(folder: Path) -> None:
         ("# scene: scene.toml\nt_s,loads.0.force_N\n0,1,2\n", "3 fields for 2 columns"),
         ("# scene: scene.toml\nt_s,loads.0.angle_deg\n0,91\n", "leaves the skin"),
         ("# scene: no.toml\nt_s,loads.0.force_N\n0,1\n", "no.toml"),
+        ("# scene: palm.toml\nt_s,loads.0.angle_deg\n0,1\n", "its force_N may change"),
     ],
 )
 def test_what_is_wrong_with_a_path_is_named(folder: Path, text: str, message: str) -> None:

@@ -156,8 +156,7 @@ def loads_of(scene: SceneSpec, inputs: Mapping[str, ArrayLike] | None = None) ->
         assert isinstance(load, LineLoad)  # all there is in plane strain
         points, weights = np.zeros(1), np.ones(1)
         if load.spread is not None:
-            points, weights = gauss_legendre(SPREAD_POINTS, -1.0, 1.0)
-            weights = weights / 2
+            points, weights = spread_points()
         # A vertical force is the inward radial one turned by its angle.
         along = section.direction(load.angle)
         turn = along if load.vertical else load.turn
@@ -171,6 +170,12 @@ def loads_of(scene: SceneSpec, inputs: Mapping[str, ArrayLike] | None = None) ->
             turns.append(turn + section.direction(angles[-1]) - along)
     angle, force, turn = (_stacked(x) for x in (angles, forces, turns))
     return Loads(angle, force, turn, parts.external_pressure)
+
+
+def spread_points() -> tuple[np.ndarray, np.ndarray]:
+    """Where points stand for a load over an arc, in halves of it, and their shares of it."""
+    points, weights = gauss_legendre(SPREAD_POINTS, -1.0, 1.0)
+    return points, weights / 2
 
 
 def _stacked(rows: list[Array]) -> Array:

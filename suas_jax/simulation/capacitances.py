@@ -16,7 +16,7 @@ from suas_jax.config import SceneSpec, continuous_inputs
 from suas_jax.runtime.compiled import COMPILED, jit
 from suas_jax.runtime.settings import configure
 from suas_jax.scene.forward import forward
-from suas_jax.scene.loads import SPREAD_POINTS, Loads, loads_of
+from suas_jax.scene.loads import SPREAD_POINTS, Loads, loads_of, spread_points
 from suas_jax.scene.parts import SkinStructure
 from suas_jax.scene.skin import Skin, skin_of
 from suas_jax.scene.solve import solve
@@ -154,6 +154,9 @@ def _loads(path: LoadPath, time: NDArray[np.float64], section: AbstractSection) 
             continue
         assert load.kind == "line"  # all there is in plane strain
         if load.spread is not None:
+            points = slice(row, row + SPREAD_POINTS)
+            if (told := values.get(f"loads.{i}.force_N")) is not None:
+                force[points] = spread_points()[1][:, None] * told
             row += SPREAD_POINTS
             continue
         if (told := values.get(f"loads.{i}.angle_deg")) is not None:

@@ -11,8 +11,9 @@ The first column is time, the others are loads of the scene by the names that `s
 --json` gives them: `force_N`, `angle_deg` or `arc_m`, `direction_deg` (counter-clockwise from
 the inward radial) and `pressure_Pa`; in three dimensions also `axial_m`, `tilt_deg` (towards
 +axial) and the `diameter_m` of a round patch. `temperature_degC` is that of the whole skin,
-`water_depth_m` its depth below the surface. Between rows everything changes linearly, two rows
-of one time are a jump; what no column names stays as the scene has it.
+`water_depth_m` its depth below the surface. A load that is spread over an arc stays where it
+is; its force may change. Between rows everything changes linearly, two rows of one time are a
+jump; what no column names stays as the scene has it.
 """
 
 import re
@@ -181,9 +182,12 @@ def _check_columns(where: str, names: Sequence[str], scene: SceneSpec) -> None:
                 f'{where}, column "{name}": the scene places this load by '
                 f"{'arc' if by_arc else 'angle'}, and so does its path"
             )
-        flat = scene.geometry.dimension == 2
-        if flat and isinstance(load, LineLoadSpec) and load.spread is not None:
-            raise ValueError(f'{where}, column "{name}": a spread load can\'t move in a path')
+        spread = isinstance(load, LineLoadSpec) and load.spread is not None
+        if scene.geometry.dimension == 2 and spread and found[2] != "force_N":
+            raise ValueError(
+                f'{where}, column "{name}": a spread load can\'t move in a path; its force_N '
+                "may change"
+            )
 
 
 def _allowed(load: LoadSpec, dimension: int) -> tuple[str, ...]:
