@@ -105,18 +105,16 @@ class PlaceShiftSpec(Spec):
 
     @model_validator(mode="after")
     def _of_one_shape(self) -> Self:
-        count = len(self.angles)
-        if len(self.shifts) != count or {len(row) for row in self.covariance} != {count}:
+        count, rows = len(self.angles), [len(row) for row in self.covariance]
+        if len(self.shifts) != count or rows != [count] * count:
             raise ValueError(f"shifts, covariance: {count} are needed, one for each of angles")
-        if len(self.covariance) != count:
-            raise ValueError(f"covariance: {count} rows are needed, one for each of angles")
+        numbers = (*self.angles, *self.shifts, *itertools.chain(*self.covariance))
+        if not all(map(math.isfinite, numbers)):
+            raise ValueError("angles, shifts, covariance: finite numbers are needed")
         felt = [a + b for a, b in zip(self.angles, self.shifts, strict=True)]
         for key, own in (("angles", self.angles), ("angles with shifts", felt)):
-            # A NaN is in no order either.
-            if not all(a < b for a, b in itertools.pairwise(own)) or own[0] != own[0]:
+            if not all(a < b for a, b in itertools.pairwise(own)):
                 raise ValueError(f"{key}: numbers in ascending order are needed")
-        if not all(math.isfinite(x) for row in self.covariance for x in row):
-            raise ValueError("covariance: finite numbers are needed")
         return self
 
 

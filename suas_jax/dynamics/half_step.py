@@ -38,7 +38,7 @@ from suas_jax.skin.geometry import SkinGeometry
 
 _MOST_CORRECTIONS = 30
 _EXACT = 1e-12  # correction of the volume that does not count, over the film's
-_EXACT_FORCE = 3e-8  # relative error of a body's force that does not
+_EXACT_FORCE = 3e-9  # relative error of a body's force that does not count
 _OTHER_STEP = 0.2  # difference of steps that an inverse serves
 _SLOW = 0.5  # ratio of corrections from which on an inverse is made anew
 # In thicknesses: how deep a body that touches nothing is moved in, and how far off the skin one
@@ -241,7 +241,7 @@ class SkinAtMoment:
             y = BorderedVector(at.y.stations - step, pressure - change[count : count + 1])
             size = self.problem.mechanics.displacement_size(step)[0]
             size = jnp.maximum(size, jnp.max(jnp.abs(change[count + 1 :]), initial=0.0))
-            # Contact is so stiff that an exact travel is not yet a force.
+            # Contact is stiff: a force may still be wrong where its travel hardly is.
             missed = jnp.where(held, jnp.abs(carried - wanted) / wanted, 0.0) / _EXACT_FORCE
             size = jnp.maximum(size, exact * jnp.max(missed, initial=0.0))
             counts = (at.taken > 0) & (at.size > exact)

@@ -13,7 +13,7 @@ from suas_jax.dynamics.half_step import Base, Half, SkinAtMoment
 from suas_jax.dynamics.inertia import Densities, densities_of
 from suas_jax.numerics.array_types import StationVector
 
-_FORCE, _MOST_FORCES = 1e-7, 8  # relative error of a force, and most repetitions
+_FORCE, _MOST_FORCES = 1e-8, 8  # relative error of a force, and most repetitions
 _SHARE = 1.5  # of a force, at most
 
 

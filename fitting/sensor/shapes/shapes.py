@@ -107,7 +107,7 @@ class ShapeSolver:
         }
 
     def _volume_goes_with_gap(self) -> bool:
-        """Whether the oil asks for another volume than the film's, a share of it."""
+        """Whether the oil yields, or takes a share more or less than the film's volume."""
         oil = parts_of(self._data.spec, self.inputs)[2]
         fluids = [oil] if self._air is None else [oil, self._air]
         excess = oil.expansion(jnp.zeros(1), jnp.ones(1))
