@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from fitting.inverse_load.estimator import LoadEstimator
-from fitting.inverse_load.pad.table_build import PadResolution
+from fitting.inverse_load.pad.table import PadResolution
 from suas_jax import configure
 from suas_jax.config import SkinSpec, load_skin
 from suas_jax.scene.forward import forward

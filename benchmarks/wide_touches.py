@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.pad_estimation import measured
 from fitting.arrays import Floats
 from fitting.inverse_load.estimator import LoadEstimator
-from fitting.inverse_load.pad.table_build import PadResolution
+from fitting.inverse_load.pad.table import PadResolution
 from suas_jax import configure
 from suas_jax.config import SkinSpec, load_skin
 from suas_jax.scene.forward import forward

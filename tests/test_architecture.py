@@ -101,6 +101,16 @@ def test_commands_that_compute_nothing_start_without_jax() -> None:
     assert done.stdout == ""
 
 
+def test_what_frames_of_a_pad_need_starts_without_jax() -> None:
+    """A robot's estimator then starts in a second; `test_pad_estimation` has a whole frame."""
+    program = (
+        "import sys, fitting.inverse_load.estimator, fitting.inverse_load.pad.parts;"
+        "sys.exit(sorted({'jax', 'equinox', 'matplotlib'} & set(sys.modules)) or 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 def test_one_module_writes_to_the_terminal() -> None:
     """It escapes what a terminal would obey."""
     files = [*(ROOT / "suas_jax").rglob("*.py"), *(ROOT / "fitting").rglob("*.py")]

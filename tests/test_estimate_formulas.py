@@ -397,7 +397,7 @@ def test_filter_follows_a_pad_s_axial_position() -> None:
 CIRCLE = CircleSpec(
     inner_radius=58.5e-3, half_angle=1.5, thickness=1.5e-3, width=0.1, oil_gap=5e-3
 )
-ROUND = ContactPlaces(CIRCLE, plain_geometry(CIRCLE))
+ROUND = ContactPlaces.of(CIRCLE, plain_geometry(CIRCLE))
 """Places on a skin of 60 mm."""
 
 
@@ -411,7 +411,7 @@ def test_a_contact_s_place_is_the_one_that_scenes_state(section: str) -> None:
     }
     spec = shaped({"section": section, **shapes[section]}).geometry
     geometry = plain_geometry(spec)
-    places, at = ContactPlaces(spec, geometry), np.linspace(-1.4, 1.4, 23)
+    places, at = ContactPlaces.of(spec, geometry), np.linspace(-1.4, 1.4, 23)
     exact, angle = geometry.section, jnp.asarray(at)[:, None]
     assert places.arc(at) == pytest.approx(np.asarray(exact.arc(angle))[:, 0], abs=1e-9)
     told = {"ellipse": exact.given_angle, "path": exact.arc}[section](angle)
@@ -421,7 +421,7 @@ def test_a_contact_s_place_is_the_one_that_scenes_state(section: str) -> None:
     assert places.slope(at) == pytest.approx(slope, rel=1e-5)
     # What presses were felt to be off by is taken off places; the clamp stays where it is.
     even = PlaceShiftSpec(angles=(0.0,), shifts=(0.02,), covariance=((1e-6,),))
-    told = ContactPlaces(spec, geometry, PlaceShift(even))
+    told = ContactPlaces.of(spec, geometry, PlaceShift(even))
     for name in ("angle", "arc", "outer_arc", "inner_arc", "estimated"):
         assert getattr(told, name)(at + 0.02) == pytest.approx(getattr(places, name)(at))
     assert told.edge == places.edge

@@ -51,7 +51,7 @@ class KnownLoads:
 
     def __init__(self) -> None:
         self.spec = load_skin(SKIN)
-        self.along = ContactPlaces(self.spec.geometry, plain_geometry(self.spec.geometry))
+        self.along = ContactPlaces.of(self.spec.geometry, plain_geometry(self.spec.geometry))
         self.reading_noise, self.taxels, self.rest = 2.0, TAXELS, None
         self.input_errors = SimpleNamespace(text="")
         self.false_alarm, self.model_error, self.most_contacts = 0.01, 0.0025, 3

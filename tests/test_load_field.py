@@ -81,7 +81,7 @@ def test_sums_of_a_field_hold_what_a_unit_s_presses_leave_open() -> None:
     """Where readings leave nothing open: the scatter of forces, the shift of places."""
     skin = skin_of(skin_of_taxels(8), contact=False)
     shift = PlaceShiftSpec(angles=(0.0,), shifts=(0.0,), covariance=((0.03**2,),))
-    along = ContactPlaces(skin_of_taxels(8).geometry, skin.geometry, PlaceShift(shift))
+    along = ContactPlaces.of(skin_of_taxels(8).geometry, skin.geometry, PlaceShift(shift))
     fitter = FieldFitter(skin, np.array([1.4]), along, None, scatter=0.05)
     force = np.exp(-(fitter.nodes.places[:, 0] ** 2))
     sure = SimpleNamespace(samples=lambda *_: np.repeat(force[None], 4000, 0))

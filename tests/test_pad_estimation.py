@@ -2,6 +2,8 @@
 
 import json
 import pickle
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -34,11 +36,12 @@ from fitting.inverse_load.pad.columns import (
 )
 from fitting.inverse_load.pad.fitter import PadFitter
 from fitting.inverse_load.pad.interpolant import PadInterpolant
+from fitting.inverse_load.pad.kept_table import pad_table_of
 from fitting.inverse_load.pad.mirror import mirror_images
 from fitting.inverse_load.pad.solved_patch import patch_points
 from fitting.inverse_load.pad.spline import TensorSpline
-from fitting.inverse_load.pad.table import PadTable
-from fitting.inverse_load.pad.table_build import PadResolution, build_pad_table, force_surplus
+from fitting.inverse_load.pad.table import PadResolution, PadTable
+from fitting.inverse_load.pad.table_build import force_surplus
 from fitting.inverse_load.report.text import posterior_json
 from fitting.sensor.fit.calibrate import fit_sensor
 from fitting.sensor.logs.data import load_sensor_data
@@ -62,6 +65,7 @@ from tests.chains import assert_chain_agrees_with_the_mode
 
 DIAMETER = 12e-3
 ELEMENTS = (8, 8)
+RESOLUTION = PadResolution(ELEMENTS, 14e-3, (3, 3))
 MANY = 100  # columns, so that they share the table's compiled program
 # A thick, small pad: fields so smooth that few elements and places resolve them. Its taxels
 # lie in no symmetric order.
@@ -120,8 +124,9 @@ def skin(spec: SkinSpec, patch: pytest.MonkeyPatch) -> Skin:
 
 
 @pytest.fixture(scope="module")
-def table(skin: Skin) -> PadTable:
-    return build_pad_table(skin, DIAMETER, PadResolution(ELEMENTS, 14e-3, (3, 3)))
+def table(spec: SkinSpec, skin: Skin) -> PadTable:
+    assert skin.elements == ELEMENTS  # which compiles quickly
+    return pad_table_of(spec, DIAMETER, RESOLUTION)
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +134,7 @@ def estimator(
     spec: SkinSpec, skin: Skin, table: PadTable, patch: pytest.MonkeyPatch
 ) -> LoadEstimator:
     patch.setattr(pad_parts, "_table", lambda *_: table)
-    patch.setattr(pad_parts, "skin_of", lambda *_, **__: skin)
+    patch.setattr(pad_parts, "_skin_maker", lambda *_: lambda: skin)
     return LoadEstimator(spec, diameter=DIAMETER, most_contacts=1, pressure_noise=20.0)
 
 
@@ -526,6 +531,60 @@ def test_posterior_agrees_with_the_covariance(
     # The measured pressure is part of what is known of the force.
     without, _ = likely_modes(estimator, *estimator.weigh(so[None]))
     assert mode.covariance[2, 2] < covariance_of(without, 3)[0, 2, 2]
+
+
+ALONE = """
+import sys
+
+import numpy as np
+
+from fitting import LoadEstimator
+from fitting.inverse_load.pad.table import PadResolution
+from suas_jax import load_skin
+
+skin, readings, diameter, *numbers = sys.argv[1:]
+along, across, spacing, *probes = (float(x) for x in numbers)
+resolution = PadResolution((int(along), int(across)), spacing, tuple(int(x) for x in probes))
+estimator = LoadEstimator(
+    load_skin(skin),
+    diameter=float(diameter),
+    most_contacts=1,
+    pressure_noise=20.0,
+    live=True,
+    follow_drift=True,
+    rest=np.load(readings)[0],
+    resolution=resolution,
+)
+estimator.warm_up()
+found = estimator.estimate(np.load(readings), time=np.arange(2.0))
+assert not {"jax", "equinox"} & set(sys.modules)
+assert found[0].contact is False
+(contact,) = found[1].contacts
+print(contact.angle, contact.axial, contact.force)
+"""
+
+
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
+def test_frames_of_one_contact_need_no_jax_once_the_table_is_kept(
+    estimator: LoadEstimator,
+    folder: Path,
+    contacts: np.ndarray,
+    singles: tuple[np.ndarray, np.ndarray],
+) -> None:
+    readings = np.stack([estimator.model_rest, singles[0][0]])
+    np.save(folder / "readings.npy", readings)
+    numbers = DIAMETER, *ELEMENTS, RESOLUTION.spacing, *RESOLUTION.probes
+    own = folder / "skin.toml", folder / "readings.npy", *numbers
+    done = subprocess.run(
+        [sys.executable, "-c", ALONE, *map(str, own)], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    kind: dict[str, Any] = {"diameter": DIAMETER, "pressure_noise": 20.0, "most_contacts": 1}
+    kind |= {"rest": readings[0], "live": True, "follow_drift": True}
+    here = LoadEstimator(estimator.spec, **kind).estimate(readings, time=np.arange(2.0))
+    (contact,) = here[1].contacts
+    expected = contact.angle, contact.axial, contact.force
+    np.testing.assert_allclose([float(x) for x in done.stdout.split()], expected, rtol=1e-9)
 
 
 @pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas

@@ -11,10 +11,12 @@ from scipy.optimize import least_squares
 
 from fitting.inverse_load.check.changed_input import ElectricalFit
 from fitting.inverse_load.pad import stiffening
-from fitting.inverse_load.pad.columns import LEVELS, Column, _reach, grid, largest_forces
+from fitting.inverse_load.pad.columns import Column, _reach, largest_forces
+from fitting.inverse_load.pad.effects import effects_of
 from fitting.inverse_load.pad.fitter import AskewFitter, PadFitter
-from fitting.inverse_load.pad.input_errors import PadErrors
+from fitting.inverse_load.pad.input_errors import PadErrors, Stiffening
 from fitting.inverse_load.pad.interpolant import Correction, PadInterpolant, extents
+from fitting.inverse_load.pad.kept_table import pad_table_of
 from fitting.inverse_load.pad.marginal import Told, beside
 from fitting.inverse_load.pad.mirror import mirror_images, mirrored
 from fitting.inverse_load.pad.pad_least_squares import (
@@ -25,12 +27,12 @@ from fitting.inverse_load.pad.pad_least_squares import (
 )
 from fitting.inverse_load.pad.parts import PadNodeSearch
 from fitting.inverse_load.pad.rest import GapLine, gap_line
+from fitting.inverse_load.pad.shape import PadShape
 from fitting.inverse_load.pad.solved import near
 from fitting.inverse_load.pad.solved_patch import SolvedPatch, patch_points
 from fitting.inverse_load.pad.spline import SplineBasis, TensorSpline
-from fitting.inverse_load.pad.stiffening import Stiffening
-from fitting.inverse_load.pad.table import PadTable, reciprocal
-from fitting.inverse_load.pad.table_build import _between, edge_of, force_surplus, pad_table_of
+from fitting.inverse_load.pad.table import LEVELS, PadTable, grid, reciprocal
+from fitting.inverse_load.pad.table_build import _between, force_surplus
 from fitting.inverse_load.pad.uneven import (
     PROBES,
     _by_reach,
@@ -317,7 +319,10 @@ def errors_of(
         patch.setattr(stiffening, "_solved", _stiffened)
         patch.setattr(stiffening, "kept_arrays", lambda name, make: make())
         skin = skin_of(spec, contact=False)
-        return PadErrors(errors, skin, table, from_rest=from_rest, slots=1)
+        effects = effects_of(errors, skin, table, slots=1)
+    return PadErrors(
+        errors.names, effects, table, PadShape.of(skin).radius, from_rest=from_rest
+    )
 
 
 @pytest.fixture(scope="module")
@@ -931,7 +936,7 @@ def test_a_strip_is_one_contact_of_its_length_and_force(
     skin = skin_of(spec, elements=(8, 8), contact=False)
     interpolant, told = PadInterpolant(dent_table(), RADIUS), Told(False, False)
     kinds = [
-        kind(skin, interpolant, told, live=False, most_contacts=1)
+        kind(lambda: skin, PadShape.of(skin), interpolant, told, live=False, most_contacts=1)
         for kind in (PadFitter, AskewFitter)
     ]
     y, length = strip(np.deg2rad(turn), 24e-3), 24e-3
@@ -960,7 +965,8 @@ def test_a_live_frame_does_not_wait_for_a_wide_contact_to_be_solved(
     monkeypatch.setattr(SolvedPatch, "correction", lambda *_: solved.append(1))
     skin = skin_of(spec, elements=(8, 8), contact=False)
     fitter = PadFitter(
-        skin,
+        lambda: skin,
+        PadShape.of(skin),
         PadInterpolant(dent_table(), RADIUS),
         Told(False, False),
         live=live,
@@ -978,7 +984,8 @@ def test_two_fingers_stand_beside_one_wide_contact(
     monkeypatch.setattr(SolvedPatch, "correction", lambda *_: None)  # likewise
     skin = skin_of(spec, elements=(8, 8), contact=False)
     interpolant, told = PadInterpolant(dent_table(), RADIUS), Told(False, False)
-    fitter = PadFitter(skin, interpolant, told, live=False, most_contacts=2)
+    own = lambda: skin, PadShape.of(skin), interpolant, told
+    fitter = PadFitter(*own, live=False, most_contacts=2)
     fall = 2 * (dent(0.0, -12e-3) + dent(0.0, 12e-3))
     two = np.append(1 / (1e-3 - fall), 0.0)[None]
     one = interpolant(np.array([[0.0, 0.0, 4.0, 8e-3, 0.0, 0.0, 0.0]]), 1).readings
@@ -1000,7 +1007,8 @@ def test_two_fingers_stand_beside_one_wide_contact(
 def test_what_a_wide_contact_leaves_may_be_its_shape_s(spec: SkinSpec) -> None:
     skin = skin_of(spec, elements=(8, 8), contact=False)
     interpolant = PadInterpolant(dent_table(), RADIUS)
-    fitter = PadFitter(skin, interpolant, Told(False, False), live=False, most_contacts=1)
+    own = lambda: skin, PadShape.of(skin), interpolant, Told(False, False)
+    fitter = PadFitter(*own, live=False, most_contacts=1)
     y = strip(0.0, 24e-3)
     relief = interpolant.relief(np.array([[24e-3**2 / 12, 0.0]]))[0][0]
     share = 0.06 * np.log(relief)
@@ -1130,7 +1138,7 @@ def test_values_of_a_quarter_are_even_between_its_probes() -> None:
 
 
 def test_contacts_stay_on_the_pad(spec: SkinSpec) -> None:
-    angle, axial = edge_of(skin_of(spec, contact=False), 12e-3)
+    angle, axial = PadShape.of(skin_of(spec, contact=False)).edge(12e-3)
     margin = 6e-3 + 5e-3 / 4
     assert angle == pytest.approx(np.deg2rad(60) - margin / 60e-3, rel=1e-12)
     assert axial == pytest.approx(50e-3 - margin, rel=1e-12)

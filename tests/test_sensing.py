@@ -50,7 +50,6 @@ from suas_jax.sensing.taxels import (
     PLACE_CHANNELS,
     Taxels,
     module_places,
-    taxel_names,
 )
 from suas_jax.sensing.tiling import tiled_modules
 from suas_jax.skin.plain import angles_at, plain_geometry
@@ -374,7 +373,7 @@ def test_thirty_two_triangles_tile_the_wall() -> None:
     spec = spec.model_copy(update={"electrodes": type(spec.electrodes)(**table)})
     found, taxels = places(spec)
     assert len(set(zip(taxels.module, taxels.number, strict=True))) == 320
-    assert taxel_names(spec.electrodes) == (taxels.module, taxels.number)
+    assert spec.electrodes.taxel_names == (taxels.module, taxels.number)
     distance = np.linalg.norm(found[:, None] - found[None], axis=2)
     # No two taxels of neighbouring triangles come closer than electrodes are wide.
     assert np.sort(distance, 1)[:, 1].min() > 4e-3

@@ -16,10 +16,12 @@ from fitting.datasheet.variants import DEEPER, STEP, WARMER, Variants, why_const
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
 from fitting.inverse_load.fit.explanation import Explanations
-from fitting.inverse_load.pad.columns import grid
+from fitting.inverse_load.pad.effects import effects_of
 from fitting.inverse_load.pad.input_errors import PadErrors
 from fitting.inverse_load.pad.interpolant import MOST, PadInterpolant
-from fitting.inverse_load.pad.table_build import PadResolution, pad_table_of
+from fitting.inverse_load.pad.kept_table import pad_table_of
+from fitting.inverse_load.pad.shape import PadShape
+from fitting.inverse_load.pad.table import PadResolution, PadTable, grid
 from suas_jax.config import InputErrors
 from suas_jax.scene.skin import Skin, skin_of
 
@@ -66,7 +68,7 @@ def measure_pad(
         )
     progress("what tolerances do")
     errors = _errors(variants, skin, table)
-    along = ContactPlaces(spec.geometry, skin.geometry)
+    along = ContactPlaces.of(spec.geometry, skin.geometry)
     rate = along.outer_rate(at[:, 0])
     light, half, at_rated = (
         _readings(interpolant, errors, at, f, rate)
@@ -92,7 +94,7 @@ def measure_pad(
     )
 
 
-def _errors(variants: Variants, skin: Skin, table: object) -> PadErrors:
+def _errors(variants: Variants, skin: Skin, table: PadTable) -> PadErrors:
     """What every change of the variants does to the readings."""
     own, paths = variants.errors, tuple(variants.inputs)
     directions = np.zeros((len(variants.changes), len(paths)))
@@ -100,7 +102,9 @@ def _errors(variants: Variants, skin: Skin, table: object) -> PadErrors:
     for row, path in ((-2, WARMER), (-1, DEEPER)):
         directions[row, paths.index(path)] = not why_constant(variants.spec, path)
     every = InputErrors(paths, directions, variants.changes, own.assumed, variants.spec)
-    return PadErrors(every, skin, table, from_rest=False, slots=2)  # type: ignore[arg-type]
+    effects = effects_of(every, skin, table, slots=2)
+    radius = PadShape.of(skin).radius
+    return PadErrors(every.names, effects, table, radius, from_rest=False)
 
 
 def _readings(

@@ -59,7 +59,7 @@ def measure_section(
     )
     lost = (near.result != 0) | ~np.isfinite(touch)
     near = near._replace(gap=np.where(lost, np.nan, near.gap))
-    at = ContactPlaces(spec.geometry, free.geometry)
+    at = ContactPlaces.of(spec.geometry, free.geometry)
     return Measured(
         Cases(rest, half, at_rated, near, np.broadcast_to(known[3], (count, places))),
         at.coordinates(angle),

@@ -19,7 +19,6 @@ from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.report.description import Headline, Part, Remark, ReportTable
 from suas_jax import skin_of
 from suas_jax.figures.pad import plot_pad
-from suas_jax.sensing.taxels import taxel_names
 
 _AXIALS = 7  # places along a pad's axis, as in its data sheet
 _SLACK = 1e-9  # of a place at the edge of a region [m]
@@ -95,7 +94,7 @@ class Choice(NamedTuple):
     @property
     def _names(self) -> list[tuple[int, int]]:
         assert self.want.spec.electrodes is not None
-        return list(zip(*taxel_names(self.want.spec.electrodes), strict=True))
+        return list(zip(*self.want.spec.electrodes.taxel_names, strict=True))
 
     def _place(self, i: int) -> dict[str, float]:
         own = self.measured.coordinates
@@ -127,7 +126,7 @@ def choose_taxels(
         )
         inside = measured.region.copy()
         if between is not None:
-            along = ContactPlaces(spec.geometry, skin_of(spec, contact=False).geometry)
+            along = ContactPlaces.of(spec.geometry, skin_of(spec, contact=False).geometry)
             first, last = along.outer_arc(np.array(between))
             inside &= (measured.arc >= first - _SLACK) & (measured.arc <= last + _SLACK)
     else:

@@ -299,7 +299,7 @@ def skin_with_taxels(want: Want, kept: Sequence[int], output: Path) -> str:
                 del electrodes["taxels"][k]
         return str(tomlkit.dumps(document))
     skin = skin_of(want.spec, contact=False)
-    taxels, places = skin.electrodes.taxels, ContactPlaces(want.spec.geometry, skin.geometry)
+    taxels, places = skin.electrodes.taxels, ContactPlaces.of(want.spec.geometry, skin.geometry)
     angle = np.asarray(taxels.angle)[:, 0]
     arc = places.arc(angle)
     height = np.broadcast_to(np.asarray(skin.electrodes.height), (len(angle), 1))

@@ -26,10 +26,10 @@ from fitting.datasheet.words import PLACED
 from fitting.design.problem import STEP, Outcome, Problem
 from fitting.design.want import Want
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
-from fitting.inverse_load.pad.columns import grid
 from fitting.inverse_load.pad.mirror import mirror_images
 from fitting.inverse_load.pad.rest import film_readings
-from fitting.inverse_load.pad.table_build import edge_of
+from fitting.inverse_load.pad.shape import PadShape
+from fitting.inverse_load.pad.table import grid
 from suas_jax import Loads, Skin, forward, skin_of
 from suas_jax.equilibrium.balance import State
 from suas_jax.mechanics.pad.net import NetTopology
@@ -77,7 +77,7 @@ class PadProblem(Problem):
         spec = want.spec
         assert spec.electrodes is not None  # or there would be no skin
         skin = skin_of(spec, elements=elements, contact=False)
-        taxels, edge = skin.electrodes.taxels.places, np.array(edge_of(skin, DIAMETER))
+        taxels, edge = skin.electrodes.taxels.places, np.array(PadShape.of(skin).edge(DIAMETER))
         first, last = taxels.min(0), taxels.max(0)
         if want.angles is not None:
             first[0], last[0] = want.angles

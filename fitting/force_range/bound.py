@@ -182,7 +182,7 @@ def force_range(
         np.moveaxis(saturated, 0, -1),
         float(np.sqrt(reading)),
         held.wall is not None,
-        ContactPlaces(spec.geometry, free.geometry),
+        ContactPlaces.of(spec.geometry, free.geometry),
         _deviation(spec, angle, touch, progress),
     )
 

@@ -15,10 +15,9 @@ from fitting.arrays import Floats
 from fitting.force_range.bound import LADDER, TOLD, least_errors, smallest_told
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
-from fitting.inverse_load.pad.columns import grid
 from fitting.inverse_load.pad.interpolant import MOST, PadInterpolant
 from fitting.inverse_load.pad.parts import table_of_pad
-from fitting.inverse_load.pad.table import PadTable
+from fitting.inverse_load.pad.table import PadTable, grid
 from fitting.inverse_load.readings import noise_of_readings
 from suas_jax.config import SkinSpec
 from suas_jax.sensing.converter import Converter
@@ -137,7 +136,7 @@ def pad_force_range(
     skin, table = table_of_pad(spec, diameter, progress, workers)
     progress("what the taxels tell")
     taxels = skin.electrodes.taxels.places
-    along = ContactPlaces(spec.geometry, skin.geometry)
+    along = ContactPlaces.of(spec.geometry, skin.geometry)
     return range_from_table(table, along, taxels, places, deviation)
 
 

@@ -6,6 +6,8 @@ over the states of the skin's table, per newton, and read between them. Both wer
 single presses: frames with several contacts are read without them.
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from fitting.arrays import Floats
@@ -14,9 +16,11 @@ from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT
 from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.fit.systematic import no_covariance
-from fitting.inverse_load.search.table import LoadTable
 from fitting.statistics.discrepancy import Discrepancy, Numbers, Presses
 from suas_jax.config import SkinSpec
+
+if TYPE_CHECKING:
+    from fitting.inverse_load.search.table import LoadTable
 
 _ANGLES, _LEVELS = 46, 13  # of the table that is kept
 
@@ -24,7 +28,7 @@ _ANGLES, _LEVELS = 46, 13  # of the table that is kept
 class ReadingDiscrepancy:
     """The discrepancy of one skin's readings under one radial contact."""
 
-    def __init__(self, found: Discrepancy, table: LoadTable) -> None:
+    def __init__(self, found: Discrepancy, table: "LoadTable") -> None:
         angles, levels = (
             np.linspace(0, size - 1, min(size, count)).round().astype(int)
             for size, count in zip(table.forces.shape, (_ANGLES, _LEVELS), strict=True)
@@ -44,7 +48,7 @@ class ReadingDiscrepancy:
 
     @classmethod
     def of(
-        cls, spec: SkinSpec, table: LoadTable, taxels: Floats
+        cls, spec: SkinSpec, table: "LoadTable", taxels: Floats
     ) -> "ReadingDiscrepancy | None":
         """That of a skin file; None where it has none. `taxels`: their angles [taxel] [rad].
 

@@ -27,7 +27,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fitting.arrays import Flags, Floats
-from fitting.inverse_load.discrepancy import ReadingDiscrepancy
 from fitting.inverse_load.drift import (
     ROUNDING,
     Drift,
@@ -39,24 +38,22 @@ from fitting.inverse_load.drift import (
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
 from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.estimate.place import ContactPlaces
-from fitting.inverse_load.field.fallback import FieldFallback
 from fitting.inverse_load.film_motion import FilmFollower, FilmMotion, fading_time
 from fitting.inverse_load.fit.bounded_selection import BoundedSelection
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
-from fitting.inverse_load.fit.other_stiffness import AbstractSectionErrors
 from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.frames import FULL_SCALE, FrameEstimator
-from fitting.inverse_load.memory.follower import MemoryFollower
-from fitting.inverse_load.memory.series import LoadMemory
 from fitting.inverse_load.readings import noise_of_readings
-from fitting.inverse_load.section import section_parts
 from fitting.inverse_load.taps import MotionWatch, TapFinder
 from fitting.steps import Budget
 from suas_jax.config import InputErrors, SkinSpec, input_errors
 from suas_jax.config.input_errors import as_assembled
 
 if TYPE_CHECKING:
-    from fitting.inverse_load.pad.table_build import PadResolution
+    from fitting.inverse_load.field.fallback import FieldFallback
+    from fitting.inverse_load.memory.follower import MemoryFollower
+    from fitting.inverse_load.pad.table import PadResolution
+    from suas_jax.scene.skin import Skin
 
 __all__ = ["FULL_SCALE", "MODEL_ERROR", "STATUS", "Contact", "LoadEstimate", "LoadEstimator"]
 
@@ -126,7 +123,6 @@ class LoadEstimator:
     budget: float | None = None
     load_fields: bool | None = None
     input_errors: InputErrors = field(init=False)
-    skin: Any = field(init=False)
     table: Any = field(init=False)
 
     def __post_init__(self) -> None:
@@ -137,7 +133,7 @@ class LoadEstimator:
         self.reading_noise = noise_of_readings(self.spec, self.noise)
         self.input_errors = input_errors(as_assembled(self.spec))
         self._parts = parts = self._make_parts()
-        self.skin, self.table = parts.skin, parts.table
+        self.table = parts.table
         reading = self.reading_noise**2 + ROUNDING
         zero, uncertain = zero_of_readings(self.spec, parts.rest, self.rest, self.rest_variance)
         pad = self.spec.geometry.dimension == 3
@@ -175,6 +171,8 @@ class LoadEstimator:
             self.selection = BoundedSelection(*given, budget=self._budget)
         discrepancy = None
         if not pad:
+            from fitting.inverse_load.discrepancy import ReadingDiscrepancy
+
             places = np.asarray(self.skin.electrodes.taxels.angle)[:, 0]
             discrepancy = ReadingDiscrepancy.of(self.spec, self.table, places)
         self.frames = FrameEstimator(
@@ -186,30 +184,43 @@ class LoadEstimator:
             self.spec.calibration,
             lambda: self._field,
         )
-        memory = None if pad else LoadMemory.of(self.spec)
-        self._memory: MemoryFollower | None = None
-        if memory is not None:
-            assert self._systematic is None or isinstance(
-                self._systematic, AbstractSectionErrors
-            )
-            self._memory = MemoryFollower(
-                memory,
-                self.skin,
-                self.table,
-                self._systematic,
-                direction=self.direction,
-                most_contacts=self.most_contacts,
-                penalty=max(penalty, asked),
-            )
+        self._memory = None if pad else self._follower_of_memory(max(penalty, asked))
+
+    def _follower_of_memory(self, penalty: float) -> "MemoryFollower | None":
+        """Follows what the membrane of a section remembers; None where it remembers nothing."""
+        from fitting.inverse_load.fit.other_stiffness import AbstractSectionErrors
+        from fitting.inverse_load.memory.follower import MemoryFollower
+        from fitting.inverse_load.memory.series import LoadMemory
+
+        memory = LoadMemory.of(self.spec)
+        if memory is None:
+            return None
+        assert self._systematic is None or isinstance(self._systematic, AbstractSectionErrors)
+        return MemoryFollower(
+            memory,
+            self.skin,
+            self.table,
+            self._systematic,
+            direction=self.direction,
+            most_contacts=self.most_contacts,
+            penalty=penalty,
+        )
+
+    @property
+    def skin(self) -> "Skin":
+        """The skin's model; that of a pad is made when it is first needed."""
+        return self._parts.make_skin()
 
     @cached_property
-    def _field(self) -> FieldFallback | None:
+    def _field(self) -> "FieldFallback | None":
         """Load fields; None where they are not wanted, or the membrane remembers."""
         wanted = self.load_fields
         if wanted is None:
             wanted = self.spec.geometry.dimension == 2
         if not wanted or self._memory is not None:
             return None
+        from fitting.inverse_load.field.fallback import FieldFallback
+
         fitter, record = self._parts.fitter, self.spec.calibration
         return FieldFallback(
             self.skin,
@@ -236,7 +247,7 @@ class LoadEstimator:
         """Follows a film whose motion fades in a time [s]."""
         reading = self.reading_noise**2 + ROUNDING
         own = self._parts.nodes, self.taxels, reading, self.frames.alone
-        taps = TapFinder(MotionWatch(fading), self.skin.electrodes, *own)
+        taps = TapFinder(MotionWatch(fading), self._parts.film, *own)
         return FilmFollower(FilmMotion(fading, reading), taps, self._weights)
 
     def _make_parts(self) -> EstimationParts:
@@ -248,9 +259,11 @@ class LoadEstimator:
             "progress": self.progress,
         }
         if self.spec.geometry.dimension == 2:
+            from fitting.inverse_load.section import section_parts
+
             return section_parts(self.spec, self.input_errors, **common)
         from fitting.inverse_load.pad.parts import pad_parts
-        from fitting.inverse_load.pad.table_build import FINE
+        from fitting.inverse_load.pad.table import FINE
 
         aside = None if self.budget is None else ThreadPoolExecutor(1, "suas-solve")
         common |= {"workers": self.workers, "resolution": self.resolution or FINE}
@@ -428,7 +441,7 @@ class LoadEstimator:
 
     def _remembered(
         self,
-        memory: MemoryFollower,
+        memory: "MemoryFollower",
         so: Floats,
         faulty: Flags,
         time: Floats,

@@ -24,8 +24,9 @@ from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.fit.covariance import inverse
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.taps import TapFinder
-from suas_jax.config import SkinSpec
-from suas_jax.dynamics.modes import modes
+from suas_jax.config import SkinSpec, continuous_inputs, structure
+from suas_jax.files.kept_arrays import kept_arrays
+from suas_jax.runtime.content_key import content_key, source_digest
 
 MATTERS = 0.05
 """Share of a frame's change of readings that may be motion before its status says so."""
@@ -46,12 +47,29 @@ def fading_time(spec: SkinSpec) -> float | None:
     stated = (spec.oil.density, spec.oil.viscosity, spec.material.density)
     if None in stated or not spec.oil.trapped:
         return None
+    name = content_key(
+        {
+            "fading": _MODES,
+            "structure": structure(spec),
+            "inputs": continuous_inputs(spec),
+            "source": source_digest(),
+        }
+    )
+    found = float(kept_arrays(name, lambda: {"time": _slowest(spec)})["time"])
+    return found if np.isfinite(found) else None
+
+
+def _slowest(spec: SkinSpec) -> float:
+    """Time of the slowest low mode of a skin [s]; NaN where none fades."""
+    from suas_jax.dynamics.modes import modes
+
     if spec.geometry.sheets:
         from fitting.inverse_load.pad.uneven import even_spec
 
         spec = even_spec(spec)
     found = modes(spec.unloaded, _MODES).modes
-    return max((row["time_s"] for row in found if row["time_s"] is not None), default=None)
+    times = (row["time_s"] for row in found if row["time_s"] is not None)
+    return float(max(times, default=np.nan))
 
 
 class FilmMotion:

@@ -3,20 +3,18 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.special import chdtrc
 
 from fitting.arrays import Flags, Floats
-from fitting.inverse_load.discrepancy import ReadingDiscrepancy
 from fitting.inverse_load.drift import Drift, ReadingWeights
 from fitting.inverse_load.estimate.assessment import POOR
 from fitting.inverse_load.estimate.at_rest import chi2_at_rest, drifting, untouched
 from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimate.measured_pressure import with_doubts
 from fitting.inverse_load.estimate.parts import EstimationParts
-from fitting.inverse_load.field.fallback import FieldFallback
 from fitting.inverse_load.film_motion import covariance_by_motion, told_moving
 from fitting.inverse_load.fit.explanation import Alternative, Explanations
 from fitting.inverse_load.fit.selection import Selection
@@ -25,10 +23,14 @@ from fitting.inverse_load.fit.systematic import (
     of_scattered_forces,
     of_shared_places,
 )
-from fitting.inverse_load.memory.follower import MemoryFollower
 from suas_jax.acquisition.log.format import MAX_COUNT
 from suas_jax.config.schema_calibration import CalibrationSpec
-from suas_jax.runtime.compiled import COMPILED
+from suas_jax.runtime.compiling import COMPILE_TIME
+
+if TYPE_CHECKING:
+    from fitting.inverse_load.discrepancy import ReadingDiscrepancy
+    from fitting.inverse_load.field.fallback import FieldFallback
+    from fitting.inverse_load.memory.follower import MemoryFollower
 
 FULL_SCALE = MAX_COUNT
 _FEWEST_TAXELS = 4
@@ -43,10 +45,10 @@ class FrameEstimator:
     selection: Selection  # finds what explains a frame
     false_alarm: float  # rate at which noise alone may be called a contact
     # what presses showed of the unit beyond the model; None where they showed nothing
-    discrepancy: ReadingDiscrepancy | None
+    discrepancy: "ReadingDiscrepancy | None"
     record: CalibrationSpec | None  # of the unit; None where it was not calibrated
     # told where contacts explain a frame poorly; made with the first such frame
-    load_field: Callable[[], FieldFallback | None]
+    load_field: "Callable[[], FieldFallback | None]"
 
     def batch(
         self,
@@ -55,11 +57,11 @@ class FrameEstimator:
         pressure: Floats | None,
         drift: Drift | None,
         moved: Floats | None = None,
-        memory: MemoryFollower | None = None,
+        memory: "MemoryFollower | None" = None,
         shift: Floats | float = 0.0,
     ) -> list[LoadEstimate]:
         """Estimates of some frames; of one, with what its membrane remembers."""
-        begin, compiling = time.perf_counter(), COMPILED.seconds
+        begin, compiling = time.perf_counter(), COMPILE_TIME.seconds
         selection = self.selection if memory is None else memory.selection
         systematic = self.parts.systematic if memory is None else memory.errors
         y, weight = self.weights.weigh(so, faulty, pressure, drift)
@@ -109,7 +111,7 @@ class FrameEstimator:
             results = told_moving(results, moved, change[:, taxels])
         if drift is not None:
             results = [drifting(e, *d) for e, d in zip(results, drift.sizes(), strict=True)]
-        spent = time.perf_counter() - begin - (COMPILED.seconds - compiling)
+        spent = time.perf_counter() - begin - (COMPILE_TIME.seconds - compiling)
         shared = max(spent - alone.sum(), 0.0) / len(so)
         own = (shared + alone).tolist()
         return [replace(result, latency=s) for result, s in zip(results, own, strict=True)]

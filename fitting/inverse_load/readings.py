@@ -13,7 +13,6 @@ from suas_jax.acquisition.baseline import Baseline
 from suas_jax.acquisition.log.log_file import Frames, SoLog, group_frames, sequence_notes
 from suas_jax.acquisition.taxel_faults import stuck_taxels
 from suas_jax.config import SkinSpec
-from suas_jax.sensing.taxels import taxel_names
 
 # Relative difference of scales that agree; of one that a calibration or a zero found, which is
 # no longer the converter's own.
@@ -49,7 +48,7 @@ class Layout:
             raise ValueError(
                 "the skin has no [electrodes], so there is nothing to estimate loads from"
             )
-        module, number = taxel_names(spec.electrodes)
+        module, number = spec.electrodes.taxel_names
         self.module, self.number = np.array(module), np.array(number)
         self._places: dict[tuple[int, ...], _Places] = {}
 

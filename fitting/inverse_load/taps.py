@@ -16,13 +16,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from fitting.arrays import Floats
 from fitting.inverse_load.estimate.estimate import LoadEstimate, Tap
+from fitting.inverse_load.estimate.parts import Film
 from fitting.inverse_load.search.base import AbstractNodeSearch
-from suas_jax.sensing.electrodes import Electrodes
 
 LONGEST = 20.0
 """Fading times that a motion lasts at most to be a tap; longer ones show their forces."""
@@ -124,7 +123,7 @@ class TapFinder:
     def __init__(
         self,
         watch: MotionWatch,
-        electrodes: Electrodes,
+        film: Film,
         nodes: AbstractNodeSearch,
         taxels: int,
         variance: float,  # of a reading [counts^2]
@@ -132,7 +131,8 @@ class TapFinder:
         # parameters
         explain: Callable[[Floats, Floats], tuple[LoadEstimate, Floats]],
     ) -> None:
-        self._watch, self._electrodes, self._nodes = watch, electrodes, nodes
+        self._watch, self._film, self._nodes = watch, film, nodes
+        self.gaps = film.film
         self._taxels, self._variance, self._explain = taxels, variance, explain
         self.forget = watch.forget
         self._so = nodes.rest[:taxels]
@@ -144,15 +144,11 @@ class TapFinder:
         motion = self._watch.follow(time, gap, touched=touched)
         return None if motion is None else self._tap(motion)
 
-    def gaps(self, so: Floats) -> Floats:
-        """Gaps [frame, taxel] [m] that give readings of the model [counts]; NaN: missing."""
-        return np.asarray(self._electrodes.even_film(jnp.asarray(so).T)).T
-
     def _tap(self, motion: Motion) -> Tap | None:
         """The tap of a motion; None where it does not show one contact and its error."""
         share, size = motion.share, self._taxels
         mean = self._gap + share @ motion.gap
-        so = np.asarray(self._electrodes.read_even_film(jnp.asarray(mean)[:, None])[:, 0])
+        so = self._film.readings(mean)
         used = np.isfinite(so)
         change = np.where(used, so - self._so, 0.0)
         variance = self._variance * (share**2).sum() + (SHAPE * change) ** 2

@@ -39,7 +39,7 @@ class Grid:
         axial = np.linspace(-1, 1, _AXIAL) * spec.width / 2 if pad else np.zeros(1)
         rows = (np.asarray(x)[..., 0] for x in _sampled(geometry, jnp.asarray(angle)[:, None]))
         place, normal, curvature, gap = rows
-        places = ContactPlaces(spec, geometry)
+        places = ContactPlaces.of(spec, geometry)
         return cls(angle, axial, place.T, normal.T, curvature, gap, spec.width, places)
 
     @property

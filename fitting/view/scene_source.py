@@ -15,8 +15,7 @@ from fitting.view.scene_model import SceneModel, Solved
 from fitting.view.sliders import SIZES, all_stated, inputs_by, sliders_of
 from suas_jax.config import SceneSpec
 from suas_jax.equilibrium.outcomes import advice
-from suas_jax.runtime.compiled import COMPILED
-from suas_jax.runtime.compiling import listening
+from suas_jax.runtime.compiling import COMPILE_TIME, listening
 from suas_jax.scene.taxel_film import TaxelFilm
 
 _LOOK = 0.25  # between two looks whether to end [s]
@@ -62,13 +61,13 @@ class SceneSource:
         self.hub.say(_COMPILING if begins else "compiled")
 
     def _picture(self, elapsed: float) -> Picture:
-        begin, compiling = time.perf_counter(), COMPILED.seconds
+        begin, compiling = time.perf_counter(), COMPILE_TIME.seconds
         values = inputs_by(self._scene, self._values)
         try:
             solved = self._model(values)
         except ValueError as error:
             return self._without_answer(elapsed, "not_allowed", str(error))
-        spent = time.perf_counter() - begin - (COMPILED.seconds - compiling)
+        spent = time.perf_counter() - begin - (COMPILE_TIME.seconds - compiling)
         so = solved.so if self._film is not None else np.zeros(0)
         change = so - self._rest_of(values) if self._film is not None else so
         contacts = known_contacts(self._scene, self._grid, solved.loads)

@@ -154,6 +154,13 @@ class ElectrodesSpec(Spec):
             return {0: len(self.taxels)}
         return dict.fromkeys(range(len(self.modules)), MODULE_TAXELS)
 
+    @property
+    def taxel_names(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Module (from 0) and number in it (from 1) of every taxel, in their order."""
+        sizes = self.taxels_by_module
+        modules = tuple(m for m, size in sizes.items() for _ in range(size))
+        return modules, tuple(k for size in sizes.values() for k in range(1, size + 1))
+
     @field_validator("taxels", "modules")
     @classmethod
     def _of_this_layout(cls, places: tuple[Any, ...], info: ValidationInfo) -> Any:

@@ -15,8 +15,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
+from suas_jax.equilibrium.state import State
 from suas_jax.mechanics.base import AbstractMechanics, Assembly, largest
-from suas_jax.numerics.array_types import LaneCounts, Lanes, StationVector
+from suas_jax.numerics.array_types import LaneCounts, Lanes
 from suas_jax.numerics.bordered_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
 from suas_jax.skin.oil import AbstractOil
 from suas_jax.skin.prestress import ContainedOil
@@ -36,14 +37,6 @@ class Problem(eqx.Module):
     def prestressed(self) -> bool:
         """Whether rest is another state than the undeformed one."""
         return self.mechanics.growth is not None or isinstance(self.oil, ContainedOil)
-
-
-class State(NamedTuple):
-    """Membrane unknowns, oil pressure above ambient [Pa] and factor on the loads."""
-
-    q: StationVector
-    pressure: Lanes
-    factor: Lanes
 
 
 def controls(

@@ -14,7 +14,7 @@ import jax.export
 import jax.numpy as jnp
 import numpy as np
 
-from suas_jax.runtime.compiling import compiling
+from suas_jax.runtime.compiling import COMPILE_TIME, compiling
 from suas_jax.runtime.frame import Hole, filled_by
 from suas_jax.runtime.program_store import KeptProgram, ProgramStore
 
@@ -56,7 +56,6 @@ class Compiled:
 
     def __init__(self) -> None:
         self._programs: dict[Any, Callable[..., Any]] = {}
-        self.seconds = 0.0  # spent on tracing, compiling and loading so far
         self.store: ProgramStore | None = None  # keeps programs between runs
         self.loaded: set[Any] = set()  # keys of the programs that came from there
         self._compiling = threading.RLock()
@@ -91,7 +90,7 @@ class Compiled:
         begin = time.perf_counter()
         program = self._loaded_or_compiled(key, leaves, options)
         give_back_freed_memory()
-        self.seconds += time.perf_counter() - begin
+        COMPILE_TIME.seconds += time.perf_counter() - begin
         found = jax.block_until_ready(program(*arrays))
         self._programs[key] = program
         if self.store is not None:

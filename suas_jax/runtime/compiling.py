@@ -3,6 +3,15 @@
 import contextlib
 from collections.abc import Callable, Iterator
 
+
+class CompileTime:
+    """Time that programs took so far to be traced, compiled and loaded."""
+
+    seconds = 0.0
+
+
+COMPILE_TIME = CompileTime()
+"""That of this process."""
 _LISTENERS: list[Callable[[bool], None]] = []
 
 

@@ -13,7 +13,6 @@ from suas_jax.equilibrium.correction import corrected_contact, corrected_touch
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.scene.contact_zone import body_observables, contact_zone
 from suas_jax.scene.parts import SceneParts
-from suas_jax.sensing.taxels import taxel_names
 from suas_jax.skin.body import Body
 from suas_jax.skin.loads import LineLoad
 from suas_jax.skin.pad_loads import DeadLoad
@@ -93,7 +92,7 @@ def taxel_rows(scene: SceneSpec, columns: Mapping[str, list[float]]) -> list[dic
     """One entry a taxel, with the names that logs and the contract give it."""
     if scene.electrodes is None:
         return []
-    names = zip(*taxel_names(scene.electrodes), strict=True)
+    names = zip(*scene.electrodes.taxel_names, strict=True)
     rows = zip(*columns.values(), strict=True)
     return [
         {"module": module, "taxel": number, **dict(zip(columns, row, strict=True))}

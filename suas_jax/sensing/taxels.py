@@ -137,13 +137,6 @@ class Taxels(eqx.Module):
         ]
 
 
-def taxel_names(electrodes: ElectrodesSpec) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Module (from 0) and number in it (from 1) of every taxel, in their order."""
-    sizes = electrodes.taxels_by_module
-    modules = tuple(m for m, size in sizes.items() for _ in range(size))
-    return modules, tuple(k for size in sizes.values() for k in range(1, size + 1))
-
-
 def taxels_of(
     electrodes: ElectrodesSpec, numbers: Mapping[str, Any], geometry: SkinGeometry
 ) -> Taxels:
@@ -170,7 +163,7 @@ def taxels_of(
         arcs = section.from_arc(jnp.where(by_arc[:, None], places, 0.0))
         return jnp.where(by_arc[:, None], arcs, section.from_given_angle(places))
 
-    names = taxel_names(electrodes)
+    names = electrodes.taxel_names
     if electrodes.layout == "list":
         count = len(electrodes.taxels)
         angle = placed("taxels", electrodes.taxels)
@@ -225,7 +218,7 @@ def taxel_places(
         places += list(zip(arcs.tolist(), axial.tolist(), strict=True))
     if found:
         raise ConfigError(found)
-    return dict(zip(zip(*taxel_names(electrodes), strict=True), places, strict=True))
+    return dict(zip(zip(*electrodes.taxel_names, strict=True), places, strict=True))
 
 
 @functools.lru_cache(maxsize=64)

@@ -15,7 +15,7 @@ from suas_jax.config import GeometrySpec, LoadSpec, SceneSpec, continuous_inputs
 from suas_jax.config.surrounding_columns import SURROUNDINGS
 from suas_jax.files.writing import written
 from suas_jax.sensing.converter import Converter, Sample
-from suas_jax.sensing.taxels import by_taxel, taxel_names
+from suas_jax.sensing.taxels import by_taxel
 from suas_jax.simulation.capacitances import capacitances, static_state
 from suas_jax.simulation.load_path import load_path
 
@@ -198,7 +198,7 @@ def write_simulated_log(log: SimulatedLog, output: Path, source: Path) -> None:
         **({"true_loads": f"not written: {log.untold}"} if log.untold else {}),
     )
     assert log.scene.electrodes is not None  # or there would be no converter
-    taxels = max(taxel_names(log.scene.electrodes)[1])
+    taxels = max(log.scene.electrodes.taxel_names[1])
     with (
         written(output) as draft,
         LogWriter(draft, header, taxels=taxels, flags=(*Flags._fields, *log.known)) as writer,
@@ -219,7 +219,7 @@ def readings(
 ) -> Iterator[Reading]:
     """Frames as a device would send them: module after module, frame after frame."""
     assert scene.electrodes is not None
-    module, number = (np.array(x) for x in taxel_names(scene.electrodes))
+    module, number = (np.array(x) for x in scene.electrodes.taxel_names)
     counts = sample.counts.copy()
     for (m, k), since in faults.stuck.items():
         taxel = np.flatnonzero((module == m) & (number == k))

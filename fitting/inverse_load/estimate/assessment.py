@@ -18,7 +18,6 @@ from fitting.inverse_load.fit.explanation import (
 )
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT
 from fitting.inverse_load.fit.several_contacts import FELT
-from fitting.inverse_load.fit.wide_contact import wide_contacts
 from fitting.inverse_load.search.base import AbstractNodeSearch
 
 POOR = 1e-4
@@ -60,7 +59,7 @@ class LoadAssessment:
         motion: Floats | None = None,  # covariance from what may be motion, likewise
     ) -> list[LoadEstimate]:
         """Estimates of frames that something touches."""
-        wide, several = wide_contacts(best), best.contacts > 1
+        wide, several = best.wide, best.contacts > 1
         # What looks wide may be many fingers, of whose patterns noise hides what is left.
         poor = best.p_value(self._per_contact) < np.where(wide, SUSPECT, POOR)
         covariance = covariance_of(best, self._per_contact)

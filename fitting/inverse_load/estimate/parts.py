@@ -1,7 +1,8 @@
 """The parts of an estimator, whatever the dimension."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from fitting.arrays import Floats
 from fitting.inverse_load.estimate.assessment import LoadAssessment
@@ -10,14 +11,30 @@ from fitting.inverse_load.fit.explanation import AbstractLoadFitter
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.search.base import AbstractNodeSearch
-from suas_jax.scene.skin import Skin
+
+if TYPE_CHECKING:
+    from suas_jax.scene.skin import Skin
+
+
+class Film(Protocol):
+    """Readings of taxels under an even film."""
+
+    def film(self, so: Floats) -> Floats:
+        """Gaps [frame, taxel] [m], but for a constant, that give readings [counts].
+
+        NaN where a reading is missing.
+        """
+
+    def readings(self, film: Floats) -> Floats:
+        """Readings under such gaps [..., taxel] [counts]."""
 
 
 @dataclass(frozen=True)
 class EstimationParts:
     """The parts of an estimator, for one skin."""
 
-    skin: Skin  # its model
+    make_skin: "Callable[[], Skin]"  # its model, made when first needed
+    film: Film  # over its taxels, as taps are felt by it
     table: Any  # of its solved states
     rest: Floats  # the model's readings at rest [taxel] [counts]
     rest_pressure: float  # of the oil [Pa]

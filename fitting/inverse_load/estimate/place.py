@@ -1,45 +1,71 @@
 """Where a contact is: from the model's angle to the place that a scene states."""
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
+from typing import TYPE_CHECKING, NamedTuple
+
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from fitting.arrays import Floats
 from fitting.inverse_load.estimate.place_shift import PlaceShift
 from suas_jax.config.geometry import GeometrySpec
-from suas_jax.skin.geometry import SkinGeometry
 
-_POINTS = 4001  # of the tables along the arc: good to 1e-9 of it
+if TYPE_CHECKING:
+    from suas_jax.skin.geometry import SkinGeometry
+
 _NONE = PlaceShift()
+
+
+class ArcTable(NamedTuple):
+    """Places along the arc of one skin, as numbers."""
+
+    outer_size: float  # [m]
+    thickness: float  # [m]
+    half_angle: float  # [rad]
+    # the model's angle at places [place] [rad]; none on a circle, where nothing needs a table
+    angle: Floats
+    # there: the angle that scenes tell [rad], arc lengths of the inner and the outer face [m]
+    rows: Floats  # [place, 3]
+
+    @classmethod
+    def of(cls, spec: GeometrySpec, geometry: "SkinGeometry") -> "ArcTable":
+        """That of a skin's model."""
+        sizes = geometry.outer_size, geometry.thickness, geometry.half_angle
+        outer, thickness, edge = (float(x[0]) for x in sizes)
+        places = np.zeros(0), np.zeros((0, 3))
+        if not spec.is_circle:
+            from fitting.inverse_load.estimate.arc_table import arc_table
+
+            places = arc_table(geometry)
+        return cls(outer, thickness, edge, *places)
 
 
 class ContactPlaces:
     """Places along the arc of one skin, as its scenes state them.
 
-    They are made from the [geometry] table and its dimensions. `shift` is how far from where
-    they are contacts are felt, which the model's angle tells.
+    They are made from the [geometry] table and places along its arc. `shift` is how far from
+    where they are contacts are felt, which the model's angle tells.
     """
 
-    def __init__(
-        self, spec: GeometrySpec, geometry: SkinGeometry, shift: PlaceShift = _NONE
-    ) -> None:
+    def __init__(self, spec: GeometrySpec, arc: ArcTable, shift: PlaceShift = _NONE) -> None:
         # name of the coordinate that is estimated: "arc", the arc length of the inner face from
         # its middle [m], where the section knows no angle; else "angle" [rad]
         self.name = "angle" if spec.has_angle else "arc"
         self._circle = spec.is_circle
-        self._outer_size = float(geometry.outer_size[0])
-        self._inner_size = self._outer_size - float(geometry.thickness[0])
+        self._outer_size = arc.outer_size
+        self._inner_size = arc.outer_size - arc.thickness
         if not spec.is_circle:
-            edge = float(geometry.half_angle[0])
-            angle = np.linspace(-edge, edge, _POINTS)
-            rows = _told(geometry, jnp.asarray(angle)[:, None])
-            self._rows = angle, np.concatenate([np.asarray(x) for x in rows], 1)
+            self._rows = arc.angle, arc.rows
             self._table = CubicSpline(*self._rows)
         self.shift = shift
         # the estimated coordinate of the right clamped edge, which no press tells
-        self.edge = float(self.estimated(shift.felt(np.asarray(geometry.half_angle)[0])))
+        self.edge = float(self.estimated(shift.felt(np.asarray(arc.half_angle))))
+
+    @classmethod
+    def of(
+        cls, spec: GeometrySpec, geometry: "SkinGeometry", shift: PlaceShift = _NONE
+    ) -> "ContactPlaces":
+        """Those of a skin's model."""
+        return cls(spec, ArcTable.of(spec, geometry), shift)
 
     def angle(self, angle: Floats) -> Floats:
         """The angle that a scene calls so; of a path or spline that of the normal [rad]."""
@@ -105,10 +131,3 @@ class ContactPlaces:
         if self._circle:
             return np.ones_like(angle)
         return np.asarray(self._table(angle, 1)[..., int(self.name == "arc")])
-
-
-@eqx.filter_jit
-def _told(geometry: SkinGeometry, angle: jax.Array) -> tuple[jax.Array, ...]:
-    section = geometry.section
-    rows = section.given_angle(angle), section.arc(angle), geometry.outer_arc(angle)
-    return tuple(jnp.broadcast_to(x, angle.shape) for x in rows)

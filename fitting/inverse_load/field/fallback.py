@@ -20,7 +20,6 @@ from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.field.fitter import FieldFitter
 from fitting.inverse_load.fit.explanation import PLAUSIBLE, Explanations
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
-from fitting.inverse_load.fit.wide_contact import wide_contacts
 from fitting.steps import Budget
 from suas_jax.scene.skin import Skin
 
@@ -65,7 +64,7 @@ class FieldFallback:
         the last channel is the oil's pressure, whether the contacts were fitted to it or not.
         """
         plausible = best.p_value(self._per_contact) >= PLAUSIBLE
-        wide = wide_contacts(best)
+        wide = best.wide
         few = (best.contacts == 1) & ~wide | self._live & ~(wide & (best.contacts > 1))
         score = best.score
         if best.so.shape[1] == self._taxels:  # the contacts know nothing of the pressure

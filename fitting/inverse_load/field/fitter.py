@@ -10,7 +10,7 @@ from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.field.forward import FieldForward, FieldState, even_nodes
 from fitting.inverse_load.field.posterior import FieldPosterior, LinearReadings, Scales
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
-from suas_jax.equilibrium.balance import State
+from suas_jax.equilibrium.state import State
 from suas_jax.scene.skin import Skin
 
 _STEPS, _HALVES = 10, 6  # of a fit, of a step that leads nowhere

@@ -17,12 +17,14 @@ from scipy.special import chdtrc
 from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.model.contact_parameters import ContactParameters
 from fitting.steps import Steps
-from suas_jax.equilibrium.equilibrium import State
+from suas_jax.equilibrium.state import State
 
 PLAUSIBLE = 0.05
 """p-value of chi2 above which no further contact is sought."""
 UNSETTLED = 0.1
 """Decrease of chi2 that is still predicted for a fit that has not converged."""
+UNUSUAL = 25e-3
+"""Extent of a contact beyond which two are tried even where it explains a frame [m]."""
 _UNKNOWN = 1e300  # chi2 of what could not be solved
 
 
@@ -112,6 +114,12 @@ class Explanations:
     def absorbed(self) -> Flags:
         """Whether errors of the skin's inputs were fitted with the loads [frame]."""
         return np.asarray((self.shift != 0).any(1))
+
+    @property
+    def wide(self) -> Flags:
+        """Frames with a contact that is unusually wide along arc or axis [frame]."""
+        extents = self.beside[:, :, :2, 0].reshape(len(self), -1)
+        return np.asarray(np.nan_to_num(extents).max(1, initial=0.0) > UNUSUAL)
 
     def used(self) -> NDArray[np.int64]:
         """Taxels that were fitted [frame]."""

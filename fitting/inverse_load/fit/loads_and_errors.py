@@ -12,7 +12,7 @@ from fitting.arrays import Floats, Rows
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.steps import Steps
-from suas_jax.equilibrium.equilibrium import State
+from suas_jax.equilibrium.state import State
 
 SUSPECT = 2e-3
 """p-value of chi2 below which other explanations are tried."""

@@ -16,7 +16,7 @@ from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanation
 from fitting.inverse_load.fit.section_least_squares import FIT_PROGRAMS, SETTLED, Fit, Target
 from fitting.inverse_load.model.contact_parameters import SECTION, SECTION_WITH_DIRECTION
 from fitting.inverse_load.search.table import LoadTable, edge_margin
-from suas_jax.equilibrium.equilibrium import State
+from suas_jax.equilibrium.state import State
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.skin import Skin
 

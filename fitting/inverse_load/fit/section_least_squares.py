@@ -16,7 +16,7 @@ from fitting.inverse_load.fit.damped_step import (
     next_damping,
 )
 from fitting.inverse_load.model.evaluation import Evaluation, evaluate
-from suas_jax.equilibrium.equilibrium import State
+from suas_jax.equilibrium.state import State
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.scene.skin import Skin
 

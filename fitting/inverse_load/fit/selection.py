@@ -20,6 +20,7 @@ from fitting.inverse_load.fit.doubts import Doubts, FaultyTaxels
 from fitting.inverse_load.fit.explanation import (
     PLAUSIBLE,
     UNSETTLED,
+    UNUSUAL,
     AbstractLoadFitter,
     Alternative,
     Explanations,
@@ -28,11 +29,10 @@ from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors
 from fitting.inverse_load.fit.pulls import Pulls
 from fitting.inverse_load.fit.several_contacts import SeveralContacts
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
-from fitting.inverse_load.fit.wide_contact import UNUSUAL
 from fitting.inverse_load.search.base import AbstractNodeSearch
 from fitting.steps import Steps, finished
-from suas_jax.equilibrium.equilibrium import State
-from suas_jax.runtime.compiled import COMPILED
+from suas_jax.equilibrium.state import State
+from suas_jax.runtime.compiling import COMPILE_TIME
 
 _TRIALS = 32  # frames in doubt that are reconsidered before many others
 
@@ -157,10 +157,10 @@ class Selection:
         groups = np.split(frames, len(frames) if self.fitter.alone else 1)
         parts = []
         for group in groups:
-            begin = time.perf_counter() - COMPILED.seconds
+            begin = time.perf_counter() - COMPILE_TIME.seconds
             own = (y[group], weight[group], best.rows(group), doubtful[group])
             parts.append((yield from self._reconsidered(*own)))
-            spent = time.perf_counter() - COMPILED.seconds - begin
+            spent = time.perf_counter() - COMPILE_TIME.seconds - begin
             self.seconds[group] = spent / len(group)
         found = Explanations.of_frames(parts)
         return best.with_frames(frames, found, np.arange(len(frames)))

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import jax
 import numpy as np
 
 from fitting.arrays import Flags, Floats, Rows
@@ -18,7 +17,7 @@ from fitting.inverse_load.fit.explanation import PLAUSIBLE, AbstractLoadFitter, 
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors
 from fitting.inverse_load.search.base import AbstractNodeSearch, PairSearch, Start
 from fitting.steps import Steps
-from suas_jax.equilibrium.equilibrium import State
+from suas_jax.equilibrium.state import State
 
 FELT = 2.0
 """Standard deviations of a force that is there beside others."""
@@ -67,7 +66,7 @@ class SeveralContacts:
             if not kept.size:
                 break
             at, parameters = at[kept], parameters[kept]
-            state = jax.tree.map(lambda x, rows=kept: x[..., rows], state)
+            state = State(*(x[..., kept] for x in state))
             begin = parameters, state, count, best.shift[at]
             found = yield from self.fit(y[at], weight[at], *begin, frame=at)
             best, improved = best.cheapest(at, found)
@@ -97,7 +96,7 @@ class SeveralContacts:
             unsure = ~self._told(found) | (found.p_value(self.fitter.per_contact) < PLAUSIBLE)
             rows = np.flatnonzero(shift.any(1) & unsure)
             if rows.size:
-                near = jax.tree.map(lambda x: x[..., rows], state)
+                near = State(*(x[..., rows] for x in state))
                 given = y[rows], weight[rows], start[rows], near, count, shift[rows]
                 own = None if frame is None else frame[rows]
                 other = yield from self.loads.beside_errors(*given, own)

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from fitting.arrays import Flags, Floats
+from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.section_fitter import SectionFitter
 from fitting.inverse_load.fit.section_least_squares import WIDE_FIT_PROGRAM, Fit
 from fitting.inverse_load.search.table import LoadTable
-from suas_jax.equilibrium.equilibrium import State
+from suas_jax.equilibrium.state import State
 from suas_jax.scene.skin import Skin
 
 _START = 12e-3  # length of the arc where fits begin [m]
@@ -27,14 +27,6 @@ _SHORTEST, _LONGEST = 1e-3, 60e-3  # [m]
 # Standard deviation of a half-normal prior [m]: two fingers look like one contact as wide as
 # they are apart, which is rarer than they are.
 _USUAL = 15e-3
-UNUSUAL = 25e-3
-"""Length of an arc beyond which two contacts are tried even where it explains a frame [m]."""
-
-
-def wide_contacts(best: Explanations) -> Flags:
-    """Frames with a contact that is wider along arc or axis [frame]."""
-    extents = best.beside[:, :, :2, 0].reshape(len(best), -1)
-    return np.asarray(np.nan_to_num(extents).max(1, initial=0.0) > UNUSUAL)
 
 
 class WideContactFitter(SectionFitter):

@@ -25,7 +25,7 @@ from fitting.inverse_load.memory.series import LoadMemory
 from fitting.inverse_load.search.section import NodeSearch
 from fitting.inverse_load.search.table import LoadTable
 from suas_jax.constitutive.relaxation import Past
-from suas_jax.equilibrium.equilibrium import State
+from suas_jax.equilibrium.state import State
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.skin import Skin
 

@@ -14,6 +14,7 @@ import numpy as np
 from fitting.arrays import Flags, Floats
 from fitting.inverse_load.model.evaluation import NoRestError
 from fitting.inverse_load.pad.rest import film_readings
+from fitting.inverse_load.pad.table import LEVELS, grid
 from suas_jax.numerics.bordered_solve import BorderedVector
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.settings import configure
@@ -22,8 +23,6 @@ from suas_jax.scene.loads import Loads
 from suas_jax.scene.pad_levels import Ahead, extrapolation, nothing_ahead, readings_along
 from suas_jax.scene.skin import Skin
 
-LEVELS = np.array([-0.15, 0.0, 0.12, 0.28, 0.46, 0.64, 0.82, 1.0])
-"""Forces as shares of the largest, rest among them."""
 ACROSS = (0, 1, 2, 4, 6)
 """Which of them, rest left out, know derivatives by tangential forces, which change little."""
 _GAP_LEFT = 0.05  # smallest gap in the table in terms of the film's
@@ -209,11 +208,6 @@ def _parts(count: int, size: int) -> list[slice]:
 
 def _joined(rows: list[Column]) -> Column:
     return Column(*(np.stack(x) for x in zip(*rows, strict=True)))
-
-
-def grid(*axes: Floats) -> Floats:
-    """Places of a grid of coordinates [place, axis]."""
-    return np.stack([x.reshape(-1) for x in np.meshgrid(*axes, indexing="ij")], 1)
 
 
 def largest_forces(columns: Columns, probes: tuple[Floats, ...]) -> tuple[Floats, Floats]:

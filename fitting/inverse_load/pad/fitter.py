@@ -6,14 +6,19 @@ left out, and the fit goes on until it moves no more: its end is exact but for t
 slopes.
 """
 
+from collections.abc import Callable
 from concurrent.futures import Executor
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fitting.arrays import Flags, Floats, Rows
-from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations, widened
-from fitting.inverse_load.fit.wide_contact import UNUSUAL
+from fitting.inverse_load.fit.explanation import (
+    UNUSUAL,
+    AbstractLoadFitter,
+    Explanations,
+    widened,
+)
 from fitting.inverse_load.pad.interpolant import (
     ASKEW,
     MOST,
@@ -31,12 +36,14 @@ from fitting.inverse_load.pad.pad_least_squares import (
     PadLeastSquares,
     step_of,
 )
+from fitting.inverse_load.pad.shape import PadShape
 from fitting.inverse_load.pad.solved import SolvedContacts, near
 from fitting.inverse_load.pad.solved_patch import SolvedPatch
-from fitting.inverse_load.pad.table_build import edge_of
 from fitting.steps import Steps, finished
-from suas_jax.equilibrium.equilibrium import State
-from suas_jax.scene.skin import Skin
+from suas_jax.equilibrium.state import State
+
+if TYPE_CHECKING:
+    from suas_jax.scene.skin import Skin
 
 _FEW = 1  # steps of a fit that is to be quick
 _ROUNDS = 4  # of solving several contacts and fitting again
@@ -58,7 +65,8 @@ class PadFitter(AbstractLoadFitter):
 
     def __init__(
         self,
-        skin: Skin,
+        skin: "Callable[[], Skin]",  # its model, where more than the table is needed
+        shape: PadShape,  # its dimensions
         interpolant: PadInterpolant,  # of its table
         told: Told,  # what is told of contacts
         *,
@@ -73,13 +81,12 @@ class PadFitter(AbstractLoadFitter):
         self.parameters = told.parameters
         self._most = most_contacts
         # largest angle [rad] and axial position [m] of a contact
-        self.edge = np.array(edge_of(skin, self.table.diameter))
+        self.edge = np.array(shape.edge(self.table.diameter))
         # least squares on the interpolant alone
         self.squares = PadLeastSquares(interpolant, self.edge, direction=told.direction)
-        self._radius = float(skin.geometry.outer_size[0])
-        self._gap = float(skin.geometry.oil_gap[0])
+        self._radius, self._gap = shape.radius, shape.gap
         self._solved = SolvedContacts(skin, interpolant, most_contacts)
-        self._patch = SolvedPatch(skin, interpolant)
+        self._patch = SolvedPatch(skin, interpolant, shape.radius)
         self._kept: dict[int, Correction] = {}
 
     def fit(

@@ -12,28 +12,66 @@ n is the relative change of stiffness that the error amounts to under the contac
 (`stiffening`); the part of its effect that is not a change of stiffness is left out.
 """
 
-from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
-from fitting.inverse_load.pad.rest import GapLine, gap_line
-from fitting.inverse_load.pad.stiffening import stiffening_of
 from fitting.inverse_load.pad.table import PadTable
-from suas_jax.config import InputErrors
-from suas_jax.config.input_errors import value_of
-from suas_jax.scene.skin import Skin
 
 _PLACE_ERROR, _FORCE_ERROR = 5e-5, 5e-3  # standard deviations [m], of the force
-_WIDE_PLACE, _WIDE_FORCE = (
-    0.02,
-    2.0,
-)  # those by extent beyond the table's disc, the latter [1/m]
-_SMALL = 1e-3  # of a standard deviation, for derivatives at rest
-_GAP = "geometry.oil_gap"
-_ELECTRICAL = ("electrodes.", "oil.relative_permittivity", _GAP)
+# Those by extent beyond the table's disc, the latter [1/m].
+_WIDE_PLACE, _WIDE_FORCE = 0.02, 2.0
+
+
+@dataclass(frozen=True)
+class Stiffening:
+    """Relative changes of a pad's stiffness by its errors."""
+
+    even: Floats  # of those that do the same everywhere [error]
+    share: Floats  # change of every solved input by each error, in its steps [error, path]
+    # of the places [rad], [m]: from the pad's middle where its sides do the same, else all
+    angle: Floats
+    axial: Floats
+    force: Floats  # solved there [angle, axial, force] [N]
+    change: Floats  # change of stiffness by every solved input [angle, axial, force, path]
+
+    def at(self, angle: Floats, axial: Floats, force: Floats) -> Floats:
+        """Changes of stiffness by every error under contacts [..., error].
+
+        Contacts have angles [rad], axial positions [m] and forces [N].
+        """
+        corners = [
+            ((i, k), side * end)
+            for i, side in enumerate(_shares(angle, self.angle))
+            for k, end in enumerate(_shares(axial, self.axial))
+        ]
+        low, high = (sum(w * self.force[(*at, j)] for at, w in corners) for j in (0, 1))
+        share = np.clip((force - low) / (high - low), 0.0, 1.0)
+        change = sum(
+            (w * level)[..., None] * self.change[(*at, j)]
+            for at, w in corners
+            for j, level in enumerate((1 - share, share))
+        )
+        return np.asarray(self.even + change @ self.share.T)
+
+
+def _shares(x: Floats, nodes: Floats) -> list[Floats]:
+    """Weights of the nodes, from a middle or from side to side; beyond them the nearest's."""
+    own = np.abs(x) if nodes[0] == 0 else x
+    return [np.interp(own, nodes, row) for row in np.eye(len(nodes))]
+
+
+class InputEffects(NamedTuple):
+    """What errors of a pad's inputs do, each of one standard deviation."""
+
+    by_stray: Floats  # to the part of readings that no gap changes [error, taxel] [counts]
+    constant: Floats  # da [error, taxel] [1/counts]
+    relative: Floats  # db / b [error, taxel]
+    stiffening: Stiffening
 
 
 class PadErrors(AbstractSystematicErrors):
@@ -46,37 +84,18 @@ class PadErrors(AbstractSystematicErrors):
 
     def __init__(
         self,
-        errors: InputErrors,  # of its inputs
-        skin: Skin,  # the model made from it
-        table: PadTable,  # its states
+        names: tuple[str, ...],  # of the inputs' errors
+        effects: InputEffects,  # of each
+        table: PadTable,  # the pad's states
+        radius: float,  # of the outer face [m]
         *,
         from_rest: bool,  # whether readings count from a baseline
-        slots: int,  # contacts that the program for solved states has room for
     ) -> None:
-        self.names = errors.names
-        self._spec, self._table = errors.spec, table
-        self._radius = float(skin.geometry.outer_size[0])
-        taxels, count = len(table.rest), len(errors)
+        self.names, self._effects, self._table, self._radius = names, effects, table, radius
         self._stray = table.stray
         self._at_rest = 1 / (table.rest - table.stray)
-        self._by_stray = np.zeros((count, taxels))
-        self._constant = np.zeros((count, taxels))  # da
-        self._relative = np.zeros((count, taxels))  # db / b
-        mechanical: dict[str, Floats] = {}
-        for e, direction in enumerate(errors.directions):
-            change = dict(zip(errors.paths, direction.tolist(), strict=True))
-            change = {path: size for path, size in change.items() if size}
-            electrical = {p: s for p, s in change.items() if p.startswith(_ELECTRICAL)}
-            if electrical:
-                self._read_at_rest(e, electrical)
-            for path in change.keys() - electrical.keys():
-                mechanical.setdefault(path, np.zeros(count))[e] = change[path]
-        # In an order that does not change, which names what is kept.
-        mechanical = {path: mechanical[path] for path in errors.paths if path in mechanical}
-        self._stiffening = stiffening_of(errors, mechanical, skin, table, slots)
-        rest = self._by_stray - self._constant / self._at_rest**2
-        zero = np.zeros((count, 1))
-        self._moved_at_rest = np.concatenate([rest, zero], 1)
+        rest = effects.by_stray - effects.constant / self._at_rest**2
+        self._moved_at_rest = np.concatenate([rest, np.zeros((len(names), 1))], 1)
         self.rest = 0 * self._moved_at_rest if from_rest else self._moved_at_rest
 
     def slopes(self, best: Explanations, per_contact: int, contacts: int) -> Floats:
@@ -107,10 +126,11 @@ class PadErrors(AbstractSystematicErrors):
         """Change of channels by each error [frame, error, channel]."""
         along = force[..., None] * by_force
         u = 1 / np.maximum(so - self._stray, 1e-9)
-        change = self._constant + self._relative * (u - self._at_rest)[:, None]
-        electrical = self._by_stray - change / u[:, None] ** 2
+        effects = self._effects
+        change = effects.constant + effects.relative * (u - self._at_rest)[:, None]
+        electrical = effects.by_stray - change / u[:, None] ** 2
         own = np.concatenate([electrical, np.zeros((*electrical.shape[:2], 1))], 2)
-        stiffer = self._stiffening.at(angle, axial, force)  # [frame, contact, error]
+        stiffer = effects.stiffening.at(angle, axial, force)  # [frame, contact, error]
         total = np.abs(force).sum(1, keepdims=True)
         weight = np.abs(force) / np.where(total > 0, total, 1.0)
         moved = own - np.einsum("fce,fcx->fex", stiffer, along)
@@ -133,20 +153,3 @@ class PadErrors(AbstractSystematicErrors):
             sigma[2] = np.hypot(force, _WIDE_FORCE * longer) * own[2]
             total[i, :width, :width] = np.diag(sigma.reshape(-1) ** 2)
         return total
-
-    # --- what errors of single inputs do ------------------------------------------------
-
-    def _read_at_rest(self, e: int, change: Mapping[str, float]) -> None:
-        """Derivatives of the readings at rest along a change of electrical inputs."""
-        low, high = (self._gap_line(change, side * _SMALL) for side in (-1.0, 1.0))
-        by_stray, constant, slope = (
-            (b - a) / (2 * _SMALL) for a, b in zip(low, high, strict=True)
-        )
-        _, _, own = self._gap_line(change, 0.0)
-        self._by_stray[e], self._constant[e] = by_stray, constant
-        self._relative[e] = slope / own
-
-    def _gap_line(self, change: Mapping[str, float], size: float) -> GapLine:
-        """With inputs changed by a share of an error."""
-        inputs = {path: value_of(self._spec, path) + size * by for path, by in change.items()}
-        return gap_line(self._spec, inputs)

@@ -34,8 +34,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
 from fitting.arrays import Floats
-from fitting.inverse_load.pad.columns import LEVELS
-from fitting.inverse_load.pad.table import PadTable
+from fitting.inverse_load.pad.table import LEVELS, PadTable
 
 LEAST, MOST = -0.3, 1.2
 """Shares of the table's largest force between which it is used, over first contact at most."""
@@ -254,10 +253,10 @@ class PadInterpolant:
         """Its logarithm by second moments beyond the disc's, in the pad's middle."""
         least = self.table.diameter**2 / 16  # of a point
         excess = np.concatenate([[-least, -least / 2], np.linspace(0.0, _WIDEST, 12) ** 2])
-        both = np.stack([x.reshape(-1) for x in np.meshgrid(excess, excess, indexing="ij")], 1)
-        middle, level = np.zeros((len(both), 2)), np.full(len(both), LEVELS[LEVELS > 0][0])
-        change = self.table.spline.over(middle, both / self._metres**2, level)[0]
-        depth = np.abs(change[:, :-1]).max(1).reshape(len(excess), -1)
+        variance = excess / self._metres[:, None] ** 2
+        level = LEVELS[LEVELS > 0][0]
+        change = self.table.spline.over_grid(np.zeros(2), variance, level)
+        depth = np.abs(change[..., :-1]).max(-1)
         disc = int(np.flatnonzero(excess == 0)[0])
         return RectBivariateSpline(excess, excess, np.log(depth[disc, disc] / depth))
 

@@ -1,10 +1,10 @@
 """Parts of `LoadEstimator` for contacts on a pad: search, fits, posterior."""
 
+import functools
 from collections.abc import Callable
 from concurrent.futures import Executor
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from fitting.arrays import Floats, Rows
@@ -14,17 +14,20 @@ from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.fit.detection import PadDetector
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
+from fitting.inverse_load.pad.facts import facts_of
 from fitting.inverse_load.pad.fitter import AskewFitter, PadFitter
 from fitting.inverse_load.pad.input_errors import PadErrors
 from fitting.inverse_load.pad.interpolant import PLAIN, PadInterpolant
+from fitting.inverse_load.pad.kept_table import pad_table_of
 from fitting.inverse_load.pad.marginal import Told
-from fitting.inverse_load.pad.table import PadTable
-from fitting.inverse_load.pad.table_build import FINE, PadResolution, pad_table_of
+from fitting.inverse_load.pad.table import FINE, PadResolution, PadTable
 from fitting.inverse_load.search.base import AbstractNodeSearch, PairSearch
-from fitting.statistics.log_probability import NumpyBatch
 from suas_jax.config import InputErrors, SkinSpec
-from suas_jax.equilibrium.equilibrium import State
-from suas_jax.scene.skin import Skin, skin_of
+from suas_jax.equilibrium.state import State
+
+if TYPE_CHECKING:
+    from fitting.statistics.log_probability import NumpyBatch
+    from suas_jax.scene.skin import Skin
 
 APART = 12e-3
 """Contacts closer than this are one mode of the search [m]."""
@@ -87,8 +90,9 @@ class PadNodeSearch(AbstractNodeSearch):
 
     def rest_states(self, frames: int) -> State:
         """Empty states of so many frames."""
-        none = jnp.zeros((0, 0, frames))
-        return State(none, jnp.zeros(frames), jnp.zeros(frames))
+        none: Any = np.zeros((0, 0, frames))
+        zero: Any = np.zeros(frames)
+        return State(none, zero, zero)
 
     def several(self) -> PairSearch:
         """See the base class."""
@@ -109,8 +113,10 @@ class PadPosterior(AbstractLoadPosterior):
         super().__init__(nodes, 2, fitter.prior_volume(), _SAME, _MIRRORS)
         self._fitter = fitter
 
-    def log_probability(self, y: Floats, mode: Explanations) -> NumpyBatch:
+    def log_probability(self, y: Floats, mode: Explanations) -> "NumpyBatch":
         """See the base class."""
+        from fitting.statistics.log_probability import NumpyBatch
+
         count, fitter = int(mode.contacts[0]), self._fitter
         centre = mode.parameters[0, : fitter.per_contact * count]
         pull = bool(centre[fitter.parameters.rows("force", count)][0] < 0)
@@ -150,45 +156,60 @@ def pad_parts(
     The diameter is that of the table's discs, around which contacts' diameters are expected
     [m]; None tells the diameter, too.
     """
-    skin = skin_of(spec, elements=resolution.elements, contact=False)
+    make_skin = _skin_maker(spec, resolution)
     middle = _table(spec, diameter or _DIAMETER, progress, workers, resolution)
-    radius = float(skin.geometry.outer_size[0])
+    facts = facts_of(spec, errors, make_skin, middle, max(most_contacts, 2))
+    radius = facts.shape.radius
     interpolant = PadInterpolant(middle, radius)
     told = Told(diameter=diameter is None, direction=direction)
     kind: dict[str, Any] = {"live": live, "most_contacts": most_contacts}
-    fitter = PadFitter(skin, interpolant, told, **kind, aside=aside)
+    own = make_skin, facts.shape, interpolant, told
+    fitter = PadFitter(*own, **kind, aside=aside)
     nodes = PadNodeSearch(middle, radius)
-    places = skin.electrodes.taxels.places
     detector = PadDetector(nodes.signatures, (len(middle.angle), len(middle.axial)))
     a, z = 0.3 * fitter.edge[0], 0.3 * fitter.edge[1]
     force = 0.3 * float(middle.cap.min())
     one, two = np.array([[a, z, force]]), np.array([[a, -a, z, -z, force, force]])
     single, several = (interpolant(x, k + 1).readings[0, :-1] for k, x in enumerate((one, two)))
+    places = ContactPlaces(spec.geometry, facts.arc)
     return EstimationParts(
-        skin,
+        make_skin,
+        facts.line,
         middle,
         middle.rest,
         middle.rest_pressure,
         detector,
         nodes,
         fitter,
-        LoadAssessment(fitter, nodes, ContactPlaces(spec.geometry, skin.geometry), places),
+        LoadAssessment(fitter, nodes, places, facts.taxels),
         (single, several),
         PadPosterior(fitter, nodes),
-        PadErrors(errors, skin, middle, from_rest=from_rest, slots=max(most_contacts, 2)),
-        AskewFitter(skin, interpolant, told, **kind),
+        PadErrors(errors.names, facts.effects, middle, radius, from_rest=from_rest),
+        AskewFitter(*own, **kind),
     )
+
+
+def _skin_maker(spec: SkinSpec, resolution: PadResolution) -> "Callable[[], Skin]":
+    """Makes a pad's model once, when it is first needed: frames go without, and without JAX."""
+
+    @functools.cache
+    def make() -> "Skin":
+        from suas_jax.scene.skin import skin_of
+
+        return skin_of(spec, elements=resolution.elements, contact=False)
+
+    return make
 
 
 def table_of_pad(
     spec: SkinSpec, diameter: float, progress: Callable[[str], None], workers: Executor | None
-) -> tuple[Skin, PadTable]:
+) -> "tuple[Skin, PadTable]":
     """A pad's model and its table of solved states.
 
     The diameter is that of the contacts [m]. Workers solve the table's states; without them
     (None) this process does.
     """
-    return skin_of(spec, contact=False), _table(spec, diameter, progress, workers)
+    return _skin_maker(spec, FINE)(), _table(spec, diameter, progress, workers)
 
 
 def _table(

@@ -1,12 +1,15 @@
 """Solved states of several contacts: what the interpolant is corrected by."""
 
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from fitting.arrays import Floats
 from fitting.inverse_load.pad.interpolant import ASKEW, PLAIN, Correction, PadInterpolant
-from suas_jax.scene.forward import forward
-from suas_jax.scene.loads import Loads
-from suas_jax.scene.skin import Skin
+
+if TYPE_CHECKING:
+    from suas_jax.scene.skin import Skin
 
 # Live, a correction is kept while contacts move by less than this and forces, extents and turns
 # change by that share; in a log by a fifth of that.
@@ -39,10 +42,13 @@ def near(
 class SolvedContacts:
     """Solves contacts on a pad; one compiled program for any number of them.
 
-    The interpolant is what is corrected; there are at most `most_contacts` at a time.
+    The interpolant is what is corrected; there are at most `most_contacts` at a time. The skin
+    is asked for, and JAX started, when first one has to be solved.
     """
 
-    def __init__(self, skin: Skin, interpolant: PadInterpolant, most_contacts: int) -> None:
+    def __init__(
+        self, skin: "Callable[[], Skin]", interpolant: PadInterpolant, most_contacts: int
+    ) -> None:
         self._skin, self._interpolant = skin, interpolant
         self._most = max(most_contacts, 2)
         table = interpolant.table
@@ -64,13 +70,16 @@ class SolvedContacts:
 
     def _solve(self, rows: Floats) -> tuple[Floats, float] | None:
         """Change of u and the oil's pressure [channel], and smallest gap, under contacts."""
+        from suas_jax.scene.forward import forward
+        from suas_jax.scene.loads import Loads
+
         count, table = rows.shape[1], self._interpolant.table
         # What is not used lies where the first one is, without a force.
         columns = np.array([np.append(x, np.full(self._most - count, x[0])) for x in rows])
         columns[2, count:] = 0.0
         columns[2, :count] = table.force_on_mesh(*columns[:, :count])
         angle, axial, force = columns[..., None]
-        found = forward(self._skin, Loads.patch(angle, axial, force, table.diameter))
+        found = forward(self._skin(), Loads.patch(angle, axial, force, table.diameter))
         if not bool(found.solved[0]):
             return None
         u = 1 / (np.asarray(found.so)[:, 0] - self._stray)

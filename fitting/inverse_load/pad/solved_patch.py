@@ -5,26 +5,32 @@ of the second moments that the fit found. Either is many forces at points, on th
 load fields: a pressure so wide needs none that is graded around it.
 """
 
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.inverse_load.field.forward import FieldForward, FieldNodes
 from fitting.inverse_load.pad.interpolant import ASKEW, PLAIN, Correction, PadInterpolant
-from suas_jax.equilibrium.balance import State
-from suas_jax.scene.skin import Skin
+from suas_jax.equilibrium.state import State
+
+if TYPE_CHECKING:
+    from suas_jax.scene.skin import Skin
 
 _STRIP = 2.5  # length over width from which on a contact is a rectangle
 _POINTS = 12  # along each side of a rectangle; as many over an ellipse
 
 
 class SolvedPatch:
-    """Solves one wide contact on a pad; the interpolant is what is corrected."""
+    """Solves one wide contact on a pad; the interpolant is what is corrected.
 
-    def __init__(self, skin: Skin, interpolant: PadInterpolant) -> None:
-        self._skin, self._interpolant = skin, interpolant
-        self._radius = float(skin.geometry.outer_size[0])
+    The radius is that of the outer face [m]; for the skin see `SolvedContacts`.
+    """
+
+    def __init__(
+        self, skin: "Callable[[], Skin]", interpolant: PadInterpolant, radius: float
+    ) -> None:
+        self._skin, self._interpolant, self._radius = skin, interpolant, radius
         self._start: State | None = None
 
     def correction(self, parameters: Floats) -> Correction | None:
@@ -32,10 +38,13 @@ class SolvedPatch:
 
         What tangential forces add is the interpolant's.
         """
+        from fitting.inverse_load.field.forward import FieldForward, FieldNodes
+
         radial = parameters.copy()
         radial[PLAIN + 2 : ASKEW - 1] = 0.0
         places, share = patch_points(radial, self._radius)
-        model = FieldForward(self._skin, FieldNodes.at(self._skin, places))
+        skin = self._skin()
+        model = FieldForward(skin, FieldNodes.at(skin, places))
         if self._start is None:
             self._start = model.rest()
         found = model.state(radial[2] * share, self._start)

@@ -12,8 +12,8 @@ small box. B + v B'' / 2, to first order the same, has a kink at every knot.
 """
 
 import functools
+import math
 from dataclasses import dataclass
-from math import factorial
 from typing import Any
 
 import numpy as np
@@ -31,13 +31,15 @@ class SplineBasis:
     def __init__(self, nodes: Floats) -> None:
         self.nodes = np.asarray(nodes, float)
         count = len(self.nodes)
-        knots = make_interp_spline(self.nodes, np.zeros(count), k=3).t
-        unit = BSpline(knots, np.eye(count), 3)
+        through = make_interp_spline(self.nodes, np.eye(count), k=3)
+        # coefficients of the spline through values: a product for all channels together
+        self.of_values = through.c  # [function, node]
+        unit = BSpline(through.t, np.eye(count), 3)
         self._breaks = unit.t[3:-3]
         intervals = len(self._breaks) - 1
         self._least = (0.4 * np.diff(self._breaks).min()) ** 2 / 3  # variance of a box
         powers = [  # [power, interval, function], from the third down
-            unit.derivative(m)(self._breaks[:-1]) / factorial(m) for m in (3, 2, 1, 0)
+            unit.derivative(m)(self._breaks[:-1]) / math.factorial(m) for m in (3, 2, 1, 0)
         ]
         pieces = np.stack(powers, -1)
         self._pieces = np.stack([pieces[i, i : i + 4] for i in range(intervals)])
@@ -183,10 +185,10 @@ class TensorSpline:
         axes = tuple(SplineBasis(x) for x in nodes)
         coefficients = np.asarray(values, float)
         for k, axis in enumerate(axes):
-            moved = np.moveaxis(coefficients, k, 0)
-            flat = make_interp_spline(axis.nodes, moved.reshape(len(moved), -1), k=3).c
-            coefficients = np.moveaxis(flat.reshape(moved.shape), 0, k)
-        return cls(axes, np.ascontiguousarray(coefficients))
+            shape = coefficients.shape
+            lines = coefficients.reshape(math.prod(shape[:k]), shape[k], -1)
+            coefficients = (axis.of_values @ lines).reshape(shape)
+        return cls(axes, coefficients)
 
     def __call__(self, *x: Floats) -> tuple[Floats, Floats]:
         """Values [place, channel] and derivatives [place, variable, channel] at places.
@@ -214,6 +216,22 @@ class TensorSpline:
         sides = [self.axes[k].over(x[:, k], variance[:, k]) for k in range(2)]
         both = self._products([*sides, self.axes[2].at(level)], _OVER)
         return both[:, 0], both[:, 1:]
+
+    def over_grid(self, x: Floats, variance: Floats, level: float) -> Floats:
+        """Means over boxes of one middle, of all pairs of variances [first, second, channel].
+
+        The middle is `x` [2], the third variable the level.
+        """
+        found = self.coefficients
+        for axis, middle, own in zip(self.axes[:2], x, variance, strict=True):
+            first, rows = axis.over(np.full(len(own), middle), own)
+            whole = np.zeros((len(own), len(axis.nodes)))
+            columns = first[:, None] + np.arange(rows.shape[2])
+            whole[np.arange(len(own))[:, None], columns] = rows[0]
+            found = np.moveaxis(np.tensordot(whole, found, (1, 0)), 0, 1)
+        at, (value, _) = self.axes[2].at(np.array([level]))
+        found = found[:, :, at[0] : at[0] + value.shape[1]]
+        return np.tensordot(value[0], found, (0, 2))
 
     def _products(self, found: list[tuple[Rows, Floats]], orders: Rows) -> Floats:
         """Products of one-dimensional rows with the coefficients [place, row, channel].

@@ -9,17 +9,18 @@ the readings, and lies in between elsewhere.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
 from fitting.arrays import Floats
+from fitting.inverse_load.pad.input_errors import Stiffening
 from fitting.inverse_load.pad.table import PadTable
 from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
 from suas_jax.config.input_errors import value_of
-from suas_jax.equilibrium.balance import State
+from suas_jax.equilibrium.state import State
 from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.mechanics.pad.net import NetTopology
 from suas_jax.mesh.pad_plan import PadPlan
@@ -35,44 +36,6 @@ _FORCES = np.array([0.08, 0.8])  # shares of the table's largest force there
 _LIGHTER = 0.02  # by which the force is less, relative
 _STEP = 0.2  # of an error of one standard deviation
 _SMALL = 1e-3  # of the same, for the modulus
-
-
-@dataclass(frozen=True)
-class Stiffening:
-    """Relative changes of a pad's stiffness by its errors."""
-
-    even: Floats  # of those that do the same everywhere [error]
-    share: Floats  # change of every solved input by each error, in its steps [error, path]
-    # of the places [rad], [m]: from the pad's middle where its sides do the same, else all
-    angle: Floats
-    axial: Floats
-    force: Floats  # solved there [angle, axial, force] [N]
-    change: Floats  # change of stiffness by every solved input [angle, axial, force, path]
-
-    def at(self, angle: Floats, axial: Floats, force: Floats) -> Floats:
-        """Changes of stiffness by every error under contacts [..., error].
-
-        Contacts have angles [rad], axial positions [m] and forces [N].
-        """
-        corners = [
-            ((i, k), side * end)
-            for i, side in enumerate(_shares(angle, self.angle))
-            for k, end in enumerate(_shares(axial, self.axial))
-        ]
-        low, high = (sum(w * self.force[(*at, j)] for at, w in corners) for j in (0, 1))
-        share = np.clip((force - low) / (high - low), 0.0, 1.0)
-        change = sum(
-            (w * level)[..., None] * self.change[(*at, j)]
-            for at, w in corners
-            for j, level in enumerate((1 - share, share))
-        )
-        return np.asarray(self.even + change @ self.share.T)
-
-
-def _shares(x: Floats, nodes: Floats) -> list[Floats]:
-    """Weights of the nodes, from a middle or from side to side; beyond them the nearest's."""
-    own = np.abs(x) if nodes[0] == 0 else x
-    return [np.interp(own, nodes, row) for row in np.eye(len(nodes))]
 
 
 def stiffening_of(

@@ -11,12 +11,18 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.inverse_load.pad.columns import LEVELS, grid
 from fitting.inverse_load.pad.spline import TensorSpline
 
+LEVELS = np.array([-0.15, 0.0, 0.12, 0.28, 0.46, 0.64, 0.82, 1.0])
+"""Forces as shares of the largest, rest among them."""
 # Shares of the largest force, of nodes beside the table's own: a contact much lighter than all
 # nodes at its place looks like a hard one far away.
 _LIGHTLY = np.array([0.015, 0.03, 0.06])
+
+
+def grid(*axes: Floats) -> Floats:
+    """Places of a grid of coordinates [place, axis]."""
+    return np.stack([x.reshape(-1) for x in np.meshgrid(*axes, indexing="ij")], 1)
 
 
 def reciprocal(force: Floats) -> Floats:
@@ -25,6 +31,24 @@ def reciprocal(force: Floats) -> Floats:
     return np.where(
         np.isinf(force), 0.0, np.where(finite, 1 / np.where(finite, force, 1.0), np.inf)
     )
+
+
+@dataclass(frozen=True)
+class PadResolution:
+    """How finely a table is made."""
+
+    # of the meshes, along the arc and along the axis; None for as many as pads have
+    elements: tuple[int, int] | None = None
+    spacing: float = 5.3e-3  # of the table's places [m]
+    # places along arc and axis at which the largest force is sought
+    probes: tuple[int, int] = (4, 3)
+    # elements of a mesh whose readings the table's forces are corrected for, which is solved at
+    # the probes alone; None for none
+    finer: tuple[int, int] | None = None
+
+
+FINE = PadResolution(finer=(36, 30))
+"""Right for the paper's membrane of 1.5 mm; a thicker one needs less."""
 
 
 @dataclass(frozen=True)

@@ -1,96 +1,29 @@
-"""Solving the table of a pad, or reading it from the cache."""
+"""Solving the table of a pad."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fitting.arrays import Flags, Floats, Rows
-from fitting.inverse_load.pad.columns import (
-    ACROSS,
-    LEVELS,
-    Column,
-    Columns,
-    grid,
-    largest_forces,
-)
+from fitting.inverse_load.pad.columns import ACROSS, Column, Columns, largest_forces
 from fitting.inverse_load.pad.mirror import mirror_images, mirrored
 from fitting.inverse_load.pad.rest import stray_counts
+from fitting.inverse_load.pad.shape import PadShape
 from fitting.inverse_load.pad.spline import TensorSpline
-from fitting.inverse_load.pad.table import PadTable, reciprocal
-from fitting.inverse_load.pad.uneven import even_spec, same_places, uneven_table
-from suas_jax.config import SkinSpec, continuous_inputs, structure
-from suas_jax.files.kept_arrays import kept_arrays
-from suas_jax.runtime.content_key import content_key, source_digest
-from suas_jax.scene.skin import PAD_ELEMENTS, Skin, skin_of
+from fitting.inverse_load.pad.table import (
+    FINE,
+    LEVELS,
+    PadResolution,
+    PadTable,
+    grid,
+    reciprocal,
+)
+from suas_jax.scene.skin import Skin
 
 _EVERY = 2  # of the places along arc and axis knows derivatives by tangential forces
 _MOST = 0.05  # share of the force; a mesh that differs by more differs in shape, too
-
-
-@dataclass(frozen=True)
-class PadResolution:
-    """How finely a table is made."""
-
-    elements: tuple[int, int] = PAD_ELEMENTS  # of the meshes, along the arc and along the axis
-    spacing: float = 5.3e-3  # of the table's places [m]
-    # places along arc and axis at which the largest force is sought
-    probes: tuple[int, int] = (4, 3)
-    # elements of a mesh whose readings the table's forces are corrected for, which is solved at
-    # the probes alone; None for none
-    finer: tuple[int, int] | None = None
-
-
-FINE = PadResolution(finer=(36, 30))
-"""Right for the paper's membrane of 1.5 mm; a thicker one needs less."""
-
-
-def pad_table_of(
-    spec: SkinSpec,  # the pad, with electrodes
-    diameter: float,  # of the contacts [m]
-    resolution: PadResolution = FINE,  # of the table
-    *,
-    progress: Callable[[int, int], None] = lambda done, total: None,
-    workers: Executor | None = None,
-) -> PadTable:
-    """The table of a pad, from the cache where it is there.
-
-    That of a pad whose thickness or gap differ from side to side is made from an even pad's,
-    see `fitting.inverse_load.pad.uneven`. Raises ValueError: its section is not its own mirror
-    image.
-
-    `progress` is called with the number of columns solved and their total. Workers solve the
-    table (`fitting.workers`); without them (None) this process does, on all cores.
-    """
-    skin = skin_of(spec, elements=resolution.elements, contact=False)
-    name = content_key(
-        {
-            "structure": structure(spec),
-            "inputs": continuous_inputs(spec),
-            "electrodes": repr(spec.electrodes),
-            "diameter": diameter,
-            "resolution": resolution,
-            "source": source_digest(),
-        }
-    )
-    how = diameter, resolution, progress, workers
-
-    def made() -> PadTable:
-        if spec.geometry.mirrored_along_axis and skin.geometry.symmetric:
-            return build_pad_table(skin, *how)
-        even = even_spec(spec)
-        if not skin_of(even, contact=False).geometry.symmetric:
-            raise ValueError(
-                "geometry.section: loads on a pad are told from a table of a quarter of it, "
-                "which takes a section that is its own mirror image"
-            )
-        table = pad_table_of(even, diameter, resolution, progress=progress, workers=workers)
-        return uneven_table(table, (even, spec), skin, same_places(even, spec), progress)
-
-    found = kept_arrays(name, lambda: vars(made()))
-    return PadTable(**{**found, "diameter": float(found["diameter"])})  # type: ignore[arg-type]
 
 
 def build_pad_table(
@@ -105,7 +38,7 @@ def build_pad_table(
     `progress` is called with the number of columns solved and their total.
     """
     images, where = mirror_images(skin)
-    edge = edge_of(skin, diameter)
+    edge = PadShape.of(skin).edge(diameter)
     outer = float(skin.geometry.outer_size[0])
     sides = edge[0] * outer, edge[1]
     counts = [max(4, int(np.ceil(x / resolution.spacing)) + 1) for x in sides]
@@ -139,16 +72,6 @@ def build_pad_table(
         (rest[where[0]], stray),
         (along, axially),
         diameter,
-    )
-
-
-def edge_of(skin: Skin, diameter: float) -> tuple[float, float]:
-    """Largest angle [rad] and axial position [m] of a contact that stays on the pad."""
-    g = skin.geometry
-    margin = diameter / 2 + float(g.thickness[0]) / 4
-    return (
-        float(g.half_angle[0]) - margin / float(g.outer_size[0]),
-        float(g.width[0]) / 2 - margin,
     )
 
 

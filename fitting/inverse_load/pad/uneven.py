@@ -24,11 +24,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.inverse_load.pad.columns import LEVELS, Column, Columns, grid
+from fitting.inverse_load.pad.columns import Column, Columns
 from fitting.inverse_load.pad.interpolant import PadInterpolant
 from fitting.inverse_load.pad.rest import GapLine, gap_line
 from fitting.inverse_load.pad.spline import TensorSpline
-from fitting.inverse_load.pad.table import PadTable, reciprocal
+from fitting.inverse_load.pad.table import LEVELS, PadTable, grid, reciprocal
 from suas_jax.config import SkinSpec
 from suas_jax.scene.skin import Skin
 from suas_jax.skin.plain import angles_at, plain_geometry

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fitting.arrays import Flags, Floats, Rows
 from fitting.steps import Steps
-from suas_jax.equilibrium.equilibrium import State
+from suas_jax.equilibrium.state import State
 
 NEARLY = 40.0
 """Difference of chi2, on the table, below which a second mode is fitted."""

@@ -6,7 +6,7 @@ from fitting.arrays import Floats, Rows
 from fitting.inverse_load.model.evaluation import at_rest
 from fitting.inverse_load.search.base import AbstractNodeSearch, PairSearch
 from fitting.inverse_load.search.table import LoadTable
-from suas_jax.equilibrium.equilibrium import State
+from suas_jax.equilibrium.state import State
 from suas_jax.scene.skin import Skin
 
 APART = np.deg2rad(10.0)

@@ -21,7 +21,7 @@ from fitting.inverse_load.model.evaluation import (
     rest_program,
 )
 from suas_jax.config import SkinSpec, continuous_inputs, structure
-from suas_jax.equilibrium.equilibrium import State
+from suas_jax.equilibrium.state import State
 from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import content_key, source_digest

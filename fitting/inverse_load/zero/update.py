@@ -29,7 +29,7 @@ from fitting.inverse_load.fit.section_errors import changed_skin, skin_tangents
 from fitting.inverse_load.zero.gaussian import Gaussian, conditioned
 from fitting.inverse_load.zero.zero import KnownPress, Zero, inputs_at, zeroed_inputs
 from suas_jax.config import InputErrors
-from suas_jax.equilibrium.balance import State
+from suas_jax.equilibrium.state import State
 from suas_jax.mesh.pad_plan import PadPlan
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.forward import forward

@@ -9,7 +9,6 @@ from fitting.sensor.fit.residuals import SensorProblem
 from fitting.sensor.logs.data import NoCalibration, SensorData
 from fitting.sensor.logs.log import Masked
 from fitting.sensor.model.constants import PERMITTIVITY, is_gap
-from suas_jax.sensing.taxels import taxel_names
 
 # A taxel-to-taxel misfit beyond this is not a tolerance of assembly.
 _ANOTHER_SKIN = 0.3
@@ -190,7 +189,7 @@ def disagreement_warning(problem: SensorProblem, constants: np.ndarray) -> str:
 def exchanged_warning(problem: SensorProblem, constants: np.ndarray, data: SensorData) -> str:
     """A warning where taxels that were left out read as each other should, or nothing."""
     here, so = problem.readings, problem.predicted(constants)
-    modules, numbers = taxel_names(data.spec.electrodes)  # type: ignore[arg-type]
+    modules, numbers = data.spec.electrodes.taxel_names  # type: ignore[union-attr]
     out = np.flatnonzero(here.present.any(1) & ~here.used.any(1))
 
     def follows(i: int, k: int) -> bool:
@@ -232,7 +231,7 @@ def masked_taxels(
     `touching` are the readings of taxels that the membrane touches [taxel, frame]; the data
     name the taxels.
     """
-    modules, numbers = taxel_names(data.spec.electrodes)  # type: ignore[arg-type]
+    modules, numbers = data.spec.electrodes.taxel_names  # type: ignore[union-attr]
     here = problem.readings
     found = []
     for i, (m, k) in enumerate(zip(modules, numbers, strict=True)):

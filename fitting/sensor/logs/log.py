@@ -32,7 +32,6 @@ from suas_jax.acquisition.taxel_faults import (
     typical_noise,
 )
 from suas_jax.config import SkinSpec, format_quantity, parse_quantity
-from suas_jax.sensing.taxels import taxel_names
 
 _SAME_SCALE = 0.01
 
@@ -126,7 +125,7 @@ def read_aligned(
     frames = group_frames(_without_repeats(log))
     if not len(frames):
         raise ValueError(f"{path}: the log is empty: it has no frames")
-    modules, numbers = taxel_names(spec.electrodes)  # type: ignore[arg-type]
+    modules, numbers = spec.electrodes.taxel_names  # type: ignore[union-attr]
     so = np.full((len(modules), len(frames)), np.nan)
     for i, (m, k) in enumerate(zip(modules, numbers, strict=True)):
         row = np.flatnonzero(frames.modules == m)
@@ -213,7 +212,7 @@ def _check_header(spec: SkinSpec, log: SoLog) -> None:
 
 def _place(spec: SkinSpec, log: SoLog) -> dict[int, int]:
     """Number of taxels of the skin's modules, after a check that the log has the same."""
-    modules, numbers = taxel_names(spec.electrodes)  # type: ignore[arg-type]
+    modules, numbers = spec.electrodes.taxel_names  # type: ignore[union-attr]
     sizes = {
         m: max(k for n, k in zip(modules, numbers, strict=True) if n == m) for m in modules
     }

@@ -11,7 +11,6 @@ import numpy as np
 from fitting.sensor.logs.data import SensorData
 from fitting.sensor.logs.known_loads import KnownLoads
 from suas_jax.acquisition.baseline import Baseline, rest_of
-from suas_jax.sensing.taxels import taxel_names
 
 ROUNDING = 1.0 / np.sqrt(12.0)
 """Standard deviation that whole counts have at least."""
@@ -216,7 +215,7 @@ def gathered(
 
 def _at_rest(data: SensorData, baseline: Baseline) -> tuple[np.ndarray, np.ndarray]:
     """Mean counts at rest and their standard errors, in the order of the taxels."""
-    modules, numbers = (np.array(x) for x in taxel_names(data.spec.electrodes))  # type: ignore[arg-type]
+    modules, numbers = (np.array(x) for x in data.spec.electrodes.taxel_names)  # type: ignore[union-attr]
     rows = np.unique(modules)
     empty = np.full((len(rows), int(numbers.max())), np.nan)
     like = Baseline(rows, empty, empty, 0, {})

@@ -10,7 +10,6 @@ from jaxtyping import Array, Float
 
 from suas_jax.config import SkinSpec, continuous_inputs
 from suas_jax.config.input_errors import stresses_of
-from suas_jax.sensing.taxels import taxel_names
 
 PERMITTIVITY, GAP, SCALE = "relative_permittivity", "oil_gap", "lsb"
 STRAY, LAYERS = "stray", "layers"
@@ -232,7 +231,7 @@ def single_gaps(
     shared = [part for part in parts if part.name == GAP]
     if gaps == "global" or not shared:
         return parts, None
-    modules, numbers = taxel_names(spec.electrodes)  # type: ignore[arg-type]
+    modules, numbers = spec.electrodes.taxel_names  # type: ignore[union-attr]
     keys = [
         f"{GAP}.{m}" if gaps == "module" else f"{GAP}.{m}.{k}"
         for m, k in zip(modules, numbers, strict=True)

@@ -15,7 +15,6 @@ from fitting.sensor.model.constants import SensorFamily
 from fitting.sensor.model.counts import parts_of
 from fitting.statistics.chain import Posterior
 from suas_jax.figures.style import FIRST, styled, written
-from suas_jax.sensing.taxels import taxel_names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,7 +43,7 @@ def plot_sensor(
 
 
 def _draw_counts(fit: SensorFit, axes: "Axes") -> None:
-    modules, numbers = taxel_names(fit.data.spec.electrodes)  # type: ignore[arg-type]
+    modules, numbers = fit.data.spec.electrodes.taxel_names  # type: ignore[union-attr]
     errors, measured = fit.errors, fit.data.so
     for i in range(len(modules)):
         used = np.isfinite(errors[i])

@@ -17,7 +17,6 @@ from fitting.sensor.fit.result import SensorFit
 from fitting.sensor.model.as_built import is_gain
 from fitting.sensor.model.constants import PATHS, is_press_error
 from fitting.sensor.model.place_errors import places_of_shifts
-from suas_jax.sensing.taxels import taxel_names
 from suas_jax.skin.plain import plain_geometry
 
 _MANY = 10  # channels whose gains are told together, constants whose priors have one reason
@@ -33,7 +32,7 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
 
     electrodes = fit.data.spec.electrodes
     assert electrodes is not None
-    modules, numbers = taxel_names(electrodes)
+    modules, numbers = electrodes.taxel_names
     errors = fit.errors
     rms = float(np.sqrt(np.nanmean(errors**2)))
     held = {

@@ -1,0 +1,83 @@
+"""What frames need of a pad beside its table: kept numbers, to be read without JAX."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from fitting.arrays import Floats
+from fitting.inverse_load.estimate.place import ArcTable
+from fitting.inverse_load.pad.input_errors import InputEffects, Stiffening
+from fitting.inverse_load.pad.rest import GapLine, gap_line
+from fitting.inverse_load.pad.shape import PadShape
+from fitting.inverse_load.pad.table import PadTable
+from suas_jax.config import InputErrors, SkinSpec, continuous_inputs, structure
+from suas_jax.files.kept_arrays import kept_arrays
+from suas_jax.runtime.content_key import content_key, source_digest
+
+if TYPE_CHECKING:
+    from suas_jax.scene.skin import Skin
+
+_STIFFENING = "stiffening_"
+
+
+class PadFacts(NamedTuple):
+    """Numbers of one pad."""
+
+    shape: PadShape
+    taxels: Floats  # places of the taxels [taxel, (angle, axial)]
+    line: GapLine
+    arc: ArcTable
+    effects: InputEffects  # of its uncertain inputs
+
+
+def facts_of(
+    spec: SkinSpec,
+    errors: InputErrors,  # of its inputs
+    skin: "Callable[[], Skin]",  # its model, where nothing is kept
+    table: PadTable,  # its states
+    slots: int,  # contacts that the program for solved states has room for
+) -> PadFacts:
+    """The facts of a pad, from the cache where they are there."""
+    name = content_key(
+        {
+            "structure": structure(spec),
+            "inputs": [continuous_inputs(x) for x in (spec, errors.spec)],
+            "electrodes": repr(spec.electrodes),
+            "errors": [errors.paths, errors.directions],
+            "table": [table.cap, table.diameter],
+            "source": source_digest(),
+        }
+    )
+
+    def made() -> dict[str, Any]:
+        from fitting.inverse_load.pad.effects import effects_of
+
+        model = skin()
+        arc = ArcTable.of(spec.geometry, model.geometry)
+        *effects, stiffening = effects_of(errors, model, table, slots)
+        return {
+            "shape": PadShape.of(model),
+            "taxels": model.electrodes.taxels.places,
+            "line": gap_line(spec, {}),
+            "angle": arc.angle,
+            "rows": arc.rows,
+            "effects": effects,
+            **{_STIFFENING + name: x for name, x in vars(stiffening).items()},
+        }
+
+    found = kept_arrays(name, made)
+    shape = PadShape(*found["shape"].tolist())
+    own = {
+        name.removeprefix(_STIFFENING): x
+        for name, x in found.items()
+        if name.startswith(_STIFFENING)
+    }
+    by_stray, constant, relative = found["effects"]
+    return PadFacts(
+        shape,
+        np.asarray(found["taxels"]),
+        GapLine(*found["line"]),
+        ArcTable(*shape[:3], found["angle"], found["rows"]),
+        InputEffects(by_stray, constant, relative, Stiffening(**own)),
+    )
