@@ -130,16 +130,19 @@ def check_files(
 
 @contextlib.contextmanager
 def computing(
-    what: str, workers: str | None = None, trust_network: bool = False
+    what: str, workers: str | None = None, trust_network: bool = False, *, later: bool = False
 ) -> "Iterator[tuple[Callable[[str], None], Executor | None]]":
     """Set JAX up, and show on a terminal what is being done.
 
-    Yields a function that shows something else, and what `--workers` names.
+    `later`: not before something computes, see `suas_jax.runtime.start`. Yields a function that
+    shows something else, and what `--workers` names.
     """
     with executor(workers, trust_network) as processes, spinner(what) as show:
-        from suas_jax.runtime.settings import configure
+        from suas_jax.runtime.start import before_computing, configure_when_computing
 
-        configure()
+        configure_when_computing()
+        if not later:
+            before_computing()
         yield show, processes
 
 

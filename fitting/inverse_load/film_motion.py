@@ -27,6 +27,7 @@ from fitting.inverse_load.taps import TapFinder
 from suas_jax.config import SkinSpec, continuous_inputs, structure
 from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.runtime.content_key import content_key, source_digest
+from suas_jax.runtime.start import before_computing
 
 MATTERS = 0.05
 """Share of a frame's change of readings that may be motion before its status says so."""
@@ -61,6 +62,7 @@ def fading_time(spec: SkinSpec) -> float | None:
 
 def _slowest(spec: SkinSpec) -> float:
     """Time of the slowest low mode of a skin [s]; NaN where none fades."""
+    before_computing()
     from suas_jax.dynamics.modes import modes
 
     if spec.geometry.sheets:

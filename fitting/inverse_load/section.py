@@ -19,6 +19,7 @@ from fitting.inverse_load.fit.wide_contact import WideContactFitter
 from fitting.inverse_load.search.section import NodeSearch
 from fitting.inverse_load.search.table import table_of
 from suas_jax.config import InputErrors, SkinSpec
+from suas_jax.runtime.start import before_computing
 from suas_jax.scene.skin import skin_of
 from suas_jax.sensing.electrodes import Electrodes
 
@@ -48,6 +49,7 @@ def section_parts(
     progress: Callable[[str], None],
 ) -> EstimationParts:
     """The parts for a skin in plane strain."""
+    before_computing()
     skin = skin_of(spec, contact=False)
     table = table_of(spec, skin, progress)
     fitter = SectionFitter(

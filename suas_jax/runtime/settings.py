@@ -1,7 +1,6 @@
 """Settings of the JAX runtime, made by entry points and never on import."""
 
 import gc
-import os
 import warnings
 
 import jax
@@ -10,6 +9,7 @@ import platformdirs
 from suas_jax.files.cache_folder import CacheFolder
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.program_store import ProgramStore, keep_machine_code
+from suas_jax.runtime.start import limit_blas
 
 
 def configure() -> None:
@@ -21,13 +21,7 @@ def configure() -> None:
         ValueError: ``JAX_PLATFORMS`` names a device that JAX doesn't find.
     """
     _require_platform()
-    if "OPENBLAS_NUM_THREADS" not in os.environ:
-        # NumPy and SciPy have a pool of threads each, which wait for one another longer than
-        # matrices as small as ours take: up to thirty times as long, on two busy cores.
-        import scipy.linalg  # noqa: F401, loads the one that JAX takes LAPACK from
-        from threadpoolctl import threadpool_limits
-
-        threadpool_limits(1, user_api="blas")
+    limit_blas()
     # Tracing makes many small objects that live on: looking for garbage among them every
     # few hundred allocations takes a sixth of a command's time.
     gc.set_threshold(100_000)

@@ -18,7 +18,7 @@ from fitting.inverse_load.live.stream import LiveFrame, live_frames
 from fitting.inverse_load.zero.skin_estimator import skin_estimator
 from suas_jax.acquisition.frames.registry import decoder, open_source
 from suas_jax.acquisition.stream import Stream, discard_waiting
-from suas_jax.runtime import settings as runtime
+from suas_jax.runtime.start import configure_when_computing
 
 _log = logging.getLogger("suas")
 
@@ -137,9 +137,10 @@ def live_loads(
 ) -> LiveLoads:
     """Estimate loads from a port, frame by frame, as they come.
 
-    JAX is switched to float64 (`suas_jax.configure`). The port is opened first, so that one
-    that is missing or busy is refused at once; the first frames follow when the estimator has
-    been prepared, seconds later, or a minute where the skin is new to this machine.
+    JAX is switched to float64 (`suas_jax.configure`) where it is needed: single contacts on a
+    pad whose table this machine keeps go without it. The port is opened first, so that one that
+    is missing or busy is refused at once; the first frames follow when the estimator has been
+    prepared, seconds later, or minutes where the skin is new to this machine.
 
     Args:
         skin: skin file; or an estimator that was made with `live=True`.
@@ -168,7 +169,7 @@ def live_loads(
     decode = decoder(frame_format)
     source = open_source(port, frame_format, baud)
     try:
-        runtime.configure()
+        configure_when_computing()
         if isinstance(skin, LoadEstimator):
             estimator = skin
         else:

@@ -7,6 +7,7 @@ from fitting.inverse_load.pad.table import FINE, PadResolution, PadTable
 from suas_jax.config import SkinSpec, continuous_inputs, structure
 from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.runtime.content_key import content_key, source_digest
+from suas_jax.runtime.start import before_computing
 
 
 def pad_table_of(
@@ -50,6 +51,7 @@ def _made(
     progress: Callable[[int, int], None],
     workers: Executor | None,
 ) -> PadTable:
+    before_computing()
     from fitting.inverse_load.pad.table_build import build_pad_table
     from fitting.inverse_load.pad.uneven import even_spec, same_places, uneven_table
     from suas_jax.scene.skin import skin_of

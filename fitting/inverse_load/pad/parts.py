@@ -24,6 +24,7 @@ from fitting.inverse_load.pad.table import FINE, PadResolution, PadTable
 from fitting.inverse_load.search.base import AbstractNodeSearch, PairSearch
 from suas_jax.config import InputErrors, SkinSpec
 from suas_jax.equilibrium.state import State
+from suas_jax.runtime.start import before_computing
 
 if TYPE_CHECKING:
     from fitting.statistics.log_probability import NumpyBatch
@@ -194,6 +195,7 @@ def _skin_maker(spec: SkinSpec, resolution: PadResolution) -> "Callable[[], Skin
 
     @functools.cache
     def make() -> "Skin":
+        before_computing()
         from suas_jax.scene.skin import skin_of
 
         return skin_of(spec, elements=resolution.elements, contact=False)

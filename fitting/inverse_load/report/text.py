@@ -1,7 +1,7 @@
 """Estimates, and the posterior of a frame, as JSON and as text for a person."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,8 +13,10 @@ from fitting.inverse_load.estimate.load_field import (
     LoadField,
     interval_key,
 )
-from fitting.inverse_load.frame_posterior import LoadMode
 from suas_jax.acquisition.terminal import new_console
+
+if TYPE_CHECKING:
+    from fitting.inverse_load.frame_posterior import LoadMode
 
 _DEGREES = 180 / np.pi
 # A quantity's key in JSON and its factor from SI units, then the text's from JSON, its unit and
@@ -207,7 +209,7 @@ def print_table(time: Floats, estimates: Sequence[LoadEstimate]) -> None:
         )
 
 
-def posterior_json(modes: list[LoadMode]) -> dict[str, Any]:
+def posterior_json(modes: "list[LoadMode]") -> dict[str, Any]:
     """What `suas invert --posterior --json` prints."""
     return {
         "multimodal": len(modes) > 1,
@@ -227,7 +229,7 @@ def posterior_json(modes: list[LoadMode]) -> dict[str, Any]:
     }
 
 
-def _load(mode: LoadMode, contact: int) -> dict[str, Any]:
+def _load(mode: "LoadMode", contact: int) -> dict[str, Any]:
     """Mean, standard deviation and 95 % interval of one contact's quantities."""
     rows = range(contact, len(mode.parameters), mode.contacts)
     load: dict[str, Any] = {}
@@ -245,7 +247,7 @@ def _load(mode: LoadMode, contact: int) -> dict[str, Any]:
     return load
 
 
-def posterior_lines(modes: list[LoadMode]) -> list[str]:
+def posterior_lines(modes: "list[LoadMode]") -> list[str]:
     """A line or two a mode."""
     lines = [f"posterior: {len(modes)} modes" if len(modes) > 1 else "posterior: a single mode"]
     for mode in modes:
