@@ -7,9 +7,9 @@ import jax
 import platformdirs
 
 from suas_jax.files.cache_folder import CacheFolder
+from suas_jax.runtime.blas import limit_blas
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.program_store import ProgramStore, keep_machine_code
-from suas_jax.runtime.start import limit_blas
 
 
 def configure() -> None:
