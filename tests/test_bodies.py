@@ -35,6 +35,7 @@ from suas_jax.config import (
     SceneSpec,
     continuous_inputs,
     scene_from_dict,
+    with_inputs,
     with_solve,
 )
 from suas_jax.equilibrium.balance import Problem, State
@@ -56,7 +57,7 @@ from suas_jax.scene.parts import scene_parts, skin_parts
 from suas_jax.scene.program import prepared, run_program, structure_of
 from suas_jax.scene.solve import Solution, report_with, solve
 from suas_jax.scene.sweep import SweepError, sweep
-from suas_jax.scene.travel import under_forces
+from suas_jax.scene.travel import shares_of_travel, under_forces
 from suas_jax.skin.body_shapes import AbstractShape, Box, Plate, Round, Wedge
 from suas_jax.skin.wall import Wall
 
@@ -321,6 +322,16 @@ def test_a_body_off_the_skin_leaves_the_derivatives_of_other_loads() -> None:
     problem = problem_of(scene(line(20.0, 5.0), body(0, -1.0)), 8)
     slope = _slope_of_shift(problem, find(problem).state.q)
     assert bool(jnp.all(jnp.isfinite(slope)))
+
+
+def test_a_curve_s_travels_are_inwards_wherever_the_scene_keeps_its_bodies() -> None:
+    assert shares_of_travel({"a": -5e-4}) == {"a": 1.0}
+    assert shares_of_travel({"a": 1e-3, "b": -2e-3}) == {"a": 1.0, "b": -2.0}
+    assert shares_of_travel({"a": 0.0, "b": -1e-3}) == {"a": 1.0, "b": 1.0}
+    away = with_inputs(on_the_crown(3.0).scene, {"load.0.depth": -5e-4})
+    (point,) = sweep(away, depths=[3e-3]).points
+    known = on_the_crown(3.0).report["loads"][0]
+    assert point["loads"][0]["force_N"] == pytest.approx(known["force_N"], rel=1e-8)
 
 
 def test_indentation_curves_go_there_and_back() -> None:

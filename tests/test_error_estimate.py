@@ -20,6 +20,7 @@ from suas_jax.scene.program import inputs_of
 from suas_jax.scene.report import plain
 from suas_jax.scene.solve import solve
 from suas_jax.scene.structure import Structure
+from suas_jax.scene.sweep import sweep
 from tests.skins import line, quick, scene
 
 # Light load on a thick and on a thin skin of the same structure: one compiled program.
@@ -135,6 +136,7 @@ def test_a_tight_tolerance_takes_the_solid_and_says_why() -> None:
     assert report["rtol_met"]
     assert report["model_error"] == 0
     assert "Solid chosen" in report["message"]
+    assert "leaves the mesh too little of rtol 1.0e-04" in report["message"]
     assert true_error(report, TRUTHS["case B"]) < 1e-4
 
 
@@ -145,6 +147,15 @@ def test_a_forced_shell_admits_that_it_misses_the_tolerance() -> None:
     assert report["status"] == "converged"
     assert not report["rtol_met"]
     assert "exceeds rtol" in report["message"]
+
+
+@pytest.mark.long  # a curve of the shell on two meshes or more
+def test_a_curve_meets_a_tolerance_close_to_the_shell_s_own_error() -> None:
+    spec = SCENES["thick"]
+    coarse = sweep(with_solve(spec, model="shell", rtol=0.5), forces=[10.0]).points[0]
+    rtol = (coarse["model_error"] + coarse["error_estimate"]) / 2
+    assert coarse["model_error"] < rtol < coarse["error_estimate"]
+    assert sweep(with_solve(spec, model="auto", rtol=rtol), forces=[10.0]).points[0]["rtol_met"]
 
 
 def test_no_load_has_no_error() -> None:

@@ -860,7 +860,8 @@ def test_a_range_weighs_readings_by_noise_rounding_and_the_model_s_error(
         return so, jacobian, 0 * force, np.isnan(force)[None]
 
     def solved(skin: Any, angle: Any, force: Any) -> Any:
-        return SimpleNamespace(so=np.tile(rest[:, None], len(angle)))
+        so = np.tile(rest[:, None], len(angle))
+        return SimpleNamespace(so=so, result=np.zeros(len(angle), int))
 
     monkeypatch.setattr(force_bound, "first_contacts", lambda skin, angle: (touch, touch))
     monkeypatch.setattr(force_bound, "_sensitivities", sensitivities)

@@ -8,6 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from fitting.datasheet.sheet import data_sheet
+from fitting.force_range.bound import force_range
+from fitting.inverse_load.model.evaluation import NoRestError
 from suas_jax.config import (
     LAWS,
     AeratedOilSpec,
@@ -30,6 +33,7 @@ from suas_jax.scene.gradient import gradient
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import prepared
 from suas_jax.scene.solve import solve
+from suas_jax.scene.sweep import sweep
 from suas_jax.skin.prestress import ContainedOil, Growth, Prestress, is_prestressed
 from suas_jax.skin.registry import build_oil
 from tests.skins import EPDM, GEOMETRY, line
@@ -222,6 +226,30 @@ def test_a_membrane_mounted_too_short_stiffens_the_skin() -> None:
 
 
 @pytest.mark.long  # the solid's program; of the mechanics the states of strain are compared
+def test_a_curve_over_oil_pressures_goes_on_above_the_one_at_rest() -> None:
+    scene = skin(line(0, 5.0), fill=1.003)
+    rest = solve(skin(fill=1.003)).report["oil_pressure_Pa"]
+    wanted = rest * np.array([0.0, 0.5, 1.2, 1.5])
+    points = sweep(scene, oil_pressures=wanted).points
+    states = [point["status"] for point in points]
+    assert states == ["converged", "unreachable_pressure", "converged", "converged"]
+    np.testing.assert_allclose([p["oil_pressure_Pa"] for p in points[2:]], wanted[2:])
+    force = points[3]["loads"][0]["force_N"]
+    again = solve(skin(line(0, force), fill=1.003)).report
+    assert again["oil_pressure_Pa"] == pytest.approx(wanted[3], rel=1e-6)
+
+
+def test_no_force_has_a_range_on_a_skin_that_buckles_at_rest() -> None:
+    buckled = skin(mounting=5e-3).model_dump(exclude_unset=True, by_alias=True)
+    buckled["oil"]["relative_permittivity"] = 2.2
+    electrodes = {"taxels": [{"angle": "-20 deg"}, {"angle": "20 deg"}], "noise": 2.0}
+    spec = SceneSpec(**buckled | {"electrodes": electrodes}).skin
+    with pytest.raises(NoRestError):
+        force_range(spec, 3)
+    with pytest.raises(NoRestError):
+        data_sheet(spec, (5, 5))
+
+
 def test_shell_and_solid_agree_under_stress() -> None:
     for changes in ({"warming": -20.0}, {"mounting": -1e-3, "fill": 0.995}):
         shell = report(**changes)

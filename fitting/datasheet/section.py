@@ -14,7 +14,7 @@ from fitting.datasheet.readings import (
     skins_in_lanes,
 )
 from fitting.datasheet.variants import Variants
-from fitting.force_range.bound import angles_over, first_contacts
+from fitting.force_range.bound import angles_over, first_contacts, readings_at_rest
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import MODEL_ERROR
 from suas_jax import Skin, skin_of
@@ -42,6 +42,7 @@ def measure_section(
     free = skin_of(spec, contact=False)
     angle = angles_over(free, places) if between is None else np.linspace(*between, places)
     progress("first contact")
+    readings_at_rest(free, angle)  # a skin without any has no figures
     touch, _ = first_contacts(free, angle)
     region = between_taxels(free, angle) if between is None else np.full(places, True)
     rated = rated_force(touch[region]) if force is None else force

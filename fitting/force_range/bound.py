@@ -20,6 +20,7 @@ from fitting.force_range.inputs import contact_deviation
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import MODEL_ERROR
 from fitting.inverse_load.fit.covariance import inverse
+from fitting.inverse_load.model.evaluation import NoRestError
 from fitting.inverse_load.readings import noise_of_readings
 from suas_jax.config import SkinSpec
 from suas_jax.config.input_errors import as_assembled
@@ -148,7 +149,8 @@ def force_range(
 ) -> ForceRange:
     """Find where the range of a radial line load ends, for loads over the skin.
 
-    Raises ValueError: the skin has no electrodes, or an argument makes no sense.
+    Raises ValueError: the skin has no electrodes or no stable state at rest, or an argument
+    makes no sense.
     """
     if angles < 1:
         raise ValueError(f"angles = {angles}: at least one is needed")
@@ -156,9 +158,9 @@ def force_range(
     deviation = noise_of_readings(spec, noise)
     angle = angles_over(free, angles) if angles > 1 else np.zeros(1)
     progress("first contact")
+    rest = readings_at_rest(free, angle)[:, None, None]
     touch, pressure = first_contacts(free, angle)
     held = skin_of(spec)
-    rest = _solved(free, angle, np.zeros(len(angle))).so[:, :1, None]
     ladder = np.array(LADDER + (BEYOND if held.wall is not None else ()))
     force = touch[:, None] * ladder
     progress("what the taxels tell")
@@ -231,6 +233,17 @@ def _solved(skin: Skin, angle: Floats, force: Floats) -> _Solved:
 def _sensitivity(skin: Skin, loads: Loads) -> tuple[Any, ...]:
     found, jacobian = load_jacobian(skin, loads)
     return found.so, jacobian[:2, 0], found.wall_force, found.result
+
+
+def readings_at_rest(skin: Skin, angle: Floats) -> Floats:
+    """Readings of a section that nothing touches [taxel], by the program for loads at angles.
+
+    Raises NoRestError: it has no stable state there, so that no force has a range.
+    """
+    found = _solved(skin, angle, np.zeros(len(angle)))
+    if found.result[0] != 0:
+        raise NoRestError
+    return found.so[:, 0]
 
 
 def first_contacts(skin: Skin, angle: Floats) -> tuple[Floats, Floats]:

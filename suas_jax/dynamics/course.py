@@ -14,7 +14,7 @@ from suas_jax.dynamics.driven import FACTOR
 from suas_jax.dynamics.history_table import History
 from suas_jax.dynamics.steps import Rows
 from suas_jax.scene.sweep import SweepError
-from suas_jax.scene.travel import driven_by_force
+from suas_jax.scene.travel import driven_by_force, shares_of_travel
 
 _WARMTH = "environment.temperature"
 _NOTHING = {
@@ -114,9 +114,7 @@ def _driven(scene: SceneSpec, column: str) -> dict[str, float]:
         return {_WARMTH: 1.0} if known else {}
     loads = _load_inputs(scene)
     if column == "depth_m":
-        own = {key: x for key, x in loads.items() if key.endswith(".depth")}
-        top = max(map(abs, own.values()), default=0.0)
-        return {key: x / top if top else 1.0 for key, x in own.items()}
+        return shares_of_travel({k: x for k, x in loads.items() if k.endswith(".depth")})
     total = sum(abs(x) for key, x in loads.items() if key.endswith(".force"))
     # What presses from all sides goes with the forces, as along a curve.
     ends = (".force", ".pressure")

@@ -177,7 +177,7 @@ def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
 def _shell_rejected(shell: Attempt, rtol: float) -> str:
     if shell.model_too_coarse(rtol):
         stated = f"the corrected shell's model error, estimated as {shell.model_error:.1e},"
-        return f"{stated} exceeds rtol {rtol:.1e}."
+        return f"{stated} leaves the mesh too little of rtol {rtol:.1e}."
     stated = f"the mesh error of the shell's finest mesh, estimated as {shell.mesh_error:.1e},"
     return f"{stated} is more than rtol {rtol:.1e} leaves."
 

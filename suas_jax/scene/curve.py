@@ -21,6 +21,7 @@ from suas_jax.scene.program import at_rest, inputs_of
 from suas_jax.scene.report import plain, report_of
 from suas_jax.scene.structure import Inputs, Structure
 from suas_jax.scene.sway import shifted
+from suas_jax.skin.prestress import is_prestressed
 
 # Width of the bracket of the first wall contact, relative to the load there.
 _CONTACT_TOLERANCE = 1e-7
@@ -79,13 +80,18 @@ class Curve:
         pressures = self.scene.solve.oil_pressure is not None
         visit = levels[levels != 0] if pressures else levels
         rows, states = self.follow(visit, None, wall=False)
+        lost = self._below_rest(visit) if pressures and rows[0]["status"] != "converged" else 0
+        missed, visit = rows[:lost], visit[lost:]
+        if lost:
+            rows, states = self.follow(visit, None, wall=False)
         beyond = [row["wall_contact"] for row in rows]
         if self.scene.wall.contact and any(beyond):
             # From the last state that is free of the wall, whatever comes after.
             k = beyond.index(True)
             start = jax.tree.map(lambda x: x[k - 1], states) if k else None
             rows[k:] = self.follow(visit[k:], start, wall=True)[0]
-        if len(visit) < len(levels):
+        rows = missed + rows
+        if len(rows) < len(levels):
             rest = self._rest_report()
             rows_left = iter(rows)
             rows = [rest if level == 0 else next(rows_left) for level in levels]
@@ -130,6 +136,17 @@ class Curve:
         loads_off = with_solve(self.scene, oil_pressure=None)
         curve = Curve(loads_off, self.plan.model, self.plan.counts)
         return curve.points(np.zeros(1))[0]
+
+    def _below_rest(self, pressures: np.ndarray) -> int:
+        """How many of them come first that lie between ambient and the oil's at rest.
+
+        Loads that raise the pressure reach none of these, and those after them all the same.
+        """
+        if not is_prestressed(self.scene):
+            return 0
+        rest = self._rest_report()["oil_pressure_Pa"]
+        reached = pressures * (pressures - rest) >= 0
+        return int(reached.argmax()) if reached.any() else 0
 
     def _before(self, point: int) -> State | None:
         """What a search between a point and the one before starts from; None at rest."""

@@ -17,6 +17,7 @@ from suas_jax.runtime.compiled import require_float64
 from suas_jax.scene.curve import Curve, SwayedCurve, total_force
 from suas_jax.scene.indentation import IndentationCurve
 from suas_jax.scene.sway import can_sway
+from suas_jax.scene.travel import shares_of_travel
 
 # Observables of a point that go into the table.
 _COLUMNS = (
@@ -175,8 +176,7 @@ def depth_sweep(scene: SceneSpec, depths: Sequence[float]) -> Sweep:
     values = np.asarray(depths, float)
     if values.size == 0 or not np.all(np.isfinite(values)):
         raise SweepError(f"--depth: finite values are needed, got {values}")
-    top = max(map(abs, own.values()))
-    shares = {path: depth / top if top else 1.0 for path, depth in own.items()}
+    shares = shares_of_travel(own)
     deepest = float(values[np.argmax(np.abs(values))]) or 1e-3
     pressed = with_inputs(scene, {path: share * deepest for path, share in shares.items()})
     curve = IndentationCurve.of(pressed, shares)
@@ -202,10 +202,11 @@ def _sweep(scene: SceneSpec, levels: np.ndarray) -> Sweep:
         name = next((n for n in reversed(given) if given[n] is not None), "shell")
     best = _Attempt.of(scene, name, given[name] or models[name].first_of_sweep(scene), levels)
     while True:
-        excess = best.error / max(rtol, 1.1 * best.model_error)
-        wrong_model = best.model_error > rtol
         solid_is_left = automatic and name == "shell" and not given[name]
         solid_is_left = solid_is_left and models["solid"].for_curves
+        # A model that has to do is not asked for more than its own error.
+        excess = best.error / max(rtol, 0.0 if solid_is_left else 1.1 * best.model_error)
+        wrong_model = best.model_error > rtol
         refined = excess > 1 and not (given[name] or (solid_is_left and wrong_model))
         counts = models[name].finer(best.curve.plan.counts, (excess,)) if refined else None
         finer = None if counts is None else _Attempt.of(scene, name, counts, levels)

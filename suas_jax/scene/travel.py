@@ -5,7 +5,7 @@ travels their arcsinh, as other loads may bulge the skin towards a body), with B
 derivatives; those across the approach, which friction carries, as shares of it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,6 +28,17 @@ LONGEST = 1.5  # step of a logarithm
 _PROBE, _ACROSS = 1e-3, 0.3  # drag to learn from, and longest step of it, in thicknesses
 _LEVEL = 1e-3  # least share of the normal force that a thickness of drag is taken to add
 _PATIENCE = 12  # runs without progress after which a body slides, or goes no further
+
+
+def shares_of_travel(depths: Mapping[str, float]) -> dict[str, float]:
+    """Travels of bodies over that of the one that is pressed in most, by the paths of depths.
+
+    All alike where that one stands at its first touch. A body that the scene keeps off the skin
+    alone comes in, too, as the travel grows.
+    """
+    most = max(depths.values(), default=0.0)
+    return {path: depth / most if most else 1.0 for path, depth in depths.items()}
+
 
 Solved = tuple[dict[str, Any], State, State, State, dict[str, Any]]
 
