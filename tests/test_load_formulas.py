@@ -30,8 +30,8 @@ from fitting.inverse_load.fit.doubts import (
     _inliers,
     _least_trimmed,
 )
-from fitting.inverse_load.fit.explanation import Explanations, widened
-from fitting.inverse_load.fit.loads_and_errors import LoadsAndErrors, _best
+from fitting.inverse_load.fit.explanation import PLAUSIBLE, Explanations, widened
+from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors, _best
 from fitting.inverse_load.fit.other_stiffness import beyond_first_order, less_told
 from fitting.inverse_load.fit.section_errors import (
     SectionErrors,
@@ -772,6 +772,16 @@ def test_a_light_pull_is_tried_where_a_push_is_not_suspect() -> None:
         assert (best.parameters[0, 1] < 0) == pull
         assert (others[0] is not None) == other
     assert others[0].parameters[1] == pytest.approx(-6.0, rel=1e-3)
+
+
+def test_a_pull_is_tried_where_errors_of_the_inputs_make_a_push_hardly_plausible() -> None:
+    """Of 24 that a push and errors leave of 10, a pull leaves nothing, at the price of 20."""
+    selection, y, weight = selected([[0.1, -6.0]])
+    push = selection.fitter.fit(y, weight, np.array([[0.1, 6.0]]), None, 1)
+    push = dataclasses.replace(push, chi2=np.full(1, 24.0), score=np.full(1, 24.0))
+    assert SUSPECT < selection._p_value(push)[0] < PLAUSIBLE
+    best = finished(selection._reconsidered(y, weight, push, np.ones(1, bool)))
+    np.testing.assert_allclose(best.parameters[0, :2], [0.1, -6.0], rtol=1e-3)
 
 
 def test_a_faulty_taxel_is_left_out_where_nothing_else_explains_a_frame() -> None:

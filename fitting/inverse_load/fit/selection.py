@@ -182,8 +182,8 @@ class Selection:
         frames = np.arange(len(y))
         best, narrow = yield from self._or_wide(y, weight, frames, best)
         # A pull looks like several contacts around it, which take far longer to try.
-        suspect = self._p_value(best) < SUSPECT
-        best = yield from self.pulls.or_pulled(y, weight, frames[suspect], best)
+        implausible = self._p_value(best) < PLAUSIBLE
+        best = yield from self.pulls.or_pulled(y, weight, frames[implausible], best)
         pulled = best.parameters[:, self.fitter.parameters.rows("force", 1)][:, 0] < 0
         pulled &= (best.contacts == 1) & (self._p_value(best) >= PLAUSIBLE)
         narrow = narrow[(doubtful & ~pulled)[narrow]]
