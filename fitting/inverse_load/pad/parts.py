@@ -160,6 +160,8 @@ def pad_parts(
     make_skin = _skin_maker(spec, resolution)
     middle = _table(spec, diameter or _DIAMETER, progress, workers, resolution)
     facts = facts_of(spec, errors, make_skin, middle, max(most_contacts, 2))
+    if most_contacts > 1 or not live or aside is not None:
+        make_skin()  # what is solved for frames can't be refused in the middle of them
     radius = facts.shape.radius
     interpolant = PadInterpolant(middle, radius)
     told = Told(diameter=diameter is None, direction=direction)
