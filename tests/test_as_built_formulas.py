@@ -122,6 +122,9 @@ def test_presses_tell_what_their_forces_scatter_by(true: float, m: int) -> None:
         def so(self, constants: Any) -> Any:
             return (slope @ constants)[None]
 
+        def so_with_slopes(self, constants: Any) -> Any:
+            return self.so(constants), jnp.asarray(slope.T[:, None])
+
     readings: Any = SimpleNamespace(
         so=read[None],
         used=np.ones((1, count), bool),
@@ -348,6 +351,32 @@ def test_gains_of_all_channels_are_factors_on_their_counts() -> None:
     assert continuous_inputs(spec.model_copy(
         update={"electrodes": spec.electrodes.with_equal_channels()}
     )).keys() == inputs.keys() - set(names)  # fmt: skip
+
+
+def test_gains_and_errors_of_presses_share_tangents() -> None:
+    """Derivatives by all constants, against one tangent for each of them."""
+    spec = as_built(PAD)
+    gains = [name for name in as_built_names(spec) if is_gain(name)]
+    own = [named(spec, name) for name in ("fill", *gains)]
+    errors = [SensorConstant(f"{kind}.{k}", "1", 1.0, False) for kind in ("place", "push")
+              for k in (0, 1)]  # fmt: skip
+    family = SensorFamily((*own, *errors))
+    inputs = {k: jnp.asarray(x) for k, x in continuous_inputs(spec).items()}
+    rays = len(parts_of(spec, inputs)[3].taxels.rays(DISC, parts_of(spec, inputs)[0]))
+    shape = (rays, len(gains), 3)
+    face = TaxelFace(jnp.full(shape, -1e-3))
+    slope = TaxelFace(jnp.asarray(1e-3 * RNG.normal(size=(3, *shape))))
+    at = jnp.append(jnp.ones(len(own)), jnp.zeros(4))
+    place, push = (len(own) + k for k in (0, 2))
+    model = SensorModel(
+        inputs, face, slope, at, jnp.full(3, jnp.nan), None, spec, family, (0,), None,
+        ((place, -1, place + 1), (-1, push, push + 1)),
+    )  # fmt: skip
+    so, slopes = model.so_with_slopes(at)
+    np.testing.assert_allclose(so, model.so(at), rtol=1e-12)
+    single = np.moveaxis(np.asarray(jax.jit(jax.jacfwd(model.so))(at)), -1, 0)
+    np.testing.assert_allclose(slopes, single, rtol=1e-10, atol=1e-10 * np.abs(single).max())
+    assert np.all(np.abs(single).max((1, 2)) > 0)
 
 
 @pytest.mark.parametrize("name", ["suas.toml", "suas-pad.toml"])

@@ -171,8 +171,7 @@ def _minimum(
 
         def held(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             r, J = at(theta)
-            cost, decrease = judged(r, J)
-            if cost * decrease < enough:
+            if enough and np.prod(judged(r, J)) < enough:
                 raise _AtMinimumError(theta.copy())
             # MINPACK takes as many residuals at every point.
             rows = np.append(r, hold @ (theta - start))  # noqa: B023
@@ -194,8 +193,9 @@ def judged(r: np.ndarray, J: np.ndarray) -> tuple[float, float]:
     """Cost, and the relative decrease that a bounded Gauss-Newton step predicts."""
     if not (np.all(np.isfinite(r)) and np.all(np.isfinite(J))):
         return np.inf, np.inf
-    u, s, _ = np.linalg.svd(J, full_matrices=False)
-    along = np.abs(u.T @ r)
+    few, R = compressed(r, J)
+    u, s, _ = np.linalg.svd(R, full_matrices=False)
+    along = np.abs(u.T @ few)
     # Decrease of ½|r|²: in full if the step s⁻¹ along is at most one, else up to there.
     decrease = np.where(along <= s, 0.5 * along**2, s * along - 0.5 * s**2)
     cost = 0.5 * float(r @ r)

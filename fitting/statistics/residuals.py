@@ -131,7 +131,9 @@ def by_theta(residuals: AbstractResiduals, theta: np.ndarray) -> tuple[np.ndarra
     """Residuals [n] and their derivatives by the unconstrained parameters [n, p]."""
     constants, slope = constants_by_theta(residuals, theta)
     r, J = sensitivity(residuals, jnp.asarray(constants))
-    return np.asarray(r), np.asarray(J) @ slope
+    own = np.diag(slope)
+    alone = np.array_equal(slope, np.diag(own))  # each constant has a parameter of its own
+    return np.asarray(r), np.asarray(J) * own if alone else np.asarray(J) @ slope
 
 
 def constants_by_theta(

@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -53,8 +54,22 @@ class SensorResiduals(AbstractResiduals):
 
     def of_constants(self, constants: Float[Array, " p"]) -> Float[Array, " n"]:
         """Residuals for constants in SI units."""
+        return self._of_predicted(self.predict(constants))
+
+    def linearised(
+        self, constants: Float[Array, " p"]
+    ) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
+        """Residuals and their derivatives, which take few tangents; see the base class."""
+        so, slopes = self.model.so_with_slopes(constants)
+        predicted = jnp.concatenate([so[:, self.state].reshape(-1), constants])
+        by = slopes[:, :, self.state].reshape(len(constants), -1)
+        r, push = jax.linearize(self._of_predicted, predicted)
+        moved = jnp.concatenate([by, jnp.eye(len(constants))], 1)
+        return r, jax.vmap(push, out_axes=1)(moved)
+
+    def _of_predicted(self, predicted: Float[Array, " n"]) -> Float[Array, " n"]:
         used = self.inverse_scale > 0.0
-        misfit = jnp.where(used, self.predict(constants) - self.value, 0.0)
+        misfit = jnp.where(used, predicted - self.value, 0.0)
         r = misfit * self.inverse_scale
         taxels, frames, columns = self.basis.shape
         if self.mixing is not None:

@@ -73,13 +73,42 @@ class SensorModel(eqx.Module):
         """Positions of all constants that the shapes are linear in."""
         return [*self.moving, *(i for row in self.latent for i in row if i >= 0)]
 
+    @property
+    def _gains(self) -> list[int]:
+        """Positions of the gains, taxel after taxel, where every taxel has one."""
+        assert self.spec.electrodes is not None
+        gains = [i for i, name in enumerate(self.family.names) if is_gain(name)]
+        every = sum(self.spec.electrodes.taxels_by_module.values())
+        return gains if len(gains) == every else []
+
+    def so_with_slopes(
+        self, constants: Float[Array, " p"]
+    ) -> tuple[Float[Array, "taxel state"], Float[Array, "p taxel state"]]:
+        """Counts and their derivatives by all constants.
+
+        A gain changes the readings of its own taxel alone, and an error of a press those of
+        its own state: constants that change no reading in common share one tangent.
+        """
+        so, push = jax.linearize(self.so, constants)
+        tangent = np.arange(self.family.size)  # by which each constant's derivatives are found
+        where = np.ones((self.family.size, *so.shape), bool)
+        for row in (self._gains, *self.latent):
+            own = [i for i in row if i >= 0]
+            if own:
+                tangent[own], where[own] = own[0], False
+        where[self._gains, np.arange(len(self._gains))] = True
+        for row in self.latent:
+            for state, i in enumerate(row):
+                where[i, :, state] |= i >= 0
+        kept, tangent = np.unique(tangent, return_inverse=True)
+        seeds = np.eye(len(kept))[tangent].T
+        slopes = jax.vmap(push)(jnp.asarray(seeds))
+        return so, jnp.where(where, slopes[tangent], 0.0)
+
     def so(self, constants: Float[Array, " p"]) -> Float[Array, "taxel state"]:
         """Continuous counts, without offsets and drift; NaN where the wall is touched."""
         numbers, names = self.numbers(constants), self.family.names
-        assert self.spec.electrodes is not None
-        gains = [i for i, name in enumerate(names) if is_gain(name)]
-        if len(gains) < sum(self.spec.electrodes.taxels_by_module.values()):
-            gains = []
+        gains = self._gains
         # Hundreds of gains are one array, not as many inputs.
         numbers |= dict.fromkeys((names[i] for i in gains), jnp.ones(()))
         *_, electrodes = parts_of(self.spec, numbers)
