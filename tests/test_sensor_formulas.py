@@ -467,7 +467,9 @@ def test_exchanged_taxels_are_named() -> None:
 
 def test_what_a_fit_leaves_out_is_listed_taxel_by_taxel() -> None:
     taxel = SimpleNamespace(layout="list")
-    electrodes: Any = SimpleNamespace(taxels_by_module={0: 4}, noise=2.0, **vars(taxel))
+    electrodes: Any = SimpleNamespace(
+        taxel_names=((0,) * 4, (1, 2, 3, 4)), noise=2.0, **vars(taxel)
+    )
     one = problem([PERMITTIVITY], np.ones((4, 10, 1)), logged(10, 4))
     here = one.readings
     touching = np.zeros((4, 10), bool)
