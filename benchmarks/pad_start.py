@@ -12,7 +12,7 @@ from rich.console import Console
 
 _SKIN = Path(__file__).parents[1] / "configs" / "skins" / "suas-pad.toml"
 _START = """
-import resource, sys, time
+import resource, sys
 from fitting import LoadEstimator
 from suas_jax import load_skin
 from suas_jax.runtime.start import configure_when_computing

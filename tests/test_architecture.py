@@ -91,24 +91,22 @@ def test_the_model_has_folders_alone_at_its_top() -> None:
     assert files <= {"__init__.py", "_version.py"}
 
 
-def test_commands_that_compute_nothing_start_without_jax() -> None:
-    program = (
-        "import sys, suas_jax, suas_jax.config, fitting.cli.commands;"
-        "sys.exit(sorted({'jax', 'matplotlib', 'scipy'} & set(sys.modules)) or 0)"
-    )
+@pytest.mark.parametrize(
+    ("modules", "absent"),
+    [
+        ("suas_jax, suas_jax.config, fitting.cli.commands", {"jax", "matplotlib", "scipy"}),
+        # A robot's estimator starts in a second; `test_pad_estimation` has a whole frame.
+        (
+            "fitting.inverse_load.estimator, fitting.inverse_load.pad.parts",
+            {"jax", "equinox", "matplotlib"},
+        ),
+    ],
+)
+def test_what_computes_nothing_with_jax_starts_without(modules: str, absent: set[str]) -> None:
+    program = f"import sys, {modules}; sys.exit(sorted({absent} & set(sys.modules)) or 0)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""
-
-
-def test_what_frames_of_a_pad_need_starts_without_jax() -> None:
-    """A robot's estimator then starts in a second; `test_pad_estimation` has a whole frame."""
-    program = (
-        "import sys, fitting.inverse_load.estimator, fitting.inverse_load.pad.parts;"
-        "sys.exit(sorted({'jax', 'equinox', 'matplotlib'} & set(sys.modules)) or 0)"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
 
 
 def test_one_module_writes_to_the_terminal() -> None:

@@ -225,7 +225,7 @@ def test_a_membrane_mounted_too_short_stiffens_the_skin() -> None:
     assert report(mounting=-5e-4)["max_displacement_m"] < report()["max_displacement_m"]
 
 
-@pytest.mark.long  # the solid's program; of the mechanics the states of strain are compared
+@pytest.mark.long  # programs of curves; those of other curves are tested beside
 def test_a_curve_over_oil_pressures_goes_on_above_the_one_at_rest() -> None:
     scene = skin(line(0, 5.0), fill=1.003)
     rest = solve(skin(fill=1.003)).report["oil_pressure_Pa"]
@@ -250,6 +250,7 @@ def test_no_force_has_a_range_on_a_skin_that_buckles_at_rest() -> None:
         data_sheet(spec, (5, 5))
 
 
+@pytest.mark.long  # the solid's program; of the mechanics the states of strain are compared
 def test_shell_and_solid_agree_under_stress() -> None:
     for changes in ({"warming": -20.0}, {"mounting": -1e-3, "fill": 0.995}):
         shell = report(**changes)

@@ -154,8 +154,7 @@ def invert(
             "load_fields": load_fields,
             "follow_drift": baseline is not None,
         }
-        how = workers, trust_network, live is not None
-        making = _making(baseline, settings, *how)
+        making = _making(baseline, settings, workers, trust_network)
         if live is not None:
             if posterior is not None or plot is not None:
                 raise ValueError("--posterior and --plot need a log; leave --live out")
@@ -215,15 +214,11 @@ def _spec_of(skin: Path, zero: str | None) -> "SkinSpec":
 
 @contextlib.contextmanager
 def _making(
-    baseline: Path | None,
-    settings: dict[str, Any],
-    workers: str | None,
-    trust: bool,
-    live: bool,
+    baseline: Path | None, settings: dict[str, Any], workers: str | None, trust: bool
 ) -> "Iterator[Callable[[SkinSpec, str], LoadEstimator]]":
     """Yields what makes the estimator of a skin, in a state that has a name."""
-    how = workers, trust
-    with computing("preparing the estimate", *how, later=live) as (show, processes):
+    how = "preparing the estimate", workers, trust
+    with computing(*how, later=settings["live"]) as (show, processes):
         from fitting.inverse_load.zero.skin_estimator import estimator_of
 
         def make(spec: "SkinSpec", name: str) -> "LoadEstimator":

@@ -138,11 +138,14 @@ def computing(
     shows something else, and what `--workers` names.
     """
     with executor(workers, trust_network) as processes, spinner(what) as show:
-        from suas_jax.runtime.start import before_computing, configure_when_computing
+        if later:
+            from suas_jax.runtime.start import configure_when_computing
 
-        configure_when_computing()
-        if not later:
-            before_computing()
+            configure_when_computing()
+        else:
+            from suas_jax.runtime.settings import configure
+
+            configure()
         yield show, processes
 
 

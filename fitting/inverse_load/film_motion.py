@@ -23,10 +23,10 @@ from fitting.inverse_load.drift import Drift, ReadingWeights
 from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.fit.covariance import inverse
 from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.model.kept_key import kept_key
 from fitting.inverse_load.taps import TapFinder
-from suas_jax.config import SkinSpec, continuous_inputs, structure
+from suas_jax.config import SkinSpec
 from suas_jax.files.kept_arrays import kept_arrays
-from suas_jax.runtime.content_key import content_key, source_digest
 from suas_jax.runtime.start import before_computing
 
 MATTERS = 0.05
@@ -48,14 +48,7 @@ def fading_time(spec: SkinSpec) -> float | None:
     stated = (spec.oil.density, spec.oil.viscosity, spec.material.density)
     if None in stated or not spec.oil.trapped:
         return None
-    name = content_key(
-        {
-            "fading": _MODES,
-            "structure": structure(spec),
-            "inputs": continuous_inputs(spec),
-            "source": source_digest(),
-        }
-    )
+    name = kept_key(spec, modes=_MODES)
     found = float(kept_arrays(name, lambda: {"time": _slowest(spec)})["time"])
     return found if np.isfinite(found) else None
 

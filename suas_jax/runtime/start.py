@@ -1,16 +1,18 @@
 """Settings of entry points that may never compute: JAX takes a second and 200 MB to start."""
 
-from collections.abc import Callable
-
 from suas_jax.runtime.blas import limit_blas
 
-_WAITING: list[Callable[[], None]] = []
+
+class _Asked:
+    """Whether JAX is still to be configured."""
+
+    waiting = False
 
 
 def configure_when_computing() -> None:
     """Limit BLAS now, and configure JAX when something first computes (`before_computing`)."""
     limit_blas()
-    _WAITING.append(_configure)
+    _Asked.waiting = True
 
 
 def before_computing() -> None:
@@ -19,11 +21,8 @@ def before_computing() -> None:
     What starts JAX in the middle of something that goes without calls this first. Raises
     ValueError as `suas_jax.configure` does.
     """
-    while _WAITING:
-        _WAITING.pop()()
+    if _Asked.waiting:
+        _Asked.waiting = False
+        from suas_jax.runtime.settings import configure
 
-
-def _configure() -> None:
-    from suas_jax.runtime.settings import configure
-
-    configure()
+        configure()

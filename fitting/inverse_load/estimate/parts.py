@@ -34,7 +34,7 @@ class EstimationParts:
     """The parts of an estimator, for one skin."""
 
     make_skin: "Callable[[], Skin]"  # its model, made when first needed
-    film: Film  # over its taxels, as taps are felt by it
+    film: Film  # what its taxels read under even films, by which taps are told
     table: Any  # of its solved states
     rest: Floats  # the model's readings at rest [taxel] [counts]
     rest_pressure: float  # of the oil [Pa]

@@ -7,13 +7,13 @@ import numpy as np
 
 from fitting.arrays import Floats
 from fitting.inverse_load.estimate.place import ArcTable
+from fitting.inverse_load.model.kept_key import kept_key
 from fitting.inverse_load.pad.input_errors import InputEffects, Stiffening
 from fitting.inverse_load.pad.rest import GapLine, gap_line
 from fitting.inverse_load.pad.shape import PadShape
 from fitting.inverse_load.pad.table import PadTable
-from suas_jax.config import InputErrors, SkinSpec, continuous_inputs, structure
+from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
 from suas_jax.files.kept_arrays import kept_arrays
-from suas_jax.runtime.content_key import content_key, source_digest
 
 if TYPE_CHECKING:
     from suas_jax.scene.skin import Skin
@@ -39,15 +39,10 @@ def facts_of(
     slots: int,  # contacts that the program for solved states has room for
 ) -> PadFacts:
     """The facts of a pad, from the cache where they are there."""
-    name = content_key(
-        {
-            "structure": structure(spec),
-            "inputs": [continuous_inputs(x) for x in (spec, errors.spec)],
-            "electrodes": repr(spec.electrodes),
-            "errors": [errors.paths, errors.directions],
-            "table": [table.cap, table.diameter],
-            "source": source_digest(),
-        }
+    name = kept_key(
+        spec,
+        errors=[errors.paths, errors.directions, continuous_inputs(errors.spec)],
+        table=[table.cap, table.diameter],
     )
 
     def made() -> dict[str, Any]:

@@ -3,10 +3,10 @@
 from collections.abc import Callable
 from concurrent.futures import Executor
 
+from fitting.inverse_load.model.kept_key import kept_key
 from fitting.inverse_load.pad.table import FINE, PadResolution, PadTable
-from suas_jax.config import SkinSpec, continuous_inputs, structure
+from suas_jax.config import SkinSpec
 from suas_jax.files.kept_arrays import kept_arrays
-from suas_jax.runtime.content_key import content_key, source_digest
 from suas_jax.runtime.start import before_computing
 
 
@@ -27,20 +27,9 @@ def pad_table_of(
     `progress` is called with the number of columns solved and their total. Workers solve the
     table (`fitting.workers`); without them (None) this process does, on all cores.
     """
-    name = content_key(
-        {
-            "structure": structure(spec),
-            "inputs": continuous_inputs(spec),
-            "electrodes": repr(spec.electrodes),
-            "diameter": diameter,
-            "resolution": resolution,
-            "source": source_digest(),
-        }
-    )
-
-    found = kept_arrays(
-        name, lambda: vars(_made(spec, diameter, resolution, progress, workers))
-    )
+    name = kept_key(spec, diameter=diameter, resolution=resolution)
+    how = diameter, resolution, progress, workers
+    found = kept_arrays(name, lambda: vars(_made(spec, *how)))
     return PadTable(**{**found, "diameter": float(found["diameter"])})  # type: ignore[arg-type]
 
 

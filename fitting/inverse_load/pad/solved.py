@@ -43,7 +43,7 @@ class SolvedContacts:
     """Solves contacts on a pad; one compiled program for any number of them.
 
     The interpolant is what is corrected; there are at most `most_contacts` at a time. The skin
-    is asked for, and JAX started, when first one has to be solved.
+    is made when they are first solved.
     """
 
     def __init__(

@@ -16,15 +16,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from fitting.arrays import Floats
+from fitting.inverse_load.model.kept_key import kept_key
 from fitting.inverse_load.pad.input_errors import Stiffening
 from fitting.inverse_load.pad.table import PadTable
-from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
+from suas_jax.config import InputErrors, SkinSpec
 from suas_jax.config.input_errors import value_of
 from suas_jax.equilibrium.state import State
 from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.mechanics.pad.net import NetTopology
 from suas_jax.mesh.pad_plan import PadPlan
-from suas_jax.runtime.content_key import content_key, source_digest
 from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import Skin, skin_of
@@ -62,17 +62,8 @@ def stiffening_of(
     edges = table.angle[-1] * share, table.axial[-1] * share
     cap = np.exp(table.largest(*(x.ravel() for x in np.meshgrid(*edges, indexing="ij")))[0])
     force = cap.reshape(len(share), len(share), 1) * _FORCES
-    name = content_key(
-        {
-            "steps": steps,
-            "inputs": continuous_inputs(spec),
-            "electrodes": repr(spec.electrodes),
-            "elements": skin.elements,
-            "diameter": table.diameter,
-            "places": [edges, force],
-            "source": source_digest(),
-        }
-    )
+    more = {"elements": skin.elements, "diameter": table.diameter}
+    name = kept_key(spec, steps=steps, places=[edges, force], **more)
 
     def solved() -> dict[str, Floats]:
         return {"change": _solved(spec, steps, skin, (*edges, force), table.diameter, slots)}

@@ -20,11 +20,11 @@ from fitting.inverse_load.model.evaluation import (
     read_program,
     rest_program,
 )
-from suas_jax.config import SkinSpec, continuous_inputs, structure
+from fitting.inverse_load.model.kept_key import kept_key
+from suas_jax.config import SkinSpec
 from suas_jax.equilibrium.state import State
 from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.runtime.content_key import content_key, source_digest
 from suas_jax.scene.skin import Skin
 
 LANES = 128
@@ -119,15 +119,7 @@ def table_of(
 
 def table_key(spec: SkinSpec, skin: Skin) -> str:
     """Digest of all that the table of a skin depends on."""
-    return content_key(
-        {
-            "elements": skin.elements,
-            "structure": structure(spec),
-            "inputs": continuous_inputs(spec),
-            "electrodes": repr(spec.electrodes),
-            "source": source_digest(),
-        }
-    )
+    return kept_key(spec, elements=skin.elements)
 
 
 def build_table(skin: Skin) -> LoadTable:
