@@ -667,4 +667,32 @@ FILES = [
         stretch=np.tile(STRETCH, 2),
         mode="biaxial",
     ),
+    MachineFile(
+        "Zwick's clamped length at the start position",
+        (
+            "Probendicke a0;2,00;mm\nProbenbreite b0;6,00;mm\n"
+            "Einspannlänge bei Startposition;25,00;mm\nStandardweg;Standardkraft\nmm;N\n"
+            + rows(TRAVEL, FORCE, **SEMICOLONS)
+        ).encode("cp1252"),
+        suffix=".TRA",
+    ),
+    MachineFile(
+        "cells that Excel takes as text, sizes with units in brackets",
+        (
+            'Width (mm): 6\n="Thickness (mm)",="2"\n="Gauge [mm]",="25"\n'
+            '="Elong. (mm)",="Load (N)"\n' + rows(TRAVEL, FORCE, quote='"')
+        ).encode(),
+    ),
+    MachineFile(
+        "compression of a sample",
+        (
+            "Sample diameter [mm],29\nSample height [mm],25\n"
+            "Compressive extension (mm),Compressive load (N)\n" + rows(DOWN, -button(SQUEEZED))
+        ).encode(),
+        stretch=SQUEEZED,
+    ),
+    MachineFile(
+        "components of tensors",
+        ("F11 [-],P11 [kPa]\n" + rows(STRETCH, 1e3 * stress(STRETCH))).encode(),
+    ),
 ]

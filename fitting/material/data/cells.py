@@ -119,6 +119,7 @@ _NO_TABLES = {
 }
 _WIDE = str.maketrans("（）［］％：；，", "()[]%:;,")
 _SIGNAL = re.compile(r"Sig\d+")
+_FORMULA = re.compile(r'(^|[,;\t])=(?=")', re.MULTILINE)  # ="6.0", which Excel takes as text
 _ERROR_CELLS = ("#n/a", "#div/0!", "#value!", "#num!")
 
 
@@ -198,6 +199,7 @@ def _of_one_country(raw: bytes) -> tuple[str, str]:
 
 def _delimited(file: str, text: str, encoding: str) -> Cells:
     comments, kept, lines = [], [], []
+    text = _FORMULA.sub(r"\1", text)
     for number, line in enumerate(text.translate(_WIDE).splitlines(), 1):
         bare = line.strip().strip("\x1a\ufeff")
         if _is_comment(bare):

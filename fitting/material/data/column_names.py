@@ -22,8 +22,9 @@ _WORDS = dict(
     volumenaenderung=volume_change volumenstauchung=volumetric_compression ueberdruck=pressure
     innendruck=pressure druck=pressure pruefzeit=test_time versuchszeit=test_time zeit=time
     zyklus=cycle anfangsquerschnitt=initial_area querschnittsflaeche=area querschnitt=area
-    einspannlaenge=grip_separation klemmlaenge=clamping_length messlaenge=gauge_length
-    anfangslaenge=initial_length probendicke=specimen_thickness dicke=thickness
+    bei_startposition=at_start_position einspannlaenge=grip_separation
+    klemmlaenge=clamping_length messlaenge=gauge_length anfangslaenge=initial_length
+    probendicke=specimen_thickness dicke=thickness
     probenbreite=specimen_width breite=width probendurchmesser=specimen_diameter
     durchmesser=diameter hoehe=height
 
@@ -117,7 +118,7 @@ cauchy stress (?:cauchy|true|kirchhoff)_?stress
     |(?:stress|sigma|σ)_(?:cauchy|true)
 second_pk stress (?:second_piola_kirchhoff|pk2|2nd_pk|second_pk)(?:_stress)?
 nominal stress (?:nominal|engineering|eng|first_piola_kirchhoff|pk1|1st_pk|first_pk|tensile
-    |compressive|compression|standard)_?stress|pk1|first_piola_kirchhoff
+    |compressive|compression|standard)_?stress|pk1|first_piola_kirchhoff|p_?11
     |(?:stress|sigma|σ)_(?:eng|engineering|nom|nominal)
 stress stress (?:axial_)?stress|σ
 pressure pressure (?:inflation_|gauge_|differential_|oil_|hydrostatic_|confining_|chamber_
@@ -142,25 +143,27 @@ strain number (?:nominal_|engineering_|eng_|tensile_|compressive_|compression_|a
     |elongation_percent|ε
     |(?:strain|eps|epsilon|ε)_(?:eng|engineering|nom|nominal)
     |(?:section_\d+_|point_\d+_|mean_)?epsilon|e(?:xx|yy|[12])_\[1\]_(?:biot|engineering)
-stretch number (?:hoop_)?stretch(?:_ratio)?|extension_ratio|lambda|λ|lam
+stretch number (?:hoop_)?stretch(?:_ratio)?|extension_ratio|lambda|λ|lam|f_?11
 displacement length (?:crosshead_|cross_head_|loads_0_|axial_|ax_|standard_|tensile_
     |compressive_|actuator_|corrected_|extensometer_|video_|machine_|shear_)*(?:displacement|displ?
-    |extension|elongation|stroke|travel|deflection|crosshead|distance|position|extensometer)
+    |extension|elong(?:ation)?|stroke|travel|deflection|crosshead|distance|position|extensometer)
     |d(?:elta_)?l|δl
 current_length length (?:axial_|plate_)?gap|current_length
 grip_separation length (?:initial_)?(?:grip|jaw|clamp)(?:_to_(?:grip|jaw|clamp))?
     _(?:separation|distance|length)(?:_at_(?:the_)?start(?:_position)?)?|clamping_length
-height length (?:apex_|pole_|bulge_|dome_|specimen_|initial_)*height(?:_h[0o]?)?
+height length (?:apex_|pole_|bulge_|dome_|specimen_|sample_|initial_)*height(?:_h[0o]?)?
     |apex_displacement
-length length (?:gauge_|gage_|initial_|original_|specimen_|parallel_)*length(?:_l?[0o])?|l[0o]
+length length (?:gauge_|gage_|initial_|original_|specimen_|sample_|parallel_)*length(?:_l?[0o])?
+    |l[0o]|gau?ge
 width length (?:specimen_|plate_|sample_|initial_)*width(?:_[bw][0o]?)?|b0|w0
 thickness_ratio number thickness_ratio|h_over_r
 thickness length (?:specimen_|plate_|sample_|wall_|initial_|membrane_)*thickness
     (?:_[abht][0o]?)?|h0|t0
-diameter length (?:specimen_|initial_|outer_)*diameter(?:_d[0o]?)?|d0
+diameter length (?:specimen_|sample_|initial_|outer_)*diameter(?:_d[0o]?)?|d0
 rest_radius length (?:initial|undeformed|reference|rest)_radius|r0
 radius length (?:current_|balloon_|membrane_|diaphragm_)?radius
-area area (?:specimen_|initial_|cross_section(?:al)?_)*area(?:_[as][0o]?)?|cross_section|a0|s0
+area area (?:specimen_|sample_|initial_|cross_section(?:al)?_)*area(?:_[as][0o]?)?
+    |cross_section|a0|s0
 weight number weight
 use word use|mask|valid|include
 specimen word specimen|sample|specimen_id|sample_id

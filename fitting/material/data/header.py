@@ -29,7 +29,7 @@ from suas_jax.config.quantities import parse_quantity
 # Sizes within a line of text, and those of TA Instruments: length, width, thickness.
 _STATED = re.compile(r"([^\W\d][\w ]*?)\s*[:=]\s*([\d.,]*\d)\s*([^\W\d]\w*)")
 _THREE = re.compile(r"([\d.,]+)\s*(?:x\s*)?([\d.,]+)\s*(?:x\s*)?([\d.,]+)\s*(\w+)")
-_META = re.compile(r"^\s*([^\W\d][\w /^-]*?)\s*[:=]\s*(.+?)\s*$")
+_META = re.compile(r"^\s*([^\W\d][\w /^()\[\]-]*?)\s*[:=]\s*(.+?)\s*$")
 _PLACE = re.compile(r"(.*\w)[\s_#]+[1-9]")  # one of several where a size was measured
 _SI = {"area": "m2", "thickness_ratio": ""}  # of other sizes "m"
 
