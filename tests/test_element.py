@@ -12,7 +12,7 @@ XI = np.linspace(0, 1, 11)
 
 def test_hermite_shapes_are_one_where_they_belong_and_zero_elsewhere() -> None:
     ends = np.array([0.0, 1.0])
-    values, slopes = np.stack(hermite(ends)), np.stack(hermite(ends, 1))
+    values, slopes = hermite(ends), hermite(ends, 1)
     at_stations = np.stack([values[:, 0], slopes[:, 0], values[:, 1], slopes[:, 1]])
     np.testing.assert_array_equal(at_stations, np.eye(4))
 

@@ -1,10 +1,13 @@
 """Polynomials: quadrature that is exact for them, and functions by their values."""
 
 from collections.abc import Sequence
+from typing import Any, TypeVar
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+
+_Numbers = TypeVar("_Numbers", Array, np.ndarray)
 
 
 def gauss_legendre(
@@ -54,26 +57,24 @@ def power_coefficients(
     return powers
 
 
-def polynomial(powers: Sequence[Array], t: Array) -> Array:
+def polynomial(powers: Sequence[Array] | np.ndarray, t: _Numbers) -> _Numbers:
     """Value of a polynomial by Horner's scheme.
 
     `powers`: coefficients in ascending powers. `t`: where.
     """
-    value = powers[-1]
+    value: Any = powers[-1]
     for power in powers[-2::-1]:
         value = value * t + power
     return value
 
 
-# Coefficients of the four cubic shape functions in ascending powers of xi.
+# Coefficients of the four cubic shape functions in ascending powers of xi, a row a power.
 _HERMITE = np.array(
-    [[1.0, 0.0, -3.0, 2.0], [0.0, 1.0, -2.0, 1.0], [0.0, 0.0, 3.0, -2.0], [0.0, 0.0, -1.0, 1.0]]
+    [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [-3.0, -2.0, 3.0, -1.0], [2.0, 1.0, -2.0, 1.0]]
 )
 
 
-def hermite(
-    xi: Float[Array | np.ndarray, "*points"], derivative: int = 0
-) -> list[Float[Array | np.ndarray, "*points"]]:
+def hermite(xi: _Numbers, derivative: int = 0) -> _Numbers:
     """The cubic Hermite shape functions, or a derivative by xi, at points in [0, 1].
 
     A function on an element of length L is ``N_0 v_0 + L N_1 s_0 + N_2 v_1 + L N_3 s_1`` with
@@ -82,15 +83,9 @@ def hermite(
 
     `xi`: local coordinate, 0 at the left station and 1 at the right one. `derivative`: order of
     differentiation, 0 to 3.
-    Returns values for left value, left slope, right value, right slope; each shaped like xi.
+    Returns values for left value, left slope, right value, right slope [4, *points].
     """
-    shapes = []
-    for row in _HERMITE:
-        polynomial = np.polynomial.Polynomial(row)
-        for _ in range(derivative):
-            polynomial = polynomial.deriv()
-        value = 0.0 * xi
-        for c in polynomial.coef[::-1]:
-            value = value * xi + float(c)
-        shapes.append(value)
-    return shapes
+    powers = np.polynomial.polynomial.polyder(_HERMITE, derivative)
+    powers = powers.reshape(*powers.shape, *[1] * xi.ndim)
+    value = polynomial(powers, xi)
+    return value if derivative < 3 else value + 0.0 * xi  # a constant has no shape

@@ -51,7 +51,7 @@ class _Rule(NamedTuple):
         weights = np.full(intervals + 1, 1.0 / intervals)
         weights[[0, -1]] /= 2
         xi = np.linspace(0, 1, intervals + 1)
-        shapes = [np.stack(hermite(xi, order), 1) for order in range(_ORDERS[side])]
+        shapes = [hermite(xi, order).T for order in range(_ORDERS[side])]
         return cls(xi, weights, np.stack(shapes, 1))
 
 

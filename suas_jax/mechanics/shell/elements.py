@@ -7,9 +7,7 @@ Clamps and the crown's symmetry concern the two end stations alone: their few nu
 out, worked on and put back, which leaves everything between untouched.
 """
 
-import functools
-from typing import NamedTuple
-
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -40,9 +38,9 @@ def turn_matrices(t: Float[Array, "2 end #lane"]) -> EndMatrices:
 
 def turn_vector(matrices: EndMatrices, q: StationVector) -> StationVector:
     """Multiply the end stations of a vector."""
-    ends = jnp.stack([q[:, 0], q[:, -1]], 1)
-    turned = functools.reduce(jnp.add, [matrices[:, k] * ends[k] for k in range(4)])
-    return _put(_put(q, turned[:, 0], 0), turned[:, 1], -1)
+    ends = jnp.concatenate([q[:, :1], q[:, -1:]], 1)
+    turned = jnp.sum(matrices * ends, 1)
+    return jnp.concatenate([turned[:, :1], q[:, 1:-1], turned[:, 1:]], 1)
 
 
 def turn_blocks(
@@ -72,17 +70,32 @@ def _times(a: Array, b: Array) -> Array:
     return product(jnp.swapaxes(a, 0, 1), b)
 
 
-class Elements(NamedTuple):
+class Elements(eqx.Module):
     """The elements between stations."""
 
     angles: Float[Array, "station #lane"]  # of the stations from the symmetry axis [rad]
     section: AbstractSection  # the undeformed membrane
-    symmetric: bool  # whether the last station is the crown of a symmetric arch
+    lengths: Float[Array, "element #lane"]  # along the mid-surface [m]
+    # factors that turn an element's unknowns into values and slopes by xi
+    scale: Float[Array, "4 1 element #lane"]
+    ends: EndMatrices  # from tangential and normal slopes at the ends to Cartesian ones
+    # whether the last station is the crown of a symmetric arch
+    symmetric: bool = eqx.field(static=True)
 
-    @property
-    def lengths(self) -> Float[Array, "element #lane"]:
-        """Reference lengths of the elements along the mid-surface [m]."""
-        return self.section.size * (self.angles[1:] - self.angles[:-1])
+    @classmethod
+    def between(
+        cls,
+        angles: Float[Array, "station #lane"],
+        section: AbstractSection,
+        *,
+        symmetric: bool,
+    ) -> "Elements":
+        """The elements between stations at some angles."""
+        lengths = section.size * (angles[1:] - angles[:-1])
+        one = jnp.ones_like(lengths)
+        scale = jnp.stack([one, lengths, one, lengths])[:, None]
+        ends = turn_matrices(tangent(section.direction(jnp.stack([angles[0], angles[-1]]))))
+        return cls(angles, section, lengths, scale, ends, symmetric)
 
     def free(self) -> np.ndarray:
         """Mask of the unknowns that may move [dof, station, 1]."""
@@ -92,26 +105,17 @@ class Elements(NamedTuple):
         free[:, -1] = crown if self.symmetric else clamp
         return free
 
-    def _ends(self) -> EndMatrices:
-        ends = jnp.stack([self.angles[0], self.angles[-1]])
-        return turn_matrices(tangent(self.section.direction(ends)))
-
-    def _scale(self) -> Float[Array, "4 1 element #lane"]:
-        """Factors that turn element unknowns into values and slopes by xi."""
-        one = jnp.ones_like(self.lengths)
-        return jnp.stack([one, self.lengths, one, self.lengths])[:, None]
-
     def gather(self, q: StationVector) -> Float[Array, "4 2 element lane"]:
         """Element unknowns [shape, component]; slopes times the element's length."""
-        q = turn_vector(self._ends(), q)
+        q = turn_vector(self.ends, q)
         pairs = jnp.stack([q[:, :-1], q[:, 1:]])
-        return pairs.reshape(4, 2, *pairs.shape[2:]) * self._scale()
+        return pairs.reshape(4, 2, *pairs.shape[2:]) * self.scale
 
     def scatter(self, f: Float[Array, "4 2 element lane"]) -> StationVector:
         """Sum element vectors into stations: the transpose of `gather`, masked."""
-        left, right = (f * self._scale()).reshape(2, 4, *f.shape[2:])
+        left, right = (f * self.scale).reshape(2, 4, *f.shape[2:])
         free = self.free()[:, [0, -1]]
-        return turn_vector(jnp.swapaxes(self._ends(), 0, 1) * free[:, None], _sum(left, right))
+        return turn_vector(jnp.swapaxes(self.ends, 0, 1) * free[:, None], _sum(left, right))
 
     def reference(self, xi: np.ndarray) -> Frame:
         """The undeformed membrane at local coordinates [xi, element, lane]."""
@@ -120,13 +124,13 @@ class Elements(NamedTuple):
 
     def blocks(self, k: Float[Array, "4 4 2 2 element lane"]) -> tuple[Diagonal, OffDiagonal]:
         """Element stiffness [shape, shape, component, component] to station blocks."""
-        scale = self._scale()[..., None, None, :, :][:, 0]
+        scale = self.scale[..., None, None, :, :][:, 0]
         k = k * (scale[:, None] * scale[None])
         # [end, end, 4, 4]
         k = k.reshape(2, 2, 2, 2, *k.shape[2:]).transpose(0, 2, 1, 4, 3, 5, 6, 7)
         k = k.reshape(2, 2, 4, 4, *k.shape[6:])
         diagonal = _sum(k[0, 0], k[1, 1])
-        return turn_blocks(diagonal, k[0, 1], self._ends(), self.free()[:, [0, -1]])
+        return turn_blocks(diagonal, k[0, 1], self.ends, self.free()[:, [0, -1]])
 
     def volume(self, qe: Array, product: Array) -> tuple[Lanes, Array]:
         """Enclosed volume less rest, and its gradient by the element unknowns.
@@ -138,7 +142,7 @@ class Elements(NamedTuple):
         """
         x, w = gauss_legendre(4)
         n = self.reference(x).normal
-        shapes = np.stack(hermite(x), 1) * w[:, None]
+        shapes = hermite(x).T * w[:, None]
         linear = jnp.einsum("gn,cgel->ncel", shapes, n) * self.lengths
         quadratic = product[:, ::-1] * np.array([1.0, -1.0])[:, None, None]
         return jnp.sum(qe * (linear + quadratic / 2), (0, 1, 2)), linear + quadratic

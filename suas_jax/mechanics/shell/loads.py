@@ -41,8 +41,8 @@ def under(
 ) -> Loaded:
     """Evaluate the mid-line at the load points. `angles`: of the stations [rad]."""
     start, span = _elements_of(points, angles)
-    at = jnp.stack(hermite(points.xi))
-    slope = jnp.stack(hermite(points.xi, 1)) / (section.size * span)
+    at = hermite(points.xi)
+    slope = hermite(points.xi, 1) / (section.size * span)
     qp = jnp.sum(qe[:, :, :, None] * points.select, 2)
     u1 = jnp.sum(slope[:, None] * qp, 0)
     frame = section.frame(start + points.xi * span)

@@ -23,7 +23,7 @@ class Tables(NamedTuple):
 
 def derivatives(xi: np.ndarray) -> Float[np.ndarray, "point*order shape"]:
     """First and second derivatives of the shape functions at local coordinates."""
-    return np.stack([np.stack(hermite(xi, k), 1) for k in (1, 2)], 1).reshape(-1, 4)
+    return np.stack([hermite(xi, k).T for k in (1, 2)], 1).reshape(-1, 4)
 
 
 def element_tables(gauss: int) -> Tables:
@@ -33,7 +33,7 @@ def element_tables(gauss: int) -> Tables:
     force = np.einsum("g,gdn->ngd", weights, d).reshape(4, -1)
     stiffness = np.einsum("g,gdn,gfm->nmgdf", weights, d, d).reshape(16, -1)
     x, w = gauss_legendre(4)  # exact: products of cubics and their slopes
-    product = np.einsum("g,ng,mg->nm", w, np.stack(hermite(x)), np.stack(hermite(x, 1)))
+    product = np.einsum("g,ng,mg->nm", w, hermite(x), hermite(x, 1))
     return Tables(xi, weights, d.reshape(-1, 4), force, stiffness, (product.T - product) / 2)
 
 

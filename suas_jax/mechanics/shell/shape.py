@@ -39,7 +39,7 @@ def sampled(
     """
     xi = np.linspace(0, 1, samples + 1)
     start, span = angles[:-1], angles[1:] - angles[:-1]
-    shapes = np.stack([np.stack(hermite(xi, order), 1) for order in range(3)])
+    shapes = np.stack([hermite(xi, order).T for order in range(3)])
     values = mix(shapes.reshape(-1, 4), qe).reshape(3, samples + 1, *qe.shape[1:])
     length = section.size * span
     derivatives = [(u[:, 0] / length**k, u[:, 1] / length**k) for k, u in enumerate(values)]
@@ -65,7 +65,7 @@ def at(
     here = jnp.sum(qe * pick, 2)[:, :, None, None]
     length, derivatives = section.size * (last - first), []
     for order in range(3):
-        value = jnp.sum(jnp.stack(hermite(xi, order))[:, None] * here, 0) / length**order
+        value = jnp.sum(hermite(xi, order)[:, None] * here, 0) / length**order
         derivatives.append((value[0], value[1]))
     return MidLine(section.frame(angle[None, None]), *derivatives)
 

@@ -88,13 +88,12 @@ class Shell(AbstractPlaneStrain):
     law: AbstractLaw  # the membrane's material
     section: AbstractSection  # the undeformed membrane
     angles: Float[Array, "station #lane"]  # of the stations from the symmetry axis [rad]
+    elements: Elements  # between the stations
     points: LoadPoints  # the line loads as points on the outer face, per width [N/m]
     film_volume: Lanes
     wall: Wall | None
     growth: Growth | None
     bodies: tuple[Body, ...]
-    # whether the last station is the crown of a symmetric arch
-    symmetric: bool = eqx.field(static=True)
     gauss: int = eqx.field(static=True, default=3)  # quadrature points along an element
     layers: int = eqx.field(static=True, default=3)  # quadrature points through the thickness
     # see `around`; None for faces of the unknowns' own
@@ -118,11 +117,11 @@ class Shell(AbstractPlaneStrain):
             law=law,
             section=geometry.section,
             angles=angles,
+            elements=Elements.between(angles, geometry.section, symmetric=symmetric),
             points=points,
             film_volume=geometry.film_area / (2 if symmetric else 1),
             wall=wall,
             bodies=(),
-            symmetric=symmetric,
             growth=geometry.growth,
         )
 
@@ -130,11 +129,6 @@ class Shell(AbstractPlaneStrain):
     def clamp_reach(self) -> Lanes:
         """Zero: the shell's stretches are bounded [rad]."""
         return jnp.zeros_like(self.section.mean_thickness)
-
-    @property
-    def elements(self) -> Elements:
-        """Between the stations."""
-        return Elements(self.angles, self.section, self.symmetric)
 
     def rest(self) -> StationVector:
         """Zero displacement."""
@@ -202,7 +196,7 @@ class Shell(AbstractPlaneStrain):
 
     def _relaxed_energy(self, at: Resultants) -> Lanes:
         lengths, thickness = self.elements.lengths, self._at_gauss.thickness
-        material = self._shear_modulus, (True, not self.symmetric), self.growth
+        material = self._shear_modulus, (True, not self.elements.symmetric), self.growth
         return relaxed_energy(self._lines(at), lengths, thickness, *material)
 
     def _omitted_energy(self, at: Resultants, factor: Lanes) -> Lanes:
