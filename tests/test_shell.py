@@ -43,7 +43,7 @@ def free_of(shell: Shell) -> np.ndarray:
     """What clamps and the crown of a half leave free, stated by hand."""
     free = np.ones((4, shell.angles.shape[0], 1), bool)
     free[[0, 1, 3], 0] = False
-    free[[0, 3] if shell.symmetric else [0, 1, 3], -1] = False
+    free[[0, 3] if shell.elements.symmetric else [0, 1, 3], -1] = False
     return free
 
 

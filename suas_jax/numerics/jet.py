@@ -40,16 +40,17 @@ def second_order(
     compute them anew, see `staged`.
     Returns the expansion, each entry of the shape of the inputs.
     """
-    one, zero = jnp.ones_like(x), jnp.zeros_like(x)
+    one = jnp.ones_like(x)
 
+    # What is held is closed over: a tangent of zeros would be multiplied out.
     def along_x(x: Array, y: Array) -> tuple[Array, Array]:
-        return jax.jvp(fn, (x, y), (one, zero))
+        return jax.jvp(lambda x: fn(x, y), (x,), (one,))
 
-    def along_y(x: Array, y: Array) -> tuple[Array, Array]:
-        return jax.jvp(fn, (x, y), (zero, one))
+    def along_y(y: Array) -> tuple[Array, Array]:
+        return jax.jvp(lambda y: fn(x, y), (y,), (one,))
 
-    (value, f_x), (f_y, f_xy) = jax.jvp(along_x, (x, y), (zero, one))
-    _, (_, f_xx) = jax.jvp(along_x, (x, y), (one, zero))
-    _, (_, f_yy) = jax.jvp(along_y, (x, y), (zero, one))
+    (value, f_x), (f_y, f_xy) = jax.jvp(lambda y: along_x(x, y), (y,), (one,))
+    _, (_, f_xx) = jax.jvp(lambda x: along_x(x, y), (x,), (one,))
+    _, (_, f_yy) = jax.jvp(along_y, (y,), (one,))
     derivatives = [f_x, f_y, f_xx, f_xy, f_yy]
     return Jet(value, *(staged(derivatives) if once else derivatives))
