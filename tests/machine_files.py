@@ -692,6 +692,16 @@ FILES = [
         stretch=SQUEEZED,
     ),
     MachineFile(
+        "units of LabVIEW's channels",
+        (
+            "LabVIEW Measurement\t\nSeparator\tTab\n***End_of_Header***\t\nChannels\t2\n"
+            "Y_Unit_Label\tN\tmm\nX_Dimension\tTime\tTime\n***End_of_Header***\n"
+            "X_Value\tForce\tDisplacement\tComment\n" + rows(TIME, FORCE, TRAVEL, between="\t")
+        ).encode(),
+        specimen=SIZES,
+        suffix=".lvm",
+    ),
+    MachineFile(
         "components of tensors",
         ("F11 [-],P11 [kPa]\n" + rows(STRETCH, 1e3 * stress(STRETCH))).encode(),
     ),

@@ -218,7 +218,17 @@ def _delimited(file: str, text: str, encoding: str) -> Cells:
     # TA Instruments names its columns one a line, and says where the readings start.
     signals = [" ".join(row[1:]) for row in rows if row[1:] and _SIGNAL.fullmatch(row[0])]
     rows = [signals if signals and row == ["StartOfData"] else row for row in rows]
+    # LabVIEW states the channels' units in a row of their own, lines above the names.
+    units = next((row[1:] for row in rows if row[0] == "Y_Unit_Label"), [])
+    rows = [_with_units(row, units) if row[0] == "X_Value" else row for row in rows]
     return Cells("", rows, lines, tuple(comments), delimiter, encoding)
+
+
+def _with_units(names: list[str], units: list[str]) -> list[str]:
+    """Names of columns with the units of all but the first."""
+    stated = zip(names[1:], units, strict=False)
+    named = [f"{name} [{unit}]" if unit else name for name, unit in stated]
+    return [names[0], *named, *names[1 + len(named) :]]
 
 
 def _is_comment(line: str) -> bool:
