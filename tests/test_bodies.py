@@ -676,8 +676,12 @@ def test_a_travel_is_found_where_the_wall_takes_the_force() -> None:
     assert len(runs) < 25, runs
 
 
-def test_drags_are_found_from_tangential_forces() -> None:
-    """By a stand-in that sticks and then slides; more than it holds has a name."""
+@pytest.mark.parametrize("turn", [0.0, 0.5], ids=["at the crown", "on a slope"])
+def test_drags_are_found_from_tangential_forces(turn: float) -> None:
+    """By a stand-in that sticks and then slides; more than it holds has a name.
+
+    On a slope the travel itself drags.
+    """
 
     def solved(across: float) -> Any:
         table = _by_force(0, 5.0) | {"tangential_force": f"{across!r} N", "friction": 0.3}
@@ -686,7 +690,7 @@ def test_drags_are_found_from_tangential_forces() -> None:
         def run(inputs: Any, start: Any) -> Any:
             depth, drag = (1e3 * float(inputs[f"load.0.{key}"]) for key in ("depth", "drag"))
             force = 2 * depth**1.7
-            along = 0.3 * force * np.tanh(8 * drag)
+            along = 0.3 * force * np.tanh(8 * (drag + turn * (depth - 1)))
             values = {"force_N": force, "tangential_force_N": along}
             values |= {"depth_m": depth / 1e3, "drag_m": drag / 1e3}
             load = {key: np.array([x]) for key, x in values.items()}

@@ -418,6 +418,7 @@ def test_a_history_says_why_it_has_no_derivatives(monkeypatch: pytest.MonkeyPatc
     refused = (
         (solid, "oil_pressure_Pa", "sections as shells"),
         (meshed, "oil_pressure_Pa", "sections as shells"),
+        (load_scene(SCENES / "pad_crown.toml"), "oil_pressure_Pa", "it is a pad's"),
         (pressed, "oil_pressure_Pa", "pressed by a force"),
         (scene, "points.1.oil_presure_Pa", '"oil_pressure_Pa"'),
         (scene, "points.2.min_gap_m", r"points\.0 to points\.1 are there"),

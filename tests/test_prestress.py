@@ -19,6 +19,7 @@ from suas_jax.config import (
     continuous_inputs,
     input_errors,
     scene_from_dict,
+    with_solve,
 )
 from suas_jax.config.errors import ConfigError
 from suas_jax.config.input_errors import as_assembled, value_of
@@ -36,7 +37,8 @@ from suas_jax.scene.solve import solve
 from suas_jax.scene.sweep import sweep
 from suas_jax.skin.prestress import ContainedOil, Growth, Prestress, is_prestressed
 from suas_jax.skin.registry import build_oil
-from tests.skins import EPDM, GEOMETRY, line
+from tests.skins import EPDM, GEOMETRY, find, line, status
+from tests.skins import problem_of as problem_on
 
 RUBBER, WALL, OIL = 1.6e-4, 7e-5, 9.6e-4  # expansions [1/K]
 # A clamped half-cylinder buckles in an antisymmetric mode, which keeps the oil's volume.
@@ -237,6 +239,14 @@ def test_a_curve_over_oil_pressures_goes_on_above_the_one_at_rest() -> None:
     force = points[3]["loads"][0]["force_N"]
     again = solve(skin(line(0, force), fill=1.003)).report
     assert again["oil_pressure_Pa"] == pytest.approx(wanted[3], rel=1e-6)
+
+
+def test_no_reversed_load_reaches_a_pressure_for_a_skin_that_buckles_at_rest() -> None:
+    critical = 2 * THICKNESS**2 / (3 * RADIUS**2)
+    wanted = with_solve(skin(line(-24, 1.0), mounting=1.05 * critical), oil_pressure=50.0)
+    found = find(problem_on(wanted, 32))
+    assert float(found.state.factor[0]) < 0  # the path from rest leads there
+    assert status(found) == "unreachable_pressure"
 
 
 def test_no_force_has_a_range_on_a_skin_that_buckles_at_rest() -> None:

@@ -12,6 +12,7 @@ from test_cli import SCENES
 from suas_jax import load_scene, scene_from_dict, solve, with_inputs, with_solve
 from suas_jax.config import SceneSpec
 from suas_jax.dynamics.course import Course
+from suas_jax.dynamics.driven import FACTOR
 from suas_jax.dynamics.film import film_of
 from suas_jax.dynamics.history import history_sweep
 from suas_jax.dynamics.history_table import history_of
@@ -169,6 +170,16 @@ def test_what_the_film_is_not_known_for_is_told() -> None:
     found = film(plain, [0.0, 1.0], [0.0, 1.0])
     assert not found.included
     assert "oil.density, oil.viscosity, material.density" in found.message
+    data = tomllib.loads(TAP.read_text(encoding="utf-8"))
+    sheet = {"arc": [0, 1], "axial": [0, 1], "value": [["1.5 mm", "1.6 mm"]] * 2}
+    data["geometry"] = {"ends": "clamped", "thickness": sheet}
+    data["load"] = [{"kind": "patch", "angle": "0 deg", "size": ["9 mm", "9 mm"]}]
+    data["load"][0]["force"] = "5 N"
+    uneven, time = scene_from_dict(data, base=SCENES), np.array([0.0, 1.0])
+    plan = plan_for(uneven, "shell", (8, 8))
+    found = film_of(uneven, plan, time, {FACTOR: time}, {FACTOR: 0.0})
+    assert not found.included
+    assert "geometry.thickness varies along the axis" in found.message
 
 
 def pressed(**load: Any) -> SceneSpec:

@@ -67,6 +67,8 @@ def _not_covered(scene: SceneSpec, plan: AbstractPlan) -> str | None:
     except ConfigError as error:
         keys = ", ".join(mistake.key for mistake in error.mistakes)
         return f"the scene has no {keys}"
+    if scene.geometry.sheets:
+        return f"geometry.{scene.geometry.sheets[0]} varies along the axis"
     if not scene.oil.trapped:
         return "vented oil flows through an outlet that no file describes"
     if plan.model != "shell":

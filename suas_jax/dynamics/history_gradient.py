@@ -97,7 +97,9 @@ def require_derivatives(scene: SceneSpec, model: str, *, moves: bool) -> None:
             "the oil's film moves in it, whose steps have no derivatives: leave its viscosity "
             "out, or follow it more slowly"
         )
-    elif model != "shell" or scene.geometry.dimension == 3:
+    elif scene.geometry.dimension == 3:
+        reason = "it is a pad's; those of sections as shells can be"
+    elif model != "shell":
         reason = "derivatives of a history are those of sections as shells: solve.model = shell"
     elif driven_by_force(scene):
         reason = "a body is pressed by a force: give its travel, depth, instead"

@@ -65,15 +65,24 @@ class Equilibrium(NamedTuple):
     @classmethod
     def of(cls, problem: Problem, found: Found) -> "Equilibrium":
         """Name what was found. `found`: its root."""
+        result = found.result
         if problem.oil_pressure is not None:
             fixed = jax.lax.stop_gradient(problem.oil_pressure)
             pressure = found.level + (problem.oil_pressure - fixed)
             state = State(found.y.stations, pressure, found.border)
+            # From a rest that buckles the way leads back through it, to reversed loads.
+            turned = (result == 0) & (found.border < 0)
+            result = jnp.where(turned, index_of("unreachable_pressure"), result)
         else:
             state = State(found.y.stations, found.border, found.level)
         stable = is_stable(problem, found.negative)
         return cls(
-            state, found.level, found.result, found.iterations, found.smallest_pivot, stable
+            state,
+            found.level,
+            result.astype(found.result.dtype),
+            found.iterations,
+            found.smallest_pivot,
+            stable,
         )
 
     @property

@@ -25,7 +25,8 @@ class RESULTS(enum.Enum):
     unreachable_pressure = (
         "No factor on these loads, starting from zero, brings the oil to the wanted "
         "pressure: it moves the other way, turns back before, or the wall takes the loads "
-        "first. Check the sign of `oil_pressure` and of the forces, and its size."
+        "first. The state reported is the last one tried. Check the sign of `oil_pressure` and "
+        "of the forces, and its size."
     )
     outside_material_domain = (
         "The state found lies outside the material law's domain, such as beyond a locking "

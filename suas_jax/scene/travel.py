@@ -27,6 +27,7 @@ LEAST = 1e-3
 LONGEST = 1.5  # step of a logarithm
 _PROBE, _ACROSS = 1e-3, 0.3  # drag to learn from, and longest step of it, in thicknesses
 _LEVEL = 1e-3  # least share of the normal force that a thickness of drag is taken to add
+_SETTLED = 0.1  # largest error of forces along the approach, over those across
 _PATIENCE = 12  # runs without progress after which a body slides, or goes no further
 
 
@@ -160,11 +161,11 @@ class _Search(NamedTuple):
     ) -> np.ndarray:
         """A step no longer than what is trusted, between those known to be too far."""
         most = np.array([_ACROSS if d.across else LONGEST for d in self.driven])
-        new, (low, high) = x + np.clip(step, -most, most), ends
+        new, (low, high) = x + np.clip(step, -most, most), np.sort(ends, 0)
         outside = halve | (new <= low) | (new >= high)
         known = np.isfinite(low) & np.isfinite(high)
         middle = (np.where(known, low, 0.0) + np.where(known, high, 0.0)) / 2
-        return np.where(outside & known, middle, new)
+        return np.where(outside & known & (step != 0), middle, new)
 
 
 def under_forces(
@@ -220,19 +221,28 @@ def under_forces(
             dx, dy = x - before[0], y - before[1]
             slope = slope + np.outer(dy - slope @ dx, dx) / (dx @ dx)
         before = x, y
+        # What a drag does is judged where the forces along the approach are as wanted: they
+        # change it as much.
+        missed = np.abs(y)
+        settled = missed[~across].max(initial=0.0) <= _SETTLED * missed[across].max(initial=0.0)
         # Forces across grow with the drag, in a straight line until points slide; that of one
         # body grows with its travel, at once much faster where the wall is reached.
-        grows = across | (len(x) == 1)
-        low = np.where(grows & (y < 0), np.maximum(low, x), low)
-        high = np.where(grows & (y > 0), np.minimum(high, x), high)
-        # A force that falls with the travel for a while says which end holds no longer.
-        crossed = low >= high
+        grows = (across & settled) | (len(x) == 1)
+        low = np.where(grows & (y < 0), x, low)
+        high = np.where(grows & (y > 0), x, high)
+        # A force that falls with the travel for a while says which end holds no longer. One
+        # across that falls as points slide has what is wanted between the two all the same.
+        crossed = ~across & (low >= high)
         low = np.where(crossed & (y > 0), -np.inf, low)
         high = np.where(crossed & (y < 0), np.inf, high)
-        if slope[np.diag_indices(len(x))].all():
-            rising = np.where(across, np.maximum(slope.diagonal(), _LEVEL), slope.diagonal())
+        free = ~across | settled
+        if slope[np.diag_indices(len(x))][free].all():
+            open_ = across & ~(np.isfinite(low) & np.isfinite(high))
+            rising = np.where(open_, np.maximum(slope.diagonal(), _LEVEL), slope.diagonal())
             matrix = slope + np.diag(rising - slope.diagonal())
-            x = search.stepped(x, np.linalg.solve(matrix, -y), (low, high), halve)
+            step = np.zeros(len(x))
+            step[free] = np.linalg.solve(matrix[np.ix_(free, free)], -y[free])
+            x = search.stepped(x, step, (low, high), halve)
         else:  # what a drag does is not known yet
             (k, *_) = (k for k in unknown if slope[k, k] == 0)
             x = x + _PROBE * np.eye(len(x))[k]
