@@ -6,7 +6,9 @@ over which its load slides, and starts from its last equilibrium when constants 
 """
 
 import dataclasses
+import os
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import jax
@@ -147,6 +149,7 @@ class SceneStates:
         held = {path: x for path, x in held.items() if path in self._numbers}
         inputs = self._numbers | with_constants(self._spec, held, moving, moving.values())
         found, slopes = [], []
+        told: list[Inputs] = []
         for row, k in enumerate(index):
             self._progress(f"deforming the membrane, state {row + 1} of {len(index)}")
             own = {
@@ -157,10 +160,19 @@ class SceneStates:
             }
             one = self._state(int(k), loads, row, inputs | own, oil)
             found.append(one)
+            told.append(self._numbers | dict(held) | own)
             self._last[int(k)] = self._nearby[_mesh(self._plans[k])] = one.state
-            if both.names:
-                known = self._numbers | dict(held) | own
-                slopes.append(self._slope(int(k), loads, row, known, both, oil, one))
+
+        def slope(row: int) -> AbstractFace:
+            one = found[row]
+            return self._slope(int(index[row]), loads, row, told[row], both, oil, one)
+
+        if both.names:
+            # A program keeps one core busy: states share out the others.
+            with ThreadPoolExecutor(os.cpu_count()) as pool:
+                for row, own_slope in enumerate(pool.map(slope, range(len(index)))):
+                    self._progress(f"derivatives of state {row + 1} of {len(index)}")
+                    slopes.append(own_slope)
 
         def joined(parts: list[Any]) -> Any:
             return jax.tree.map(lambda *x: np.concatenate(x, -1), *parts)
