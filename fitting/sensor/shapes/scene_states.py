@@ -37,6 +37,7 @@ from suas_jax.config import (
 from suas_jax.config.consistency import contradictions
 from suas_jax.config.input_errors import stresses_of
 from suas_jax.equilibrium.balance import State
+from suas_jax.equilibrium.correction import corrected, uncorrected
 from suas_jax.equilibrium.outcomes import NAMES, advice
 from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.model import AbstractPlan
@@ -86,6 +87,8 @@ class SceneStates:
         spec: SkinSpec,
         told: KnownLoads,  # the loads as they were told, around which meshes are made
         progress: Callable[[str], None] = lambda text: None,  # called with what is being done
+        *,
+        whole_slopes: bool = True,  # whether those of what the shell leaves out count
     ) -> None:
         if np.any(told.turn):
             raise ValueError("known loads on a pad are radial: leave the direction out")
@@ -96,6 +99,7 @@ class SceneStates:
         electrodes = spec.electrodes.with_equal_channels()
         spec = spec.model_copy(update={"electrodes": electrodes})
         self._spec, self._told, self._progress = spec, told, progress
+        self._whole_slopes = whole_slopes
         given = {name: getattr(spec, name) for name in spec.model_fields_set}
         first = self._loads(told, 0)
         whole = SceneSpec(**given, load=first, solve=SolveSpec(symmetry=False))
@@ -208,6 +212,7 @@ class SceneStates:
             moving,
             oil,
             one.state,
+            corrected if self._whole_slopes else uncorrected,
             once=True,
             long=True,
         )
