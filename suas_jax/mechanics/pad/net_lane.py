@@ -258,15 +258,16 @@ class AbstractLane(abc.ABC):
         def search(place: Place, _: None) -> tuple[Place, Slopes]:
             here, slopes = self._slopes(qe, place)
             nearer = self._nearer(place, slopes, _off(rays, here))
-            return jax.lax.stop_gradient((nearer, slopes))
+            found: tuple[Place, Slopes] = jax.lax.stop_gradient((nearer, slopes))
+            return found
 
         def follow(place: Place, _: None) -> tuple[Place, Array]:
             here = self._over_wall(qe, place)
             off = _off(rays, here)
             return self._nearer(place, slopes, off), here[2] + slopes.rise(off)
 
-        start = jax.lax.stop_gradient(tuple(jnp.broadcast_arrays(angle, axial)))
-        place, every = jax.lax.scan(search, start, None, length=_RAY_STEPS - 1)
+        first, second = jax.lax.stop_gradient(jnp.broadcast_arrays(angle, axial))
+        place, every = jax.lax.scan(search, (first, second), None, length=_RAY_STEPS - 1)
         slopes = jax.tree.map(lambda x: x[-1], every)
         return jax.lax.scan(follow, place, None, length=_ORDERS)[1][-1]
 
@@ -323,7 +324,7 @@ class AbstractLane(abc.ABC):
         here, both = jax.vmap(along, out_axes=(None, 0))(jnp.eye(2))
         (a, b, h), (c, d, k) = ([x[i] for x in both] for i in range(2))
         determinant = a * d - c * b
-        inverse = tuple(x / determinant for x in (d, -c, -b, a))
+        inverse = d / determinant, -c / determinant, -b / determinant, a / determinant
         height = (d * h - b * k) / determinant, (a * k - c * h) / determinant
         return here, Slopes(inverse, height)
 
