@@ -467,7 +467,7 @@ def test_what_presses_would_tell_is_a_change_from_rest(
         return drawn
 
     solver = SimpleNamespace(stated=lambda name: 1.0, at=lambda start: SimpleNamespace(model=0))
-    monkeypatch.setattr(next_press, "_solver", lambda *given: solver)
+    monkeypatch.setattr(next_press, "_solver", lambda *given, **how: solver)
     monkeypatch.setattr(next_press, "COMPILED", SimpleNamespace(run=run))
     monkeypatch.setattr(next_press, "_known_so_far", lambda *given: np.eye(2))
     found, (so, slope) = next_press.candidates_of(spec, 6.0, 2e-3), drawn

@@ -657,6 +657,22 @@ def test_heights_along_rays_are_those_of_the_deformed_face() -> None:
     wanted = (ahead - back) / (2 * step)
     np.testing.assert_allclose(slope, wanted, rtol=0, atol=2e-3 * np.abs(wanted).max())
 
+    # Other points come to lie on the rays, which derivatives of every order have to know.
+    def twice(pad: Pad, q: jax.Array, by: jax.Array) -> tuple[jax.Array, jax.Array]:
+        def once(share: jax.Array) -> jax.Array:
+            def height(share: jax.Array) -> jax.Array:
+                return pad.height_at(q + share * by, jnp.asarray(polar), jnp.asarray(along))
+
+            return jax.jvp(height, (share,), (jnp.ones(()),))[1][:, 0]
+
+        return jax.jvp(once, (jnp.zeros(()),), (jnp.ones(()),))
+
+    first, second = quick(twice)(pad, q, by)
+    np.testing.assert_allclose(first, wanted, rtol=0, atol=1e-5 * np.abs(wanted).max())
+    ahead, back = (quick(twice)(pad, q + s * by, by)[0] for s in (step, -step))
+    bent = (ahead - back) / (2 * step)
+    np.testing.assert_allclose(second, bent, rtol=0, atol=1e-5 * np.abs(bent).max())
+
 
 @pytest.mark.long
 def test_displacements_converge_with_the_order_of_the_splines() -> None:

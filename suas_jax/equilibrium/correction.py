@@ -49,6 +49,12 @@ class Corrected(NamedTuple):
     mechanics: AbstractMechanics  # the membrane, to read `state` with
 
 
+def uncorrected(problem: Problem, state: State) -> Corrected:
+    """A known equilibrium as it is, differentiable by every leaf of the problem."""
+    root = differentiable(problem, state)
+    return Corrected(root, root, problem.mechanics)
+
+
 def corrected(problem: Problem, state: State, known: BorderedVector | None = None) -> Corrected:
     """Add the effect of what its mechanics leaves out to a known equilibrium.
 
@@ -57,9 +63,10 @@ def corrected(problem: Problem, state: State, known: BorderedVector | None = Non
     `state`: their equilibrium. `known`: `Equilibrium.change`, if it has been found with the
     equilibrium.
     """
-    root, mechanics = differentiable(problem, state), problem.mechanics
+    plain = uncorrected(problem, state)
+    root, mechanics = plain.root, plain.mechanics
     if not mechanics.corrected:
-        return Corrected(root, root, mechanics)
+        return plain
     y, level, given = unknowns_of(problem, root)
     change = _change(problem, y, level, given, known)
     moved = jax.tree.map(lambda a, b: a + b, y, change)

@@ -6,7 +6,9 @@ over which its load slides, and starts from its last equilibrium when constants 
 """
 
 import dataclasses
+import os
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import jax
@@ -35,6 +37,7 @@ from suas_jax.config import (
 from suas_jax.config.consistency import contradictions
 from suas_jax.config.input_errors import stresses_of
 from suas_jax.equilibrium.balance import State
+from suas_jax.equilibrium.correction import corrected, uncorrected
 from suas_jax.equilibrium.outcomes import NAMES, advice
 from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.model import AbstractPlan
@@ -84,6 +87,8 @@ class SceneStates:
         spec: SkinSpec,
         told: KnownLoads,  # the loads as they were told, around which meshes are made
         progress: Callable[[str], None] = lambda text: None,  # called with what is being done
+        *,
+        whole_slopes: bool = True,  # whether those of what the shell leaves out count
     ) -> None:
         if np.any(told.turn):
             raise ValueError("known loads on a pad are radial: leave the direction out")
@@ -94,6 +99,7 @@ class SceneStates:
         electrodes = spec.electrodes.with_equal_channels()
         spec = spec.model_copy(update={"electrodes": electrodes})
         self._spec, self._told, self._progress = spec, told, progress
+        self._whole_slopes = whole_slopes
         given = {name: getattr(spec, name) for name in spec.model_fields_set}
         first = self._loads(told, 0)
         whole = SceneSpec(**given, load=first, solve=SolveSpec(symmetry=False))
@@ -147,6 +153,7 @@ class SceneStates:
         held = {path: x for path, x in held.items() if path in self._numbers}
         inputs = self._numbers | with_constants(self._spec, held, moving, moving.values())
         found, slopes = [], []
+        told: list[Inputs] = []
         for row, k in enumerate(index):
             self._progress(f"deforming the membrane, state {row + 1} of {len(index)}")
             own = {
@@ -157,10 +164,19 @@ class SceneStates:
             }
             one = self._state(int(k), loads, row, inputs | own, oil)
             found.append(one)
+            told.append(self._numbers | dict(held) | own)
             self._last[int(k)] = self._nearby[_mesh(self._plans[k])] = one.state
-            if both.names:
-                known = self._numbers | dict(held) | own
-                slopes.append(self._slope(int(k), loads, row, known, both, oil, one))
+
+        def slope(row: int) -> AbstractFace:
+            one = found[row]
+            return self._slope(int(index[row]), loads, row, told[row], both, oil, one)
+
+        if both.names:
+            # A program keeps one core busy: states share out the others.
+            with ThreadPoolExecutor(os.cpu_count()) as pool:
+                for row, own_slope in enumerate(pool.map(slope, range(len(index)))):
+                    self._progress(f"derivatives of state {row + 1} of {len(index)}")
+                    slopes.append(own_slope)
 
         def joined(parts: list[Any]) -> Any:
             return jax.tree.map(lambda *x: np.concatenate(x, -1), *parts)
@@ -196,6 +212,7 @@ class SceneStates:
             moving,
             oil,
             one.state,
+            corrected if self._whole_slopes else uncorrected,
             once=True,
             long=True,
         )

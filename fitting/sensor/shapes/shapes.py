@@ -69,10 +69,12 @@ class ShapeSolver:
         model: str,  # of the shapes
         progress: Callable[[str], None],
         pressed: Sequence[int] = (),
+        whole_slopes: bool = True,
     ) -> None:
         """Prepare.
 
         `pressed` are the states whose only load has errors of its own, which are constants.
+        `whole_slopes` is whether what a pad's shell leaves out counts in its derivatives.
         Raises ValueError: `air` or `model` is unknown.
         """
         if model not in MODELS:
@@ -88,7 +90,11 @@ class ShapeSolver:
         self._air = self._answer_of(air)
         self._corrections: list[SolidCorrection] | None = None
         alone = data.spec.geometry.dimension == 3 or loads.bodies
-        self._states = SceneStates(data.spec, loads, progress) if alone else None
+        self._states = (
+            SceneStates(data.spec, loads, progress, whole_slopes=whole_slopes)
+            if alone
+            else None
+        )
         by_gap = FILL in family.names or self._volume_goes_with_gap()
         # positions of the constants that move the membrane
         self.moving = tuple(

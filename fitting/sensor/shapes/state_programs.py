@@ -1,7 +1,7 @@
 """The programs of one known state: its equilibrium, and derivatives of what is read there."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -89,8 +89,12 @@ def state_slopes(
     moving: Moving,
     oil: AbstractOil | None,
     state: State,
+    known_equilibrium: Callable[[Problem, State], Corrected],
 ) -> AbstractFace:
-    """See `slopes_of`; known are numbers, angles [load], forces, what is wanted, inner."""
+    """See `slopes_of`; known are numbers, angles [load], forces, what is wanted, inner.
+
+    `known_equilibrium`: `corrected`, or `uncorrected`, which takes half as long.
+    """
     inputs, angle, force, wanted, inner = known
     section = plain_geometry(scene.scene.geometry).section
 
@@ -103,7 +107,8 @@ def state_slopes(
                 push = 1 + moving.shift(PUSH, values) if i == 0 else 1
                 own[f"load.{i}.force"] = push * force[i, 0]
         parts, problem = _problem(scene, plan, own, oil)
-        face, _, moved = _read(parts, problem, corrected(problem, state), inner)
+        found = known_equilibrium(problem, state)
+        face, _, moved = _read(parts, problem, found, inner)
         return moved, eqx.filter(face, eqx.is_inexact_array)
 
     return slopes_of(shape, moving.values, force, wanted)

@@ -25,10 +25,30 @@ from suas_jax.skin.wall import Obstacle, Wall
 
 # Newton steps to the material point on a ray: displacements along the wall are small.
 _RAY_STEPS = 4
+_ORDERS = 3  # to which derivatives of heights are exact
 _NEAR = 5e-6  # off a ray, from where a linear step's error is 1e-5 of a gap at most [m]
 
 Kinds = tuple[tuple[int, int], ...]
 Place = tuple[Array, Array]  # reference angles [rad] and axial positions [m]
+# Angle of the normal through points of the inner face, their axial position, their height.
+OverWall = tuple[Array, Array, Array]
+
+
+class Slopes(NamedTuple):
+    """How what is over the wall changes with the inner face's points."""
+
+    # of the points' angle and axial position by those over the wall, row after row
+    inverse: tuple[Array, Array, Array, Array]
+    height: tuple[Array, Array]  # of the height by both over the wall [m/rad], [1]
+
+    def step(self, off: Place) -> Place:
+        """How far the points are from those that lie an angle and a length further."""
+        a, b, c, d = self.inverse
+        return a * off[0] + b * off[1], c * off[0] + d * off[1]
+
+    def rise(self, off: Place) -> Array:
+        """How much higher those are [m]."""
+        return self.height[0] * off[0] + self.height[1] * off[1]
 
 
 class OnRays(NamedTuple):
@@ -37,6 +57,11 @@ class OnRays(NamedTuple):
     place: Place  # of the material points on them
     height: Float[Array, " ray"]  # of the face over the undeformed one [m]
     slopes: tuple[Array, Array]  # of the height by a ray's angle [m/rad] and axial position
+
+
+def _off(rays: Place, here: OverWall) -> Place:
+    """How far rays are from points."""
+    return rays[0] - here[0], rays[1] - here[1]
 
 
 class LaneParts(NamedTuple):
@@ -224,22 +249,27 @@ class AbstractLane(abc.ABC):
     def height_at(self, q: Array, angle: Array, axial: Array) -> Array:
         """See `Pad`: which material point lies on a ray is found by Newton's method.
 
-        Derivatives see the last two steps alone, which have them to third order: either squares
-        what is left, the second one by its linear part.
+        Derivatives see further steps with its last slopes kept: each adds an order to those of
+        the place, and the height has one more than the place.
         """
         qe, rays = self.net.gather(q), (angle, axial)
 
         # One loop for all steps: each that is traced on its own takes a second to compile.
-        def step(place: Place, known: Array) -> tuple[Place, Array]:
-            moved, (_, _, height), slopes, off = self._beside(qe, rays, place)
-            fixed = jax.lax.stop_gradient(moved)
-            first, second = (jnp.where(known, *x) for x in zip(fixed, moved, strict=True))
-            return (first, second), height + slopes[0] * off[0] + slopes[1] * off[1]
+        def search(place: Place, _: None) -> tuple[Place, Slopes]:
+            here, slopes = self._slopes(qe, place)
+            nearer = self._nearer(place, slopes, _off(rays, here))
+            found: tuple[Place, Slopes] = jax.lax.stop_gradient((nearer, slopes))
+            return found
+
+        def follow(place: Place, _: None) -> tuple[Place, Array]:
+            here = self._over_wall(qe, place)
+            off = _off(rays, here)
+            return self._nearer(place, slopes, off), here[2] + slopes.rise(off)
 
         first, second = jax.lax.stop_gradient(jnp.broadcast_arrays(angle, axial))
-        known = jnp.arange(_RAY_STEPS + 1) < _RAY_STEPS - 1
-        _, heights = jax.lax.scan(step, (first, second), known)
-        return heights[-1]
+        place, every = jax.lax.scan(search, (first, second), None, length=_RAY_STEPS - 1)
+        slopes = jax.tree.map(lambda x: x[-1], every)
+        return jax.lax.scan(follow, place, None, length=_ORDERS)[1][-1]
 
     def on_rays(self, q: Array, angle: Array, axial: Array, near: Place) -> OnRays:
         """The material points on rays from places near them: few steps, no derivatives.
@@ -251,11 +281,12 @@ class AbstractLane(abc.ABC):
 
         def step(at: tuple[OnRays, Array, Array]) -> tuple[OnRays, Array, Array]:
             before, _, count = at
-            place, (_, _, height), slopes, off = self._beside(qe, rays, before.place)
-            more = slopes[0] * off[0] + slopes[1] * off[1]
+            here, slopes = self._slopes(qe, before.place)
+            off = _off(rays, here)
             size = self.section.size * jnp.abs(off[0]) + jnp.abs(off[1])
-            height = height + jnp.where(size <= _NEAR, more, 0.0)
-            return OnRays(place, height, slopes), jnp.max(size), count + 1
+            height = here[2] + jnp.where(size <= _NEAR, slopes.rise(off), 0.0)
+            place = self._nearer(before.place, slopes, off)
+            return OnRays(place, height, slopes.height), jnp.max(size), count + 1
 
         def going(at: tuple[OnRays, Array, Array]) -> Array:
             return (at[1] > _NEAR) & (at[2] < _RAY_STEPS)
@@ -270,46 +301,39 @@ class AbstractLane(abc.ABC):
         A point's height changes, and another point comes to lie on the ray.
         """
 
-        def over_wall(q: Array) -> tuple[Array, Array, Array]:
+        def over_wall(q: Array) -> OverWall:
             return self._over_wall(self.net.gather(q), at.place)
 
         polar, along, height = jax.jvp(over_wall, (q,), (by,))[1]
         return height - at.slopes[0] * polar - at.slopes[1] * along
 
-    def _over_wall(self, qe: ElementVector, place: Place) -> tuple[Array, Array, Array]:
+    def _over_wall(self, qe: ElementVector, place: Place) -> OverWall:
         """Angle of the normal through the inner face's point, axial position, height."""
         x, y, z = self.inner_displacement(qe, *place)
         rest = self.section.inner_face(place[0])
         polar, height = self.section.foot(rest + jnp.stack([x, y]), place[0])
         return polar, place[1] + z, height
 
-    def _beside(
-        self, qe: ElementVector, rays: Place, place: Place
-    ) -> tuple[Place, tuple[Array, Array, Array], Place, Place]:
-        """One step of Newton's method towards the material points on rays.
+    def _slopes(self, qe: ElementVector, place: Place) -> tuple[OverWall, Slopes]:
+        """`_over_wall` of material points and how it changes with them."""
 
-        Returns their places, `_over_wall` of the old ones, the height's slopes by its angle and
-        axial position there, and how far the rays are from them.
-        """
-
-        def along(way: Array) -> tuple[tuple[Array, Array, Array], tuple[Array, Array, Array]]:
+        def along(way: Array) -> tuple[OverWall, OverWall]:
             ways = tuple(jnp.full_like(x, w) for x, w in zip(place, way, strict=True))
             return jax.jvp(lambda place: self._over_wall(qe, place), (place,), (ways,))
 
         here, both = jax.vmap(along, out_axes=(None, 0))(jnp.eye(2))
-        by_angle, by_axial = ([x[k] for x in both] for k in range(2))
-        off = rays[0] - here[0], rays[1] - here[1]
-        determinant = by_angle[0] * by_axial[1] - by_axial[0] * by_angle[1]
-        turn = (by_axial[1] * off[0] - by_axial[0] * off[1]) / determinant
-        shift = (by_angle[0] * off[1] - by_angle[1] * off[0]) / determinant
-        slopes = (
-            (by_axial[1] * by_angle[2] - by_angle[1] * by_axial[2]) / determinant,
-            (by_angle[0] * by_axial[2] - by_axial[0] * by_angle[2]) / determinant,
-        )
+        (a, b, h), (c, d, k) = ([x[i] for x in both] for i in range(2))
+        determinant = a * d - c * b
+        inverse = d / determinant, -c / determinant, -b / determinant, a / determinant
+        height = (d * h - b * k) / determinant, (a * k - c * h) / determinant
+        return here, Slopes(inverse, height)
+
+    def _nearer(self, place: Place, slopes: Slopes, off: Place) -> Place:
+        """One step of Newton's method towards the material points on rays."""
         ends = jax.lax.stop_gradient((self.net.angles, self.net.axial))
-        moved = place[0] + turn, place[1] + shift
-        clipped = [jnp.clip(x, e[0], e[-1]) for x, e in zip(moved, ends, strict=True)]
-        return (clipped[0], clipped[1]), here, slopes, off
+        moved = [x + step for x, step in zip(place, slopes.step(off), strict=True)]
+        angle, axial = (jnp.clip(x, e[0], e[-1]) for x, e in zip(moved, ends, strict=True))
+        return angle, axial
 
     def _stiffness(self, blocks: Float[Array, "pair width width point"]) -> Upper:
         """Upper bands from second derivatives of a density by the pairs of kinds."""
