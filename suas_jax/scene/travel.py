@@ -237,8 +237,8 @@ def under_forces(
         high = np.where(crossed & (y < 0), np.inf, high)
         free = ~across | settled
         if slope[np.diag_indices(len(x))][free].all():
-            open_ = across & ~(np.isfinite(low) & np.isfinite(high))
-            rising = np.where(open_, np.maximum(slope.diagonal(), _LEVEL), slope.diagonal())
+            unbounded = across & ~(np.isfinite(low) & np.isfinite(high))
+            rising = np.where(unbounded, np.maximum(slope.diagonal(), _LEVEL), slope.diagonal())
             matrix = slope + np.diag(rising - slope.diagonal())
             step = np.zeros(len(x))
             step[free] = np.linalg.solve(matrix[np.ix_(free, free)], -y[free])
