@@ -76,14 +76,7 @@ class Equilibrium(NamedTuple):
         else:
             state = State(found.y.stations, found.border, found.level)
         stable = is_stable(problem, found.negative)
-        return cls(
-            state,
-            found.level,
-            result.astype(found.result.dtype),
-            found.iterations,
-            found.smallest_pivot,
-            stable,
-        )
+        return cls(state, found.level, result, found.iterations, found.smallest_pivot, stable)
 
     @property
     def outcome(self) -> Int[Array, " lane"]:

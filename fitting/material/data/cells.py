@@ -17,6 +17,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from fitting.material.data.column_names import EASTERN_WORDS
+from fitting.material.data.columns import with_unit
 from fitting.material.data.errors import DataError, said_of
 from suas_jax.files.reading import MEGABYTE, read_bytes, split_fields
 
@@ -226,9 +227,7 @@ def _delimited(file: str, text: str, encoding: str) -> Cells:
 
 def _with_units(names: list[str], units: list[str]) -> list[str]:
     """Names of columns with the units of all but the first."""
-    stated = zip(names[1:], units, strict=False)
-    named = [f"{name} [{unit}]" if unit else name for name, unit in stated]
-    return [names[0], *named, *names[1 + len(named) :]]
+    return [names[0], *map(with_unit, names[1:], [*units, *[""] * len(names)])]
 
 
 def _is_comment(line: str) -> bool:

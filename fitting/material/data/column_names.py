@@ -90,7 +90,8 @@ def plain_words(text: str) -> str:
     """A name in English, lower case, without accents, words joined by underscores."""
     text = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])(?!Pa)", "_", text.strip())
     text = text.casefold().translate(_ACCENTS)
-    text = re.sub(r"[\s\-.:,;\"']+", "_", text).strip("_").replace("试样", "specimen_")
+    text = re.sub(r"[\s\-.:,;\"']+", "_", text).strip("_")
+    text = re.sub("试样|(?<![a-z])sample_", "specimen_", text)
     return _FOREIGN.sub(lambda found: _WORDS[found.group()], text)
 
 
@@ -151,22 +152,21 @@ displacement length (?:crosshead_|cross_head_|loads_0_|axial_|ax_|standard_|tens
 current_length length (?:axial_|plate_)?gap|current_length
 grip_separation length (?:initial_)?(?:grip|jaw|clamp)(?:_to_(?:grip|jaw|clamp))?
     _(?:separation|distance|length)(?:_at_(?:the_)?start(?:_position)?)?|clamping_length
-height length (?:apex_|pole_|bulge_|dome_|specimen_|sample_|initial_)*height(?:_h[0o]?)?
+height length (?:apex_|pole_|bulge_|dome_|specimen_|initial_)*height(?:_h[0o]?)?
     |apex_displacement
-length length (?:gauge_|gage_|initial_|original_|specimen_|sample_|parallel_)*length(?:_l?[0o])?
-    |l[0o]|gau?ge
-width length (?:specimen_|plate_|sample_|initial_)*width(?:_[bw][0o]?)?|b0|w0
+length length (?:gauge_|gage_|initial_|original_|specimen_|parallel_)*length(?:_l?[0o])?|l[0o]
+    |gau?ge
+width length (?:specimen_|plate_|initial_)*width(?:_[bw][0o]?)?|b0|w0
 thickness_ratio number thickness_ratio|h_over_r
-thickness length (?:specimen_|plate_|sample_|wall_|initial_|membrane_)*thickness
+thickness length (?:specimen_|plate_|wall_|initial_|membrane_)*thickness
     (?:_[abht][0o]?)?|h0|t0
-diameter length (?:specimen_|sample_|initial_|outer_)*diameter(?:_d[0o]?)?|d0
+diameter length (?:specimen_|initial_|outer_)*diameter(?:_d[0o]?)?|d0
 rest_radius length (?:initial|undeformed|reference|rest)_radius|r0
 radius length (?:current_|balloon_|membrane_|diaphragm_)?radius
-area area (?:specimen_|sample_|initial_|cross_section(?:al)?_)*area(?:_[as][0o]?)?
-    |cross_section|a0|s0
+area area (?:specimen_|initial_|cross_section(?:al)?_)*area(?:_[as][0o]?)?|cross_section|a0|s0
 weight number weight
 use word use|mask|valid|include
-specimen word specimen|sample|specimen_id|sample_id
+specimen word specimen|sample|specimen_id
 """
 QUANTITIES = tuple(
     Quantity(*line.split(maxsplit=2))

@@ -74,7 +74,7 @@ class ShapeSolver:
         """Prepare.
 
         `pressed` are the states whose only load has errors of its own, which are constants.
-        `whole_slopes` is whether what a pad's shell leaves out counts in its derivatives.
+        `whole_slopes` is whether what the shell leaves out counts in derivatives.
         Raises ValueError: `air` or `model` is unknown.
         """
         if model not in MODELS:
