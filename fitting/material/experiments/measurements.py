@@ -16,7 +16,7 @@ import numpy as np
 
 from fitting.material.data.errors import DataError
 from fitting.material.experiments.prediction import AbstractExperiment, Homogeneous, padded
-from fitting.material.experiments.scatter import departures, scatter_near_rest
+from fitting.material.experiments.scatter import TIMES_SCATTER, departures, scatter_near_rest
 from suas_jax.config.errors import unknown
 
 MODES = (
@@ -198,9 +198,6 @@ _FREE_STATES = frozenset(["biaxial", "biaxial_difference"])
 # Relative misfits are relative to no less than these fractions of a file's median
 # reading; a difference of two stresses passes through zero without being small itself.
 _FLOOR, _FLOOR_DIFFERENCE = 0.01, 0.05
-# And to no less than this many times the scatter near rest: below it noise would tell the
-# constants. Measured: 50 times leave constants of noisy curves 3 to 16 times closer than none.
-TIMES_SCATTER = 50.0
 _LABELS = {
     "nominal": "nominal stress",
     "cauchy": "Cauchy stress",

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from fitting.material.cards.card import card
-from fitting.material.experiments.measurements import TIMES_SCATTER, StressTest
+from fitting.material.experiments.measurements import StressTest
+from fitting.material.experiments.scatter import TIMES_SCATTER
 from fitting.material.fit.result import MaterialFit
 from fitting.material.report.skin_inputs import described_inputs
 from fitting.report.description import (
