@@ -100,6 +100,14 @@ CASES = {
         "--cut-break",
         fitting={"cut_break": True},
     ),
+    "spike": Case(
+        "spike",
+        MACHINE,
+        1e3 * TRAVEL,
+        FORCE + 1.5 * (np.arange(60) == 4),
+        "--cut-spikes",
+        fitting={"cut_spikes": True},
+    ),
     "cycles": Case(
         "preconditioning",
         MACHINE,

@@ -21,6 +21,7 @@ from fitting.material.experiments.history import HistoryTest
 from fitting.material.experiments.indentation_curve import _is_smooth, nodes_of
 from fitting.material.experiments.measurements import Origin, joined, mode_named
 from fitting.material.experiments.preview import _column, _test
+from fitting.material.experiments.scatter import departures
 from fitting.material.experiments.selection import (
     _failure,
     _turning_points,
@@ -29,7 +30,9 @@ from fitting.material.experiments.selection import (
     half_cycles,
     in_cycle,
     loadings,
+    spiked,
     thinned,
+    without_spikes,
 )
 from fitting.material.experiments.volumetric import VolumetricTest
 from fitting.material.fit.bulk_modulus import _Fitted
@@ -85,6 +88,68 @@ def test_a_specimen_has_failed_where_its_stress_falls_and_stays_low() -> None:
     assert suspect.size == pytest.approx(stretch[6])
     assert "3 readings from line 6 on" in suspect.evidence
     assert suspect.text.endswith("mend it with --cut-break")
+
+
+def noisy(n: int = 200, deviation: float = 1e3) -> Any:
+    stretch = np.linspace(1.0, 3.0, n)
+    return stretch, neo_hookean(stretch) + deviation * np.random.default_rng(3).normal(size=n)
+
+
+def test_neighbours_predict_a_cubic_and_show_noise_as_it_is() -> None:
+    x = np.cumsum(np.random.default_rng(0).uniform(0.5, 1.5, 30))
+    departed = departures(x, 2.0 + x - 3.0 * x**2 + 0.5 * x**3)[0]
+    np.testing.assert_allclose(departed[np.isfinite(departed)], 0.0, atol=1e-7)
+    even = departures(np.arange(9.0), np.zeros(9))[1]
+    assert even[4] == pytest.approx(np.sqrt(1 + 34 / 36))  # weights -1/6, 2/3, 2/3, -1/6
+    assert even[0] == pytest.approx(np.sqrt(1 + 16 + 36 + 16 + 1))  # 4, -6, 4, -1
+    turned = departures(np.array([0.0, 1, 2, 3, 2, 1, 0, -1, -2, -3]), np.zeros(10))[0]
+    assert np.flatnonzero(np.isfinite(turned)).tolist() == [5, 6, 7, 8, 9]
+    assert np.isnan(departures(x[:4], x[:4])[0]).all()
+
+
+@pytest.mark.parametrize("deviation", [1e2, 1e3, 1e4])
+def test_the_floor_of_relative_residuals_follows_the_scatter_near_rest(
+    deviation: float,
+) -> None:
+    test = tension(*noisy(4000, deviation))
+    least = 0.01 * np.median(np.abs(test.value))
+    assert test.least_floor == pytest.approx(least)
+    assert test.floor == pytest.approx(max(50 * deviation, least), rel=0.1)
+    few = tension(*noisy(30, deviation))  # the smallest quarter are too few
+    assert few.floor == few.least_floor
+    shares = neo_hookean(test.coordinate) * np.random.default_rng(0).choice([0.99, 1.01], 4000)
+    assert tension(test.coordinate, shares).floor < 0.4 * np.median(shares)
+
+
+@pytest.mark.parametrize("places", [[1], [5], [100], [198], [3, 90]])
+def test_a_spike_is_named_and_left_out(places: list[int]) -> None:
+    stretch, value = noisy()
+    value[places] += 5e4 + 0.3 * value[places]
+    test = tension(stretch, value)
+    assert np.flatnonzero(spiked(test)).tolist() == places
+    assert without_spikes(test).line.tolist() == np.delete(np.arange(200), places).tolist()
+    (suspect,) = curve_suspects(test)
+    assert (suspect.kind, suspect.size) == ("spike", len(places))
+    assert f"on line {', '.join(map(str, places))}" in suspect.text
+    assert suspect.text.endswith("mend it with --cut-spikes")
+
+
+def test_steps_kinks_digits_and_cycles_are_no_spikes() -> None:
+    stretch, value = noisy()
+    back = np.concatenate([stretch, stretch[-2::-1]])
+    curves = {
+        "noise": (stretch, value),
+        "step": (stretch, value + 5e4 * (stretch > 2.0)),
+        "break": (stretch, np.where(stretch < 2.9, value, 1e4)),
+        "slack": (stretch, np.where(stretch < 1.2, 10.0 * np.arange(200) % 7.0, value)),
+        "digits": (stretch, np.round(value / 2e4) * 2e4),
+        "cycle": (back, np.concatenate([value, 0.8 * value[-2::-1]])),
+        "few": (stretch[::6], value[::6] + 5e4 * (np.arange(34) == 3)),
+    }
+    for name, curve in curves.items():
+        test = tension(*curve)
+        assert not spiked(test).any(), name
+        assert without_spikes(test) is test
 
 
 def test_unloading_lies_lower_by_its_loss() -> None:

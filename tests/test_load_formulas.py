@@ -15,6 +15,8 @@ import pytest
 from scipy import stats
 from scipy.optimize import least_squares
 
+from fitting.cli.invert_log import _verdict
+from fitting.inverse_load.check import section_log
 from fitting.inverse_load.fit import section_errors
 from fitting.inverse_load.fit.bounded_selection import BoundedSelection
 from fitting.inverse_load.fit.covariance import covariance_of, inverse
@@ -1398,3 +1400,26 @@ def test_tangents_of_a_skin_are_those_of_differences() -> None:
             wanted = (np.asarray(plus) - minus) / 2e-3
             scale = max(np.abs(wanted).max(), 1e-9 * np.abs(plus).max())
             np.testing.assert_allclose(own[k], wanted, rtol=0, atol=1e-5 * scale)
+
+
+def test_what_an_estimate_left_out_says_nothing_about_the_skin_file(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    stuck = np.zeros((3, 4), bool)
+    stuck[0, 3] = True
+    log = SimpleNamespace(
+        main=SimpleNamespace(
+            remembers=False,
+            spec=SimpleNamespace(geometry=SimpleNamespace(dimension=2)),
+        ),
+        readings=SimpleNamespace(pressure=None, force=None, stuck=stuck),
+        main_frames=lambda: (np.array([0, 2]), np.zeros((2, 4))),
+    )
+    estimates: list[Any] = [SimpleNamespace(left_out=taxels) for taxels in ((3,), (), (0, 1))]
+    seen = []
+    monkeypatch.setattr(section_log, "section_verdict", lambda *a, **_: seen.append(a))
+    _verdict(log, estimates)  # type: ignore[arg-type]
+    ((_, _, unused, own),) = seen
+    assert unused.tolist() == [[False, False, False, True], [True, True, False, False]]
+    assert own == [estimates[0], estimates[2]]
+    assert stuck.sum() == 1

@@ -77,6 +77,23 @@ def test_skin_curve_determines_the_sum_of_c1_and_c2_only(fit: MaterialFit) -> No
     assert error < 0.01 * SUM
 
 
+def test_noisy_readings_of_a_skin_are_compared_with_more_than_their_own_size(
+    tmp_path: pathlib.Path,
+) -> None:
+    force = np.linspace(0.1, 30.0, 400)
+    noise = np.random.default_rng(2).normal(size=(2, 400))
+    columns = {"displacement_mm": force / 20 + 2e-3 * noise[0], "oil_pressure_kPa": force / 5}
+    rows = np.column_stack([force, *columns.values()])
+    file = tmp_path / "curve.csv"
+    header = ",".join(["force_N", *columns])
+    np.savetxt(file, rows, "%.9g", ",", header=header, comments="")
+    data = load_dataset("skin", file, scene=SCENE)
+    sizes = data.relative_scale()
+    shift, oil = (data.channel == k for k in (DISPLACEMENT, PRESSURE))
+    assert sizes[shift].min() == pytest.approx(50 * 2e-6, rel=0.3)
+    np.testing.assert_allclose(sizes[oil].min(), 0.01 * np.median(data.value[oil]))
+
+
 def test_shared_errors_make_dense_covariances() -> None:
     error = np.array([0.3, -1.2, 0.0, 0.7])
     half = np.eye(4) - np.outer(shared_error(error), shared_error(error))

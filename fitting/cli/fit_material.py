@@ -80,6 +80,10 @@ def material(
     cut_break: Annotated[
         bool, option("Leave out what follows a specimen's failure.", "--cut-break")
     ] = False,
+    cut_spikes: Annotated[
+        bool,
+        option("Leave out readings that stand out from their neighbours.", "--cut-spikes"),
+    ] = False,
     zero: Annotated[
         list[str] | None,
         option(
@@ -220,6 +224,7 @@ def material(
                     branch=branch,
                     cycle=cycle,
                     cut_break=cut_break,
+                    cut_spikes=cut_spikes,
                     thin=thin,
                     zero=tuple(zero or ()),
                     bounds=bounds,

@@ -133,8 +133,12 @@ def _verdict(log: LogEstimator, estimates: list[LoadEstimate]) -> ModelVerdict |
     pressure, force = (
         None if x is None else x[frames] for x in (readings.pressure, readings.force)
     )
-    given = estimator, so, readings.stuck[frames]
     own = [estimates[i] for i in frames]
+    # Taxels that an estimate left out say nothing about the skin file either.
+    unused = readings.stuck[frames].copy()
+    for row, estimate in zip(unused, own, strict=True):
+        row[list(estimate.left_out)] = True
+    given = estimator, so, unused
     if estimator.spec.geometry.dimension == 3:
         from fitting.inverse_load.check.skin_file import model_verdict
 

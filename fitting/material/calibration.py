@@ -71,6 +71,7 @@ def calibrate(
             options.get("residual", "relative"),
             branch=options.get("branch"),
             cycle=options.get("cycle", "all"),
+            cut_spikes=options.get("cut_spikes", False),
             thin=options.get("thin") or 0,
         )
     if rest or not volumetric:

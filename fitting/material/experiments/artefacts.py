@@ -1,4 +1,4 @@
-"""Artefacts of a test that its curve alone shows: break, cycles, slip, drift, zero, percent."""
+"""Artefacts that a test's curve shows: break, cycles, slip, drift, spike, zero, percent."""
 
 import dataclasses
 from typing import Any
@@ -7,7 +7,13 @@ import numpy as np
 
 from fitting.material.experiments.free_zero import CERTAIN, can_be_freed, idle, toe_end
 from fitting.material.experiments.measurements import Dataset, StressTest
-from fitting.material.experiments.selection import broken, half_cycles, loadings, series_of
+from fitting.material.experiments.selection import (
+    broken,
+    half_cycles,
+    loadings,
+    series_of,
+    spiked,
+)
 
 # No rubber stretches to this many times its length; the softest silicones reach 17.
 _LONGEST = 20.0
@@ -28,6 +34,7 @@ _FOLLOWED = 0.3  # of a jump, by the stress: the material was stretched
 # Drift: a change of the stress at rest by this share of the largest, within this share of the
 # largest strain.
 _AT_REST, _DRIFTED = 0.01, 0.02
+_SHOWN = 5  # lines that are named at most
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,7 +42,7 @@ class Suspect:
     """An artefact that a file seems to have."""
 
     # "break", "preconditioning", "percent", "slack", "toe", "force offset", "slip", "drift",
-    # "machine stiffness" or "tared preload"
+    # "spike", "machine stiffness" or "tared preload"
     kind: str
     file: str
     evidence: str  # what shows it
@@ -75,6 +82,7 @@ def curve_suspects(data: Dataset) -> list[Suspect]:
     if data.follows_history:
         return _too_long(data)
     found = _break(data) + _cycles(data) + _too_long(data) + _slips(data) + _drift(data)
+    found += _spikes(data)
     if found or not can_be_freed(data):
         return found
     # The stress at rest that the readings near it point to, where it is not zero.
@@ -92,6 +100,18 @@ def _break(data: StressTest) -> list[Suspect]:
         f"specimen"
     )
     return [Suspect("break", data.file, text, "--cut-break", first, "stretch")]
+
+
+def _spikes(data: StressTest) -> list[Suspect]:
+    """Readings that stand out from their neighbours: near rest one can spoil the law."""
+    lines = data.line[spiked(data)]
+    if not lines.size:
+        return []
+    many = f"{lines.size} readings stand" if lines.size > 1 else "a reading stands"
+    where = ", ".join(str(line) for line in lines[:_SHOWN])
+    where += ", ..." * (lines.size > _SHOWN)
+    text = f"{many} out from the neighbours, on line {where}"
+    return [Suspect("spike", data.file, text, "--cut-spikes", float(lines.size), "readings")]
 
 
 def _cycles(data: StressTest) -> list[Suspect]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from fitting.material.data.errors import DataError
 from fitting.material.experiments.prediction import AbstractExperiment, Homogeneous, padded
+from fitting.material.experiments.scatter import TIMES_SCATTER, departures, scatter_near_rest
 from suas_jax.config.errors import unknown
 
 MODES = (
@@ -253,10 +254,25 @@ class StressTest(Dataset):
 
     @property
     def floor(self) -> float:
+        """A share of the median reading, or what the scatter near rest asks for [Pa]."""
+        return max(self.least_floor, TIMES_SCATTER * self._scatter())
+
+    @property
+    def least_floor(self) -> float:
         """A share of the median reading [Pa]."""
         share = _FLOOR_DIFFERENCE if self.measure == "difference" else _FLOOR
         sizes = np.abs(self.value[self.value != 0.0])
         return share * float(np.median(sizes)) if sizes.size else 1.0
+
+    def _scatter(self) -> float:
+        """Standard deviation of the noise near rest [Pa]; zero where the curve can't tell."""
+        shown = np.full(self.size, np.nan)
+        if self.is_curve:
+            for name in dict.fromkeys(self.specimen):
+                rows = np.flatnonzero(self.specimen == name)
+                departed, deviation = departures(self.coordinate[rows], self.value[rows])
+                shown[rows] = departed / deviation
+        return scatter_near_rest(shown, np.abs(self.value))
 
     def own_size(self) -> np.ndarray:
         """Size of the reading or of its companion [Pa].

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fitting.material.experiments.measurements import Dataset, StressTest
+from fitting.material.experiments.scatter import spikes
 
 # A turn back counts where it undoes this share of the test; less is noise.
 _TURN = 0.05
@@ -153,6 +154,22 @@ def before_break(data: Dataset) -> Dataset:
     """The readings up to the failure of each specimen."""
     after = broken(data)
     return data.select(~after) if after.any() else data
+
+
+def spiked(data: Dataset) -> np.ndarray:
+    """Readings of a curve that stand out from their neighbours [n]; see `scatter.spikes`."""
+    found = np.zeros(data.size, dtype=bool)
+    if isinstance(data, StressTest) and data.is_curve:
+        for rows in series_of(data):
+            known = data.coordinate[rows], data.value[rows], data.least_floor
+            found[rows] = spikes(*known)
+    return found
+
+
+def without_spikes(data: Dataset) -> Dataset:
+    """The readings that follow their neighbours."""
+    out = spiked(data)
+    return data.select(~out) if out.any() else data
 
 
 def thinned(data: Dataset, most: int) -> Dataset:

@@ -106,6 +106,7 @@ def fit_bulk_modulus(
     *,
     branch: str | None = None,  # "all" or "loading"; None takes all
     cycle: str = "all",  # "all", "first", "last" or a number
+    cut_spikes: bool = False,  # leave out readings that stand out from their neighbours
     thin: int = 0,  # most readings of a curve; zero keeps all
 ) -> BulkModulus:
     """Find the bulk modulus that follows volumetric tests best.
@@ -115,7 +116,7 @@ def fit_bulk_modulus(
     compression.
     """
     used, remarks, suspects = prepared(
-        sets, branch, cycle, (), cut_break=False, remembers=False, thin=thin
+        sets, branch, cycle, (), cut_spikes=cut_spikes, remembers=False, thin=thin
     )
     tests = [test for test in used if isinstance(test, VolumetricTest)]
     remarks += [suspect.text for suspect in suspects]

@@ -55,6 +55,7 @@ def fit_material(
     branch: str | None = None,
     cycle: str = "all",
     cut_break: bool = False,
+    cut_spikes: bool = False,
     thin: int | None = None,
     zero: Sequence[str] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
@@ -74,6 +75,7 @@ def fit_material(
         branch: "all", or "loading" to leave unloading branches out; None takes all.
         cycle: "all", or the loading of the "first", the "last" or a numbered cycle.
         cut_break: leave out what follows the failure of a specimen.
+        cut_spikes: leave out readings that stand out from their neighbours.
         thin: most readings of a curve; more are averaged to half as many. Zero keeps all, None
             takes 500, or 10,000 where a reading depends on those before it.
         zero: what is found with the law: "slack", "force", "machine".
@@ -103,7 +105,14 @@ def fit_material(
     if remembers:
         refuse_what_forgets(branch, cycle, zero, bounds)
     used, notes, suspects = prepared(
-        sets, branch, cycle, zero, cut_break=cut_break, thin=thin, remembers=remembers
+        sets,
+        branch,
+        cycle,
+        zero,
+        cut_break=cut_break,
+        cut_spikes=cut_spikes,
+        thin=thin,
+        remembers=remembers,
     )
     if remembers:
         window = window_of(used, prony)

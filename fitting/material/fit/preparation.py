@@ -14,7 +14,12 @@ from fitting.material.experiments.data_checks import (
 from fitting.material.experiments.free_zero import without_toe
 from fitting.material.experiments.history import HistoryTest, thinned_history, with_history
 from fitting.material.experiments.measurements import Dataset
-from fitting.material.experiments.selection import before_break, in_cycle, thinned
+from fitting.material.experiments.selection import (
+    before_break,
+    in_cycle,
+    thinned,
+    without_spikes,
+)
 
 
 def prepared(
@@ -23,7 +28,8 @@ def prepared(
     cycle: str,  # "all", "first", "last" or a number
     zero: Sequence[str],
     *,
-    cut_break: bool,
+    cut_break: bool = False,
+    cut_spikes: bool = False,
     remembers: bool,  # readings depend on those before them
     thin: int,  # most readings of a curve; zero keeps all
 ) -> tuple[list[Dataset], list[str], list[Suspect]]:
@@ -50,6 +56,8 @@ def prepared(
         kept = told(data, kept, what)
         if cut_break:
             kept = told(kept, before_break(kept), "after the break")
+        if cut_spikes:
+            kept = told(kept, without_spikes(kept), "that stand out from their neighbours")
         if "slack" in zero:
             what = "of the toe, before the curve is steepest,"
             kept = told(kept, without_toe(kept), what)

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 
 from fitting.material.cards.card import card
+from fitting.material.experiments.measurements import StressTest
+from fitting.material.experiments.scatter import TIMES_SCATTER
 from fitting.material.fit.result import MaterialFit
 from fitting.material.report.skin_inputs import described_inputs
 from fitting.report.description import (
@@ -81,7 +83,7 @@ def _law(report: dict[str, Any], fit: MaterialFit) -> Iterator[Part]:
     else:
         criteria = f"AICc {report['aicc']:.2f}, BIC {report['bic']:.2f}, "
     kind = report["residual"]["kind"]
-    floor = ", floor 1 % of each file's median" if kind == "relative" else ""
+    floor = f", {_floors(fit)}" if kind == "relative" else ""
     condition = f"condition number {report['condition_number']:.3g}"
     yield Remark(f"{criteria}residuals {kind}{floor}, {condition}")
     if "posterior" in report:
@@ -94,6 +96,19 @@ def _law(report: dict[str, Any], fit: MaterialFit) -> Iterator[Part]:
     for label, key in (("at a limit", "at_limits"), ("not determined", "unidentifiable")):
         for text in report[key]:
             yield Remark(text, label)
+
+
+def _floors(fit: MaterialFit) -> str:
+    """Sizes that relative residuals are compared with at least."""
+    noisy = [
+        f"{data.file}: {data.floor / 1e6:.2g} MPa"
+        for data in fit.sets
+        if isinstance(data, StressTest) and data.floor > data.least_floor
+    ]
+    least = "floor 1 % of each file's median"
+    if not noisy:
+        return least
+    return f"{least}, or {TIMES_SCATTER:.0f} times its scatter near rest ({', '.join(noisy)})"
 
 
 def _constants(fit: MaterialFit) -> ReportTable:
