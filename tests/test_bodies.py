@@ -732,6 +732,30 @@ def test_a_force_that_no_travel_carries_is_given_up_soon() -> None:
     assert len(runs) < 35
 
 
+@pytest.mark.parametrize(("force", "passed"), [(2.0, True), (0.5, False)])
+def test_a_search_without_the_wall_ends_where_the_face_passes_it(
+    force: float, passed: bool
+) -> None:
+    """By a stand-in whose face lies in the wall from 1 mm and 1 N on, see `until_wall`."""
+    inputs, runs = {"load.0.force": np.asarray(force)}, []
+
+    def run(inputs: Any, start: Any) -> Any:
+        depth = 1e3 * float(inputs["load.0.depth"])
+        runs.append(depth)
+        loads = [{"force_N": np.array([depth]), "depth_m": np.array([1e-3 * depth])}]
+        report = {"loads": loads, "wall_contact": np.array([depth >= 1])}
+        return report, start, start, start, {"result": np.zeros(1)}
+
+    zero = np.zeros(1)
+    start = State(zero, zero, zero)
+    spec = scene(_by_force(20, 2.0))
+    report, *_ = under_forces(spec, inputs, start, run, until_wall=True)
+    assert bool(report["wall_contact"][0]) is passed
+    assert sum(depth >= 1 for depth in runs[:-1]) == 0
+    if not passed:
+        assert report["loads"][0]["force_N"][0] == pytest.approx(force, rel=1e-9)
+
+
 def test_a_travel_is_found_where_the_wall_takes_the_force() -> None:
     """By a stand-in whose force grows a hundred times faster from a travel on."""
     inputs = {"load.0.force": np.asarray(2.0)}

@@ -227,7 +227,8 @@ def _attempt(
         if aside and start is None:
             moved = shifted(scene, inputs)
             start = run_program(static, meshes, moved, rest, once=once, judged=False)[3]
-        run = functools.partial(run_program, static, meshes, once=once)
+        until_wall = scene.wall.contact and not wall
+        run = functools.partial(run_program, static, meshes, once=once, until_wall=until_wall)
         solved = run(inputs, start or rest)
         failed = number(solved[-1]["result"]) != 0 and scene.solve.oil_pressure is None
         if failed and start is None and is_prestressed(scene) and not scene.bodies:

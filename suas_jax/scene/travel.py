@@ -169,12 +169,15 @@ class _Search(NamedTuple):
 
 
 def under_forces(
-    scene: SceneSpec, inputs: Inputs, start: State, run: Callable[[Inputs, State], Solved]
+    scene: SceneSpec,
+    inputs: Inputs,  # travels among them are where to begin
+    start: State,
+    run: Callable[[Inputs, State], Solved],
+    *,
+    # end with a run whose face lies in a wall that is left out before bodies carry their forces
+    until_wall: bool = False,
 ) -> Solved:
-    """Solve a scene whose bodies carry given forces, by runs with given travels.
-
-    Travels among the inputs are where to begin.
-    """
+    """Solve a scene whose bodies carry given forces, by runs with given travels."""
     every = driven_by_force(scene)
     none = {d.path(d.travel): np.zeros(()) for d in every}
     loaded = [d for d in every if d.across or number(inputs[d.path(d.force)]) > 0]
@@ -208,6 +211,8 @@ def under_forces(
             away = np.where(across, 0.0, 1.0)
             x = x + (-away if failure else away) if before is None else (x + before[0]) / 2
             continue
+        if until_wall and number(found[0]["wall_contact"]) and (y[~across] < 0).all():
+            return found
         start, error = found[3], float(np.max(np.abs(y), initial=0.0))
         idle = 0 if best is None or error < 0.98 * best[0] else idle + 1
         halve = len(x) == 1 and best is not None and error > best[0] / 2
