@@ -243,11 +243,7 @@ def under_forces(
         free = ~across | settled
         if slope[np.diag_indices(len(x))][free].all():
             unbounded = across & ~(np.isfinite(low) & np.isfinite(high))
-            rising = np.where(unbounded, np.maximum(slope.diagonal(), _LEVEL), slope.diagonal())
-            matrix = slope + np.diag(rising - slope.diagonal())
-            step = np.zeros(len(x))
-            step[free] = np.linalg.solve(matrix[np.ix_(free, free)], -y[free])
-            x = search.stepped(x, step, (low, high), halve)
+            x = search.stepped(x, _step(slope, y, free, unbounded), (low, high), halve)
         else:  # what a drag does is not known yet
             (k, *_) = (k for k in unknown if slope[k, k] == 0)
             x = x + _PROBE * np.eye(len(x))[k]
@@ -258,3 +254,16 @@ def under_forces(
         slides = any(d.across and abs(v) == error for d, v in zip(loaded, y, strict=True))
         found[-1]["result"] = np.asarray([index_of("sliding") if slides else blocked])
     return found
+
+
+def _step(
+    slope: np.ndarray,  # derivatives of the forces' errors by the numbers of the travels
+    y: np.ndarray,  # these errors
+    free: np.ndarray,  # whether a travel may change
+    unbounded: np.ndarray,  # whether it is a drag whose ends are not known, which has to rise
+) -> np.ndarray:
+    """Newton's step."""
+    rising = np.where(unbounded, np.maximum(slope.diagonal(), _LEVEL), slope.diagonal())
+    matrix, step = slope + np.diag(rising - slope.diagonal()), np.zeros(len(y))
+    step[free] = np.linalg.solve(matrix[np.ix_(free, free)], -y[free])
+    return step
