@@ -47,7 +47,7 @@ from suas_jax.mechanics.contact.face import BodyContact
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.mesh.section import measures
 from suas_jax.numerics.lanes import number
-from suas_jax.scene import build
+from suas_jax.scene import build, choice
 from suas_jax.scene.assessment import error_by_squeezing, touched_by_bodies
 from suas_jax.scene.build import plan_for
 from suas_jax.scene.contact_zone import _resolved, body_observables
@@ -276,6 +276,40 @@ def test_a_travel_that_ends_in_wall_or_clamp_is_named_before_it_is_solved(
     assert bool(room[0]) is tight
 
 
+def _room(load: dict[str, Any], *, pad: bool = False) -> float:
+    """Travel below which a body is not refused [mm]: the one that the refusal states."""
+    deep = load | {"depth": "30 mm"}
+    spec = pad_scene(deep) if pad else scene(deep)
+    with pytest.raises(ConfigError, match="clamped edge") as refused:
+        build.check_bodies(spec)
+    (mistake,) = refused.value.mistakes
+    assert mistake.key == "load.0.depth"
+    size, unit = mistake.advice.split("less than ")[1].split()[:2]
+    most = float(size) * {"mm": 1.0, "um": 1e-3}[unit]
+    build.check_bodies(with_inputs(spec, {"load.0.depth": 0.99e-3 * most}))
+    with pytest.raises(ConfigError, match="clamped edge"):
+        solve(with_inputs(spec, {"load.0.depth": 1.02e-3 * most}))
+    return most
+
+
+def test_a_travel_over_a_clamped_edge_is_refused_at_once() -> None:
+    """By closed forms: the edge lies beside the body, and below its tip."""
+    outer = float(GEOMETRY["inner_radius"].split()[0]) + 1.5
+    apart = np.radians(10.0)
+    beside, below = outer * np.sin(apart), outer * (1 - np.cos(apart))
+    assert _room(body(80, 0.0, **PLATE)) == pytest.approx(below, rel=5e-3)
+    ball = 20.0
+    round_ = below + ball - np.sqrt(ball**2 - beside**2)
+    load = body(-80, 0.0, shape="cylinder", radius="20 mm")
+    assert _room(load) == pytest.approx(round_, rel=5e-3)
+    dragged = below + ball - np.sqrt(ball**2 - (beside - 1.0) ** 2)
+    assert _room(load | {"drag": "-1 mm"}) == pytest.approx(dragged, rel=5e-3)
+    ball, end = 60.0, float(GEOMETRY["width"].split()[0]) / 2 - 50.0
+    load = body(0, 0.0, shape="sphere", radius="60 mm") | {"axial": "50 mm"}
+    wanted = ball - np.sqrt(ball**2 - end**2)
+    assert _room(load, pad=True) == pytest.approx(wanted, rel=5e-3)
+
+
 def test_travels_of_one_skin_are_judged_at_once() -> None:
     """As those of an indentation curve: the skin has one lane, its body's travel has many."""
     spec = scene(body(30, 4.0))
@@ -367,11 +401,12 @@ class _Known(IndentationCurve):
             }
             for depth in depths
         ]
-        lost = [int(round(1e3 * depth) == 9 and more > 0) for depth in depths]
+        lost = [int(round(1e3 * depth) in LOST and more > 0) for depth in depths]
         return [Point(x, {"result": k}, None) for x, k in zip(shown, lost, strict=True)]
 
 
 COARSE: list[float] = []
+LOST = [9]  # travels that the coarser mesh does not solve [mm]
 
 
 def test_a_curves_mesh_error_is_told_at_nine_travels() -> None:
@@ -384,6 +419,19 @@ def test_a_curves_mesh_error_is_told_at_nine_travels() -> None:
     np.testing.assert_allclose(1e3 * np.array(COARSE), range(1, 18, 2))
     wanted = np.array([1, 1, 3, 3, 5, 5, 7, 7, *[11] * 4, 13, 13, 15, 15, 17, 17, 5, 1])
     np.testing.assert_allclose(errors, wanted, rtol=1e-12)
+
+
+def test_a_curve_s_end_that_the_coarser_mesh_does_not_reach_has_no_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(globals(), "LOST", [15, 17])
+    spec = scene(body(0, 4.0))
+    plan = plan_for(spec, "shell", (32,))
+    known = _Known(spec, {}, MODELS[2]["shell"], plan, wall=False)
+    depths = 1e-3 * np.arange(18.0)
+    errors = known._mesh_errors(depths, known.follow(depths, plan.counts))
+    assert np.isfinite(errors[:14]).all()
+    assert np.isnan(errors[14:]).all()
 
 
 def test_a_plate_opens_from_a_point_to_one_patch() -> None:
@@ -588,6 +636,34 @@ def test_derivatives_under_friction_know_that_its_bound_changes(key: str) -> Non
     )
 
 
+def test_an_error_whose_comparison_fails_is_not_stated(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By a stand-in for the solve: the coarser mesh has no state at the travel found."""
+
+    def run(static: Any, meshes: Any, inputs: Any, start: Any, **options: Any) -> Any:
+        del static, meshes, inputs
+        failed = index_of("no_convergence") if options.get("travels_given") else 0
+        one = np.ones(1)
+        named = {"force_N": one, "depth_m": one, "contact_from_m": -one, "contact_to_m": one}
+        report = {
+            "loads": [named],
+            "oil_pressure_Pa": one,
+            "max_displacement_m": one,
+            "discretisation_error": np.nan * one,
+            "model_error": 0 * one,
+            "wall_contact": np.zeros(1, bool),
+            "stable": np.ones(1, bool),
+        }
+        return report, start, start, start, {"result": np.array([failed]), "level": one}
+
+    monkeypatch.setattr(choice, "run_program", run)
+    spec = with_solve(scene(_by_force(20, 2.0)), model="shell", elements=16)
+    found, _ = choice.choose(spec, once=True)
+    assert np.isnan(found.mesh_error)
+    assert not found.outcome["compared"]
+
+
 def test_travels_are_found_from_forces() -> None:
     """Two bodies that feel each other, by a stand-in for the solve."""
     spec = scene(*(_by_force(angle, 1.0) for angle in (-30, 30)))
@@ -654,6 +730,30 @@ def test_a_force_that_no_travel_carries_is_given_up_soon() -> None:
     # Still the travel before which the skin holds.
     assert report["loads"][0]["depth_m"][0] * 1e3 == pytest.approx(deepest, rel=1e-3)
     assert len(runs) < 35
+
+
+@pytest.mark.parametrize(("force", "passed"), [(2.0, True), (0.5, False)])
+def test_a_search_without_the_wall_ends_where_the_face_passes_it(
+    force: float, passed: bool
+) -> None:
+    """By a stand-in whose face lies in the wall from 1 mm and 1 N on, see `until_wall`."""
+    inputs, runs = {"load.0.force": np.asarray(force)}, []
+
+    def run(inputs: Any, start: Any) -> Any:
+        depth = 1e3 * float(inputs["load.0.depth"])
+        runs.append(depth)
+        loads = [{"force_N": np.array([depth]), "depth_m": np.array([1e-3 * depth])}]
+        report = {"loads": loads, "wall_contact": np.array([depth >= 1])}
+        return report, start, start, start, {"result": np.zeros(1)}
+
+    zero = np.zeros(1)
+    start = State(zero, zero, zero)
+    spec = scene(_by_force(20, 2.0))
+    report, *_ = under_forces(spec, inputs, start, run, until_wall=True)
+    assert bool(report["wall_contact"][0]) is passed
+    assert sum(depth >= 1 for depth in runs[:-1]) == 0
+    if not passed:
+        assert report["loads"][0]["force_N"][0] == pytest.approx(force, rel=1e-9)
 
 
 def test_a_travel_is_found_where_the_wall_takes_the_force() -> None:

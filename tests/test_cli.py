@@ -10,10 +10,13 @@ import pytest
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
-from fitting.cli.solve import _place, _wall
+from fitting.cli.solve import _place, _print_report, _wall
+from fitting.cli.sweep import _print_curve
 from fitting.json_text import json_text
+from suas_jax.config import load_scene
 from suas_jax.scene import report_keys
 from suas_jax.scene.report_keys import REPORT_KEYS
+from suas_jax.scene.sweep import _COLUMNS, Sweep
 
 SCENES = Path(__file__).parent.parent / "configs" / "scenes"
 CASE_A, CASE_B = str(SCENES / "case_a.toml"), str(SCENES / "case_b.toml")
@@ -129,6 +132,23 @@ def test_places_are_told_as_the_section_tells_them() -> None:
     }
     assert _wall(wall, by_arc=True) == "carries 1.5 N to 0.1 N, from -2 to 2 mm along the arc"
     assert _wall(wall, by_arc=False) == "carries 1.5 N to 0.1 N, from 0 to 4 deg"
+
+
+def test_numbers_of_a_state_that_means_nothing_are_not_shown(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Neither of a scene, whose rows it need not have, nor in the row of a curve."""
+    lost = {"status": "body_on_clamp", "model": "shell", "message": "It reaches a clamp."}
+    _print_report(lost, load_scene(CASE_A))
+    said = " ".join(capsys.readouterr().out.split())
+    assert said == "body_on_clamp (shell) It reaches a clamp."
+    point = dict.fromkeys(_COLUMNS, -1.8e5) | {"stable": True, "status": "body_on_clamp"}
+    point |= {"loads": [{"kind": "line", "force_N": -1.8e5}], "wall": None}
+    curve = Sweep([point], None, load_scene(CASE_A))
+    _print_curve(curve)
+    shown = capsys.readouterr().out
+    assert "body_on_clamp" in shown
+    assert "e+" not in shown
 
 
 @pytest.mark.long  # half an arc is a program of its own; unknowns in test_shell

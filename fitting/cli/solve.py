@@ -126,10 +126,14 @@ def _print_report(report: dict[str, Any], spec: "SceneSpec") -> None:
     from rich.markup import escape
     from rich.table import Table
 
+    from suas_jax.equilibrium.outcomes import MEANINGLESS
+
     console = new_console()
     colour = "green" if report["status"] == "converged" else "red"
     message = escape(report["message"])
     console.print(f"[{colour}]{report['status']}[/] ({report['model']}) {message}")
+    if report["status"] in MEANINGLESS:
+        return
     table = Table(show_header=False, box=None)
     for row in _rows(report, by_arc=not spec.geometry.has_angle):
         table.add_row(*row)

@@ -137,17 +137,25 @@ def _range(option: str, text: str | None, unit: float = 1.0) -> list[float] | No
 
 def _print_curve(curve: "Sweep") -> None:
     from fitting.report.description import Remark, ReportTable
+    from suas_jax.equilibrium.outcomes import MEANINGLESS
+
+    def shown(row: dict[str, Any]) -> list[str]:
+        if row["status"] in MEANINGLESS:
+            return ["-"] * len(names[:-1])
+        return [
+            f"{row['force_N']:.4g}",
+            f"{1e-3 * row['oil_pressure_Pa']:.4g}",
+            f"{round(1e3 * row['max_displacement_m'], 6):.4g}",  # to the nanometre
+            f"{1e3 * row['min_gap_m']:.4g}",
+            f"{row['wall_force_N']:.4g}",
+        ]
 
     names = ("force [N]", "oil [kPa]", "moved [mm]", "gap [mm]", "wall [N]", "status")
     time = ("t [s]",) if "t_s" in curve.points[0] else ()
     rows = [
         [
             *(f"{row['t_s']:.6g}" for _ in time),
-            f"{row['force_N']:.4g}",
-            f"{1e-3 * row['oil_pressure_Pa']:.4g}",
-            f"{round(1e3 * row['max_displacement_m'], 6):.4g}",  # to the nanometre
-            f"{1e3 * row['min_gap_m']:.4g}",
-            f"{row['wall_force_N']:.4g}",
+            *shown(row),
             row["status"] if row["stable"] else f"{row['status']}, unstable",
         ]
         for row in curve.rows()

@@ -222,6 +222,11 @@ class BodyLoadSpec(PlacedSpec):
             self.drag_axial is not None or self.tangential_force_axial is not None,
         )
 
+    @property
+    def pulled(self) -> bool:
+        """Whether forces pull it along, so that its drag is found."""
+        return self.tangential_force is not None or self.tangential_force_axial is not None
+
 
 BODY_SHAPES: dict[int, dict[str, tuple[tuple[str, ...], tuple[str, ...]]]] = {
     2: {

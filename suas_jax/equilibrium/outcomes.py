@@ -55,7 +55,8 @@ class RESULTS(enum.Enum):
     )
     body_on_clamp = (
         "A body reaches a clamped edge, which does not give way: its force has no meaning. "
-        "Press it elsewhere, less deep, or give it a size that stays on the membrane."
+        "Press it elsewhere, less deep or with less force, or give it a size that stays on the "
+        "membrane."
     )
     squeezed = (
         "A body presses the membrane against the wall: between two rigid surfaces the membrane "
@@ -77,6 +78,18 @@ class RESULTS(enum.Enum):
 
 # What is stored per lane is a position in this list.
 NAMES = tuple(RESULTS.__members__)
+
+# Of a state that no membrane can be in, or that the model does not tell: its numbers mean
+# nothing, where those of other failures hold for less than the full load.
+MEANINGLESS = (
+    "outside_material_domain",
+    "inverted",
+    "unbalanced",
+    "volume_not_kept",
+    "body_on_clamp",
+    "squeezed",
+    "beyond_model",
+)
 
 # Of a path that does not go on, which may have lost its stability long before.
 PATH_ENDS = ("limit_point", "no_convergence")

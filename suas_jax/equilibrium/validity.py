@@ -26,8 +26,8 @@ _UNBALANCED = 1e-8
 # On a wall, where rounding of the gap (1e-17 m) meets the wall's stiffness: 7e-8 was seen.
 _UNBALANCED_ON_A_WALL = 1e-6
 _VOLUME = 1e-9
-# Of a thickness: how deep a body lies over an edge at rest that no load takes away from it.
-_ON_CLAMP = 0.1
+# Of a thickness: how deep a body lies over an edge, which no load takes away from it.
+ON_CLAMP = 1e-3
 
 
 def room_for_bodies(problem: Problem) -> tuple[Int[Array, " lane"], Bool[Array, " lane"]]:
@@ -50,7 +50,7 @@ def room_for_bodies(problem: Problem) -> tuple[Int[Array, " lane"], Bool[Array, 
             left = jnp.min(room + there.gap, (0, 1))
             lost = jnp.where(left < 0, index_of("squeezed"), lost)
             tight |= left < thickness
-        deep = there._replace(gap=there.gap + _ON_CLAMP * thickness)
+        deep = there._replace(gap=there.gap + ON_CLAMP * thickness)
         lost = jnp.where(deep.on_clamp, index_of("body_on_clamp"), lost)
     return lost, tight
 

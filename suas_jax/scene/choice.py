@@ -34,10 +34,12 @@ _MODEL_SHARE = 0.9
 # A coarse mesh's estimate so many times that part stays above it on finer meshes.
 _HOPELESS = 1.3
 # Failures of the shell that need not be the solid's: its few fibres may leave the faces
-# beyond a limit that more layers keep to; it does not know how thin a membrane is squeezed.
+# beyond a limit that more layers keep to; it does not know how thin a membrane is squeezed,
+# nor how it shears within a thickness of a clamp, which turns a force found there around.
 _SOLID_KNOWS = {
     "outside_material_domain": "the shell's faces lie beyond the material's limit",
     "squeezed": "a body presses the membrane against the wall",
+    "body_on_clamp": "the shell lies on a body up to a clamped edge",
 }
 
 
@@ -225,7 +227,8 @@ def _attempt(
         if aside and start is None:
             moved = shifted(scene, inputs)
             start = run_program(static, meshes, moved, rest, once=once, judged=False)[3]
-        run = functools.partial(run_program, static, meshes, once=once)
+        until_wall = scene.wall.contact and not wall
+        run = functools.partial(run_program, static, meshes, once=once, until_wall=until_wall)
         solved = run(inputs, start or rest)
         failed = number(solved[-1]["result"]) != 0 and scene.solve.oil_pressure is None
         if failed and start is None and is_prestressed(scene) and not scene.bodies:
@@ -235,10 +238,12 @@ def _attempt(
         found = Attempt(report, state, shown, outcome, plan, wall, part, coarsest, scene)
         again = coarser is not None and coarser.plan.counts == counts
         if scene.bodies and coarser is not None and coarser.wall == wall and not again:
-            before = coarser.report
+            before: dict[str, Any] | None = coarser.report
             if driven_by_force(scene):
                 before = _at_travels_of(found, scene, coarser, once=once)
-            found.report["discretisation_error"] = difference(scene, before, found.report)
+            found.outcome["compared"] = before is not None
+            error = np.nan if before is None else difference(scene, before, found.report)
+            found.report["discretisation_error"] = error
         if coarser is not None and not found.better_than(coarser):
             compared = coarser.mesh_excess(rtol) < np.inf  # else it was to be compared with
             return coarser if compared or not found.beyond_shell else found
@@ -291,13 +296,14 @@ def _deeper_than_film(scene: SceneSpec) -> bool:
 
 def _at_travels_of(
     found: Attempt, scene: SceneSpec, coarser: Attempt, *, once: bool
-) -> dict[str, Any]:
-    """What a coarser mesh reports where bodies travel as far as on the finer one."""
+) -> dict[str, Any] | None:
+    """What a coarser mesh reports at the finer one's travels; None without a solution there."""
     meshes = meshes_of(scene, coarser.plan)
     inputs = inputs_of(scene) | travels_of(scene, found.report)
     static = structure_of(scene, wall=coarser.wall)
     start = coarser.part
-    return run_program(static, meshes, inputs, start, once=once, travels_given=True)[0]
+    solved = run_program(static, meshes, inputs, start, once=once, travels_given=True)
+    return solved[0] if number(solved[-1]["result"]) == 0 else None
 
 
 def difference(scene: SceneSpec, a: dict[str, Any], b: dict[str, Any]) -> float:
@@ -313,8 +319,8 @@ def difference(scene: SceneSpec, a: dict[str, Any], b: dict[str, Any]) -> float:
         elif spec.kind != "pressure":
             pairs.append((old["displacement_m"], new["displacement_m"], largest))
     pairs.append((a["max_displacement_m"], b["max_displacement_m"], largest))
-    sizes = [abs(number(x) - number(y)) / abs(z) for x, y, z in pairs if abs(z) > _NOTHING]
-    return _FINER_SHARE * max(sizes, default=0.0)
+    sizes = [abs(number(x) - number(y)) / abs(z) for x, y, z in pairs if not abs(z) <= _NOTHING]
+    return _FINER_SHARE * float(np.max(sizes, initial=0.0))  # NaN where one is
 
 
 def _carried(model: AbstractModel, found: Attempt, target: AbstractPlan) -> State | None:

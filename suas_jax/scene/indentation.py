@@ -69,7 +69,8 @@ class IndentationCurve(NamedTuple):
     def _mesh_errors(self, depths: np.ndarray, fine: list[Point]) -> np.ndarray:
         """Errors by the mesh at travels [m]: a coarser one tells them at a few.
 
-        Elsewhere the larger of the neighbours' counts.
+        Elsewhere the larger of the neighbours' counts; NaN at an end that the coarser mesh does
+        not reach.
         """
         known = {depth: x.report for depth, x in zip(depths, fine, strict=True) if x.converged}
         levels = sorted(depth for depth in known if depth > 0) or sorted(known)
@@ -77,13 +78,14 @@ class IndentationCurve(NamedTuple):
         chosen = np.array(levels)[few.round().astype(int)]
         coarse = self.follow(chosen, self.model.coarser(self.plan.counts))
         found = {
-            depth: difference(self.scene, x.report, known[depth])
+            depth: difference(self.scene, x.report, known[depth]) if x.converged else np.nan
             for depth, x in zip(chosen, coarse, strict=True)
-            if x.converged
         }
-        if not found:
+        told = [depth for depth, error in found.items() if np.isfinite(error)]
+        if not told:
             return np.full(len(depths), np.nan)
-        levels, errors = list(found), np.array(list(found.values()))
+        inner = [d for d in found if d in told or not told[0] < d < told[-1]]
+        levels, errors = inner, np.array([found[d] for d in inner])
         before = np.maximum(np.searchsorted(levels, depths, "right") - 1, 0)
         after = np.minimum(np.searchsorted(levels, depths), len(levels) - 1)
         return np.maximum(errors[before], errors[after])

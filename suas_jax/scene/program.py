@@ -84,11 +84,13 @@ def run_program(
     once: bool,
     judged: bool = True,
     travels_given: bool = False,
+    until_wall: bool = False,
 ) -> tuple[dict[str, Any], State, State, State, dict[str, Any]]:
     """The program of a scene from a start; from rest where that leads nowhere.
 
     Where nothing acts on the skin the report is that of the undeformed skin. Bodies that are
-    pressed by a force take the travel at which they carry it, unless the inputs give it.
+    pressed by a force take the travel at which they carry it, unless the inputs give it;
+    `until_wall` says that a state in a wall that is left out will do.
 
     Returns what is observed; the equilibrium, the state to report and that of the part solved;
     how it was found.
@@ -112,7 +114,7 @@ def run_program(
         return found
 
     if driven_by_force(static.scene) and not travels_given:
-        return under_forces(static.scene, inputs, start, run)
+        return under_forces(static.scene, inputs, start, run, until_wall=until_wall)
     return run(inputs, start)
 
 

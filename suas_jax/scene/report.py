@@ -82,7 +82,8 @@ def _header(
         message.append(f"It carries {outcome['level']:.4g} of the load.")
     if status == "converged":
         message.append(outcome["reason"])
-        message += _remarks(scene, report, error if known else None)
+        compared = outcome.get("compared", True)
+        message += _remarks(scene, report, error if known else None, compared=compared)
     if status == "converged" or status in PATH_ENDS:
         message += _sway(report["stable"], outcome.get("stable_factor"))
     if status == "converged":
@@ -113,13 +114,20 @@ def wall_force_error(report: dict[str, Any], error: float) -> float:
     return error * max(loads, report["wall"]["force_N"])
 
 
-def _remarks(scene: SceneSpec, report: dict[str, Any], error: float | None) -> list[str]:
+def _remarks(
+    scene: SceneSpec,
+    report: dict[str, Any],
+    error: float | None,  # estimated, relative; None for unknown
+    *,
+    compared: bool,  # whether the mesh by which it is told has a solution, too
+) -> list[str]:
     """What a user should know about a converged state."""
     remarks = []
     if not scene.loads:
         remarks.append("There is no load: this is the skin at rest.")
     if error is None:
-        remarks.append("The error could not be estimated.")
+        why = "" if compared else ": the mesh to compare with found no solution there"
+        remarks.append(f"The error could not be estimated{why}.")
     elif error > scene.rtol:
         remarks.append(f"Estimated error {error:.1e} exceeds rtol {scene.rtol:.1e}.")
     if report["wall"] is not None:

@@ -18,7 +18,7 @@ from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.numerics.lanes import number
 from suas_jax.runtime.compiled import COMPILED, require_float64
 from suas_jax.runtime.compiling import COMPILE_TIME
-from suas_jax.scene.build import build_problem, decay_angle
+from suas_jax.scene.build import build_problem, check_bodies, decay_angle
 from suas_jax.scene.choice import Attempt, Tried, choose
 from suas_jax.scene.program import inputs_of, meshes_of, prepared, run_program, structure_of
 from suas_jax.scene.report import plain, report_of
@@ -160,10 +160,12 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
         The solution; a failed solve is named in its report, not raised.
 
     Raises:
+        ConfigError: a body would end over a clamped edge, whatever the solution.
         Float64Error: float64 is off.
     """
     require_float64()
     compiled_before = COMPILE_TIME.seconds
+    check_bodies(scene)
     decay_angle(scene)  # its small program is compiled, and kept, outside the time measured
     seconds, once = [], repeat == 1
     for run in range(repeat + (repeat > 1)):

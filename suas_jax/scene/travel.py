@@ -169,12 +169,15 @@ class _Search(NamedTuple):
 
 
 def under_forces(
-    scene: SceneSpec, inputs: Inputs, start: State, run: Callable[[Inputs, State], Solved]
+    scene: SceneSpec,
+    inputs: Inputs,  # travels among them are where to begin
+    start: State,
+    run: Callable[[Inputs, State], Solved],
+    *,
+    # end with a run whose face lies in a wall that is left out before bodies carry their forces
+    until_wall: bool = False,
 ) -> Solved:
-    """Solve a scene whose bodies carry given forces, by runs with given travels.
-
-    Travels among the inputs are where to begin.
-    """
+    """Solve a scene whose bodies carry given forces, by runs with given travels."""
     every = driven_by_force(scene)
     none = {d.path(d.travel): np.zeros(()) for d in every}
     loaded = [d for d in every if d.across or number(inputs[d.path(d.force)]) > 0]
@@ -208,6 +211,8 @@ def under_forces(
             away = np.where(across, 0.0, 1.0)
             x = x + (-away if failure else away) if before is None else (x + before[0]) / 2
             continue
+        if until_wall and number(found[0]["wall_contact"]) and (y[~across] < 0).all():
+            return found
         start, error = found[3], float(np.max(np.abs(y), initial=0.0))
         idle = 0 if best is None or error < 0.98 * best[0] else idle + 1
         halve = len(x) == 1 and best is not None and error > best[0] / 2
@@ -238,11 +243,7 @@ def under_forces(
         free = ~across | settled
         if slope[np.diag_indices(len(x))][free].all():
             unbounded = across & ~(np.isfinite(low) & np.isfinite(high))
-            rising = np.where(unbounded, np.maximum(slope.diagonal(), _LEVEL), slope.diagonal())
-            matrix = slope + np.diag(rising - slope.diagonal())
-            step = np.zeros(len(x))
-            step[free] = np.linalg.solve(matrix[np.ix_(free, free)], -y[free])
-            x = search.stepped(x, step, (low, high), halve)
+            x = search.stepped(x, _step(slope, y, free, unbounded), (low, high), halve)
         else:  # what a drag does is not known yet
             (k, *_) = (k for k in unknown if slope[k, k] == 0)
             x = x + _PROBE * np.eye(len(x))[k]
@@ -253,3 +254,16 @@ def under_forces(
         slides = any(d.across and abs(v) == error for d, v in zip(loaded, y, strict=True))
         found[-1]["result"] = np.asarray([index_of("sliding") if slides else blocked])
     return found
+
+
+def _step(
+    slope: np.ndarray,  # derivatives of the forces' errors by the numbers of the travels
+    y: np.ndarray,  # these errors
+    free: np.ndarray,  # whether a travel may change
+    unbounded: np.ndarray,  # whether it is a drag whose ends are not known, which has to rise
+) -> np.ndarray:
+    """Newton's step."""
+    rising = np.where(unbounded, np.maximum(slope.diagonal(), _LEVEL), slope.diagonal())
+    matrix, step = slope + np.diag(rising - slope.diagonal()), np.zeros(len(y))
+    step[free] = np.linalg.solve(matrix[np.ix_(free, free)], -y[free])
+    return step

@@ -108,6 +108,14 @@ class Body(eqx.Module):
         inward = -self.travel * self.frame[-1]
         return inward if self.drag is None else inward + self.drag
 
+    def room(self, position: Float[Array, "component *point"]) -> Float[Array, "*point"]:
+        """Travel at which places come to lie on its surface, all of its drag gone [m].
+
+        Infinite for places that it passes by. `position`: of the places [m].
+        """
+        seen = PlacedBody(self, jnp.zeros_like(self.travel), self.drag).seen(position)
+        return self.shape.height(seen[:-1]) - seen[-1]
+
     @property
     def along(self) -> Float[Array, "2 lane"]:
         """Direction of growing angles across the approach, in the section."""
