@@ -55,11 +55,14 @@ from fitting.sensor.model.constants import (
     starting_values,
 )
 from fitting.sensor.shapes.shapes import Shapes, ShapeSolver
+from fitting.statistics.residuals import sensitivity
 from suas_jax.acquisition.baseline import Baseline
 from suas_jax.runtime.compiled import require_float64
 from suas_jax.skin.plain import angles_at, plain_geometry
 
 _ROUNDS, _HALVINGS = 8, 8
+# Rise of the negative log posterior that a step may end in, and shapes tried for a lower one.
+_RISE, _TRIALS = 0.5, 4
 _SAME, _SAME_AS_BUILT = 1e-7, 0.02  # of a constant's size, or of its prior's deviation
 # LoggedCounts are left out where the membrane would touch the wall in a gap smaller by this.
 _NEAR_CONTACT = 0.85
@@ -298,10 +301,10 @@ def _settled(
         )
         if not moved and not needed and known:
             return problem, found, shapes, touching, True
-        problem = told.replace(priors={**told.priors, **needed})
+        before, problem = problem, told.replace(priors={**told.priors, **needed})
         start = found.constants
         if moved:
-            shapes = _solved_towards(solver, np.asarray(problem.model.at), start)
+            shapes = _solved_towards(solver, before, start)
             field = problem.model.factor
             problem = problem.replace(model=dataclasses.replace(shapes.model, factor=field))
             progress("fitting")
@@ -312,17 +315,34 @@ def _settled(
     return problem, found, shapes, touching, False
 
 
-def _solved_towards(solver: ShapeSolver, last: np.ndarray, wanted: np.ndarray) -> Shapes:
+def _solved_towards(solver: ShapeSolver, problem: SensorProblem, wanted: np.ndarray) -> Shapes:
     """Shapes at the wanted constants, or on the way there where a step ends in buckling.
 
-    `last` are the constants of the shapes before.
+    A step is as long as the shapes' derivatives hold: it is halved while the posterior falls,
+    too, and of steps that all lower it the one that does least is taken.
     """
-    for _ in range(_HALVINGS):
+    last = np.asarray(problem.model.at)
+    allowed = _cost(problem, last) + _RISE
+    tried: list[tuple[float, int, Shapes]] = []
+    for k in range(_HALVINGS):
         try:
-            return solver.at(wanted)
+            shapes = solver.at(wanted)
         except NoCalibration:
-            wanted = (last + wanted) / 2
-    return solver.at(wanted)
+            shapes = None
+        if shapes is not None:
+            model = dataclasses.replace(shapes.model, factor=problem.model.factor)
+            tried.append((_cost(problem.replace(model=model), wanted), -k, shapes))
+            if tried[-1][0] <= allowed or len(tried) == _TRIALS:
+                return min(tried)[-1]
+        wanted = (last + wanted) / 2
+    return min(tried)[-1] if tried else solver.at(wanted)
+
+
+def _cost(problem: SensorProblem, constants: np.ndarray) -> float:
+    """Negative log posterior up to a constant; infinite where readings have no numbers."""
+    r, _ = sensitivity(problem.residuals(), jnp.asarray(constants))
+    cost = 0.5 * float(jnp.sum(r**2))
+    return cost if np.isfinite(cost) else np.inf
 
 
 def _with_measured_noise(
