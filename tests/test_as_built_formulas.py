@@ -20,13 +20,14 @@ from fitting.calibration.plan import Press
 from fitting.cli.app import app
 from fitting.inverse_load.estimator import MODEL_ERROR as ESTIMATOR_ERROR
 from fitting.inverse_load.estimator import PAD_MODEL_ERROR
-from fitting.sensor.fit.calibrate import _as_built
+from fitting.sensor.fit.calibrate import _as_built, _settled
 from fitting.sensor.fit.priors import hierarchical
 from fitting.sensor.fit.residuals import Prior, SensorProblem, SensorResiduals
+from fitting.sensor.fit.search import search
 from fitting.sensor.fit.sensor_posterior import sample_sensor
 from fitting.sensor.logs.data import SensorData
 from fitting.sensor.logs.known_loads import KnownLoads
-from fitting.sensor.logs.readings import averaged, held_presses
+from fitting.sensor.logs.readings import LoggedCounts, averaged, held_presses
 from fitting.sensor.model.as_built import (
     FORCE_ERROR,
     GAIN_ERROR,
@@ -549,6 +550,46 @@ def test_known_loads_of_a_unit_stay_where_the_drawing_has_them() -> None:
         none.astype(int), np.arange(3), loads, none + np.nan, (), (), (),
     )  # fmt: skip
     np.testing.assert_allclose(_as_built(data).loads.angle, 1.5 * angle, atol=1e-9)
+
+
+class _Bent(eqx.Module):
+    """Counts that bend away from their tangent, which a step follows too far."""
+
+    at: Any
+    family: SensorFamily = eqx.field(static=True)
+    inputs: Any = eqx.field(default_factory=dict)
+    factor: Any = None
+    moving: tuple[int, ...] = eqx.field(default=(0,), static=True)
+    shaping: tuple[int, ...] = eqx.field(default=(0,), static=True)
+
+    def so(self, constants: Any) -> Any:
+        here, slope = jax.jvp(lambda c: jnp.arctan(20 * c), (self.at,), (constants - self.at,))
+        return (here + slope)[None]
+
+    def so_with_slopes(self, constants: Any) -> Any:
+        return self.so(constants), jnp.moveaxis(jax.jacfwd(self.so)(constants), -1, 0)
+
+
+def test_a_step_that_would_worsen_the_fit_is_halved() -> None:
+    """Steps of Gauss and Newton on arctan jump to and fro about its zero, ever farther."""
+    family = SensorFamily((SensorConstant("mounting", "1", 1.0, positive=False),))
+    one = np.ones((1, 1), bool)
+    none = np.zeros(1, int)
+    readings = LoggedCounts(
+        np.zeros((1, 1)), none, none, np.zeros(1), 0.1 * one, one, one, False, False, 1
+    )
+    start, priors = np.array([0.1]), {"mounting": Prior(0.0, 1.0, "given")}
+
+    def shapes_at(constants: np.ndarray) -> Any:
+        return SimpleNamespace(model=_Bent(jnp.asarray(constants), family))
+
+    solver: Any = SimpleNamespace(at=shapes_at)
+    shapes = shapes_at(start)
+    problem = SensorProblem(shapes.model, readings, priors, np.eye(1))
+    given = problem, search(problem, start), shapes, ~one, solver, [0.0], print
+    _, found, *_, steady = _settled(*given)
+    assert steady
+    assert abs(found.constants[0]) < 1e-3  # of a deviation of 5e-3
 
 
 class _Linear(AbstractResiduals):

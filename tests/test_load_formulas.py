@@ -667,7 +667,7 @@ def test_a_width_that_has_not_settled_leaves_a_frame_to_two_contacts(
     decrease: float, contacts: int
 ) -> None:
     selection, y, weight = selected([[-0.25, 0.3, 8.0, 6.0]], wide_fitter=Wide(decrease))
-    selection._doubts.of_one_more = lambda y, best: np.zeros((len(y), 1))  # type: ignore[method-assign]
+    selection.doubts.of_one_more = lambda y, best: np.zeros((len(y), 1))  # type: ignore[method-assign]
     best, _ = selection.explain(y, weight)
     assert best.contacts.tolist() == [contacts]
     assert (best.predicted_decrease <= 0.1).all()

@@ -4,16 +4,21 @@
 (`fitting.statistics.discrepancy`). Its mean and its covariance under one contact are tabulated
 over the states of the skin's table, per newton, and read between them. Both were learned from
 single presses: frames with several contacts are read without them.
+
+What a contact a little farther along the arc would do, too, is not taken off: presses whose
+own places are uncertain don't tell it from their places, and a body may stand otherwise than
+they did. Its square widens the covariance instead.
 """
 
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fitting.arrays import Floats
+from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.fit.covariance import inverse
-from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.fit.explanation import Alternative, Explanations
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT
+from fitting.inverse_load.fit.section_least_squares import SETTLED
 from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.fit.systematic import no_covariance
 from fitting.statistics.discrepancy import Discrepancy, Numbers, Presses
@@ -43,6 +48,12 @@ class ReadingDiscrepancy:
         rows = zip(self._angles, force, change, strict=True)
         told = [found.at(np.full(len(levels), angle), f, so) for angle, f, so in rows]
         mean, covariance = (np.stack(x) for x in zip(*told, strict=True))
+        slopes = _by_load(table)[np.ix_(angles, levels)]
+        noise = np.nanmedian(found.presses.noise) ** 2
+        weight = 1 / (noise + np.diagonal(covariance, axis1=2, axis2=3))
+        moved = slopes[..., :1, :] * _loads_by(mean, slopes, weight)[..., :1, None]
+        mean = mean - moved[..., 0, :]
+        covariance = covariance + np.swapaxes(moved, 2, 3) * moved
         self._mean = mean / force[..., None]
         self._covariance = covariance / force[..., None, None] ** 2
 
@@ -95,23 +106,50 @@ class ReadingDiscrepancy:
 
     def taken_off(
         self, selection: Selection, y: Floats, weight: Floats
-    ) -> tuple[Floats, Floats, Floats]:
+    ) -> tuple[Floats, Floats, Floats, Explanations, Flags]:
         """Readings without it, inverse variances, and the covariance of what is left.
 
         Readings and weights are [frame, taxel], the covariance [frame, taxel, taxel]. Frames
-        that one contact does not explain stay as they are.
+        that one contact does not explain stay as they are. Last are explanations by one
+        contact, and which of them [frame] are those of the frames as returned.
         """
-        nodes = selection.nodes
+        nodes, per_contact = selection.nodes, selection.fitter.per_contact
         near = nodes.near(y, weight, nodes.nearest(y, weight)[0])
-        best, _ = selection.of_one.explain(*self._without(y, weight, near)[:2])
-        one = best.p_value(selection.fitter.per_contact) >= SUSPECT
+        best, others = selection.of_one.explain(*self._without(y, weight, near)[:2])
+        one = best.p_value(per_contact) >= SUSPECT
         own, weights, left = self._without(
             y, weight, np.where(one[:, None], best.parameters[:, :2], near)
         )
         readings, weights = (
             np.where(one[:, None], *pair) for pair in ((own, y), (weights, weight))
         )
-        return readings, weights, left * one[:, None, None]
+        plain = one & (best.parameters[:, 1] > 0) & ~best.absorbed
+        plain &= np.isnan(best.beside).all((1, 2, 3)) & (best.used() == (weight > 0).sum(1))
+        plain &= np.array([other is None for other in others])
+        best, settled = _stepped(best, readings, weights, np.flatnonzero(plain), per_contact)
+        return readings, weights, left * one[:, None, None], best, settled
+
+    def explain(
+        self, selection: Selection, y: Floats, weight: Floats
+    ) -> tuple[Floats, Floats, Floats, Explanations, list[Alternative | None]]:
+        """The same, with the best explanations and their second modes.
+
+        Most frames of one contact are explained already, to a last step.
+        """
+        y, weight, left, best, settled = self.taken_off(selection, y, weight)
+        if selection.fitter.live:
+            return y, weight, left, *selection.explain(y, weight)
+        others: list[Alternative | None] = [None] * len(y)
+        again = np.flatnonzero(~settled | selection.doubts.of(y, best))
+        seconds = np.zeros(len(y))
+        if again.size:
+            found, second = selection.explain(y[again], weight[again])
+            best = best.with_frames(again, found, np.arange(len(again)))
+            for i, other in zip(again.tolist(), second, strict=True):
+                others[i] = other
+            seconds[again] = selection.seconds
+        selection.seconds = seconds
+        return y, weight, left, best, others
 
     def _without(
         self, y: Floats, weight: Floats, loads: Floats
@@ -135,3 +173,42 @@ class ReadingDiscrepancy:
             apart = left[i] - np.diag(np.diag(left[i]))
             total[i, own, own] = np.nan_to_num(gain @ apart @ gain.T)
         return total
+
+
+def _by_load(table: "LoadTable") -> Floats:
+    """Derivatives of readings by angle and force of a contact [angle, level, 2, taxel]."""
+    change = np.nan_to_num(table.so - table.rest)
+    by_force = np.gradient(change, axis=1) / np.gradient(table.forces, axis=1)[..., None]
+    # A level is of another force at the next angle.
+    along = np.gradient(table.forces, table.angles, axis=0)[..., None]
+    by_angle = np.gradient(change, table.angles, axis=0) - along * by_force
+    return np.stack([by_angle, by_force], 2)
+
+
+def _loads_by(change: Floats, slopes: Floats, weight: Floats) -> Floats:
+    """What angle and force change by with readings, by least squares [..., 2]."""
+    weighted = slopes * weight[..., None, :]
+    told = np.linalg.pinv(weighted @ np.swapaxes(slopes, -1, -2), hermitian=True)
+    return np.asarray((told @ weighted @ change[..., None])[..., 0])
+
+
+def _stepped(
+    best: Explanations, y: Floats, weight: Floats, frames: Rows, per_contact: int
+) -> tuple[Explanations, Flags]:
+    """Explanations of other readings by the last step of a fit, where it is one [frame]."""
+    settled, own = np.zeros(len(best), bool), slice(0, per_contact)
+    jacobian = np.nan_to_num(best.jacobian[frames, own])
+    weighted = jacobian * weight[frames, None]
+    residual = np.where(weight > 0, y - best.so, 0.0)[frames]
+    information = weighted @ jacobian.swapaxes(1, 2)
+    gradient = np.einsum("fpt,ft->fp", weighted, residual)
+    step = np.einsum("fpq,fq->fp", inverse(information), gradient)
+    change = np.einsum("fp,fpt->ft", step, jacobian)
+    told = best.rows(frames)  # copies
+    told.parameters[:, own] += step
+    told.information[:, own, own] = information
+    told.chi2[:] = told.score[:] = (weight[frames] * (residual - change) ** 2).sum(1)
+    told.so[:] += change
+    told.weight[:] = weight[frames]
+    settled[frames] = (step * gradient).sum(1) < SETTLED
+    return best.with_frames(frames, told, np.arange(len(frames))), settled

@@ -79,7 +79,8 @@ def frame_posterior(
         raise ValueError(f"there is no load to sample in this frame: {estimate.status}")
     y, weight = estimator.weigh(so[None], faulty, measured)
     if estimator.frames.discrepancy is not None:
-        y, weight, _ = estimator.frames.discrepancy.taken_off(estimator.selection, y, weight)
+        taken_off = estimator.frames.discrepancy.taken_off
+        y, weight, *_ = taken_off(estimator.selection, y, weight)
     weight[0, list(estimate.left_out)] = 0.0
     found, probability = likely_modes(estimator, y, weight)
     modes: list[LoadMode] = []

@@ -130,15 +130,15 @@ class FrameEstimator:
     ) -> tuple[Explanations, list[LoadEstimate]]:
         """Estimates of frames that are not at rest, whether pressed or pulled."""
         discrepancy, left = None if pulled else self.discrepancy, None
+        others: list[Alternative | None]
         if discrepancy is not None:
-            y, weight, left = discrepancy.taken_off(selection, y, weight)
-        if pulled:
-            best = selection.pulled(y, weight)
-            others: list[Alternative | None] = [None] * len(y)
+            y, weight, left, best, others = discrepancy.explain(selection, y, weight)
+        elif pulled:
+            best, others = selection.pulled(y, weight), [None] * len(y)
         else:
             best, others = selection.explain(y, weight)
-            if selection.coarse:
-                return best, [self.parts.assessment.so_far(best)]
+        if not pulled and selection.coarse:
+            return best, [self.parts.assessment.so_far(best)]
         motion = None
         per_contact = self.parts.fitter.per_contact
         parts = []

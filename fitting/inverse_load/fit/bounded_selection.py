@@ -92,7 +92,7 @@ class BoundedSelection(Selection):
         if known.contacts[0] > 1:
             return True
         _, second = self.nodes.nearest(y, weight)
-        return bool(second[0] < 0 and not self._doubts.hinted(y, known)[0])
+        return bool(second[0] < 0 and not self.doubts.hinted(y, known)[0])
 
     def _reconsidered(self, *given: Any) -> Steps[Explanations]:
         """See the base class."""

@@ -65,7 +65,7 @@ class Selection:
         self.seconds: Floats = np.zeros(0)
         """Time spent on each frame of the last call beyond one contact [s]."""
         per_contact, most = self.fitter.per_contact, self.most_contacts
-        self._doubts = Doubts(self.fitter, self.nodes, self.penalty, most)
+        self.doubts = Doubts(self.fitter, self.nodes, self.penalty, most)
         own = self._loads, self.nodes, self.penalty
         self.pulls = Pulls(*own, per_contact)
         self.several = SeveralContacts(self.fitter, *own, most)
@@ -74,7 +74,7 @@ class Selection:
     def forget(self) -> None:
         """Live: let nothing of the frames so far count for the next."""
         self.last = None
-        self._doubts.forget()
+        self.doubts.forget()
         if self.most_contacts > 1:
             self.of_one.forget()
 
@@ -115,7 +115,7 @@ class Selection:
         best = yield from self._single(y, weight, first)
         best, others = yield from self._second_modes(y, weight, second, best)
         best = yield from self.pulls.or_light(y, weight, best, others)
-        doubtful = self._doubts.of(y, best)
+        doubtful = self.doubts.of(y, best)
         self.known = best
         best = yield from self._errors_first(y, weight, doubtful, best)
         yield "pairs for one that is wide"
@@ -298,7 +298,7 @@ class Selection:
         explained[wide] = self._p_value(best)[wide] >= PLAUSIBLE
         explained[wide] &= best.beside[wide, 0, 0, 0] < UNUSUAL
         own = best.rows(frames)
-        more = self._doubts.of_one_more(y[frames], own).max(1)
+        more = self.doubts.of_one_more(y[frames], own).max(1)
         explained[frames] &= more <= self.penalty
         explained[frames] |= self.fitter.left_to_shape(y[frames], own, more)
         return best, frames[~explained[frames]]

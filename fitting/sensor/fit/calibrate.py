@@ -55,18 +55,22 @@ from fitting.sensor.model.constants import (
     starting_values,
 )
 from fitting.sensor.shapes.shapes import Shapes, ShapeSolver
+from fitting.statistics.residuals import sensitivity
 from suas_jax.acquisition.baseline import Baseline
 from suas_jax.runtime.compiled import require_float64
 from suas_jax.skin.plain import angles_at, plain_geometry
 
-_ROUNDS, _HALVINGS = 8, 8
+_ROUNDS = 16
+# Change of the negative log posterior that is none, and shapes that are tried for a step. The
+# first step is that of Gauss and Newton, the next ones are damped, each ten times as much.
+_RISE, _TRIALS, _DAMPING = 0.5, 7, 10.0
 _SAME, _SAME_AS_BUILT = 1e-7, 0.02  # of a constant's size, or of its prior's deviation
 # LoggedCounts are left out where the membrane would touch the wall in a gap smaller by this.
 _NEAR_CONTACT = 0.85
 _FIELD_ROUNDS = 2
 _UNSTEADY = (
-    f"the shapes still change after {_ROUNDS} rounds: the constants that move the membrane are "
-    "far from the skin file's; put better values into it"
+    "the fit has not settled: the skin nearly buckles, or the constants that move the membrane "
+    "are far from the skin file's; put better values into it"
 )
 
 
@@ -287,6 +291,7 @@ def _settled(
     same = _SAME * problem.family.sizes[moving]
     if problem.correlation is not None:
         same = np.array([_SAME_AS_BUILT * problem.priors[names[i]].sd for i in moving])
+    damping = 0.0
     for _ in range(_ROUNDS):
         at = np.asarray(problem.model.at)[moving]
         moved = bool((np.abs(found.constants[moving] - at) > same).any())
@@ -298,31 +303,73 @@ def _settled(
         )
         if not moved and not needed and known:
             return problem, found, shapes, touching, True
+        step = _step(solver, problem, found.constants, damping) if moved else None
+        if moved and step is None:
+            break
         problem = told.replace(priors={**told.priors, **needed})
-        start = found.constants
-        if moved:
-            shapes = _solved_towards(solver, np.asarray(problem.model.at), start)
-            field = problem.model.factor
-            problem = problem.replace(model=dataclasses.replace(shapes.model, factor=field))
-            progress("fitting")
-            problem, touching = _away_from_the_wall(problem, start)
-            problem, found = robust(problem, start)
-        else:
-            found = search(problem, start)
+        if step is None:
+            found = search(problem, found.constants)
+            continue
+        shapes, damping = step
+        start, field = np.asarray(shapes.model.at), problem.model.factor
+        problem = problem.replace(model=dataclasses.replace(shapes.model, factor=field))
+        progress("fitting")
+        problem, touching = _away_from_the_wall(problem, start)
+        problem, found = robust(problem, start)
+    # Beyond the last shapes' constants the skin may buckle.
+    found = dataclasses.replace(found, constants=np.asarray(problem.model.at))
     return problem, found, shapes, touching, False
 
 
-def _solved_towards(solver: ShapeSolver, last: np.ndarray, wanted: np.ndarray) -> Shapes:
-    """Shapes at the wanted constants, or on the way there where a step ends in buckling.
+def _step(
+    solver: ShapeSolver, problem: SensorProblem, wanted: np.ndarray, damping: float
+) -> tuple[Shapes, float] | None:
+    """Shapes at constants that are no worse than the last shapes', by Levenberg and Marquardt.
 
-    `last` are the constants of the shapes before.
+    Shapes are linear about the last ones, so the wanted constants, of least cost in them, may
+    be worse, or the skin may buckle there: then a step of more damping is tried.
+    Returns the shapes and the damping of the next step; None where no step is any better.
     """
-    for _ in range(_HALVINGS):
+    last = np.asarray(problem.model.at)
+    before = _cost(problem, last)
+    for trial in range(_TRIALS):
+        if damping:
+            wanted = search(_damped(problem, damping), last).constants
         try:
-            return solver.at(wanted)
+            shapes = solver.at(wanted)
+            model = dataclasses.replace(shapes.model, factor=problem.model.factor)
+            cost = _cost(problem.replace(model=model), wanted)
         except NoCalibration:
-            wanted = (last + wanted) / 2
-    return solver.at(wanted)
+            cost = np.nan
+        if trial and abs(before - cost) <= _RISE:
+            return None
+        if cost <= before + _RISE:
+            return shapes, damping / _DAMPING if damping > 1.0 else 0.0
+        damping = max(1.0, _DAMPING * damping)
+    return None
+
+
+def _damped(problem: SensorProblem, damping: float) -> SensorProblem:
+    """The problem with the last shapes' constants as further priors of so much information.
+
+    It is counted in that of the constants' own priors, or in that of their sizes.
+    """
+    priors, share = dict(problem.priors), 1 + damping
+    names, at = problem.family.names, np.asarray(problem.model.at)
+    for name, last, size in zip(names, at, problem.family.sizes, strict=True):
+        own = priors.get(name)
+        mean, sd = float(last), float(size) / damping**0.5
+        if own is not None:
+            mean, sd = (own.mean + damping * mean) / share, own.sd / share**0.5
+        priors[name] = Prior(mean, sd, "damping")
+    return problem.replace(priors=priors)
+
+
+def _cost(problem: SensorProblem, constants: np.ndarray) -> float:
+    """Negative log posterior up to a constant; infinite where readings have no numbers."""
+    r, _ = sensitivity(problem.residuals(), jnp.asarray(constants))
+    cost = 0.5 * float(jnp.sum(r**2))
+    return cost if np.isfinite(cost) else np.inf
 
 
 def _with_measured_noise(

@@ -59,10 +59,12 @@ def search(
             minima = minimise_one_by_one(residuals, centre + spread)
         if not np.isfinite(minima.cost[0]):
             raise NoCalibration(_no_counts(problem, start))
-        found = minima.theta[0].copy()
-        moving = list(problem.model.moving)
-        here = np.asarray(family.unconstrained(problem.model.at))[moving]
-        found[moving] = here + np.clip(found[moving] - here, -_LARGEST_MOVE, _LARGEST_MOVE)
+        # On the way to the minimum: with single constants cut, others would make up for what
+        # these no longer do.
+        here = np.asarray(family.unconstrained(problem.model.at))
+        step = minima.theta[0] - here
+        longest = np.abs(step[list(problem.model.moving)]).max(initial=_LARGEST_MOVE)
+        found = here + _LARGEST_MOVE / longest * step
         constants = np.array(family.constants(jnp.asarray(found)))
         constants[list(held)] = family.floors[list(held)]
         below = (family.floors - constants) / family.sizes
