@@ -570,7 +570,7 @@ class _Bent(eqx.Module):
         return self.so(constants), jnp.moveaxis(jax.jacfwd(self.so)(constants), -1, 0)
 
 
-def test_a_step_that_would_worsen_the_fit_is_halved() -> None:
+def test_a_step_that_would_worsen_the_fit_is_damped() -> None:
     """Steps of Gauss and Newton on arctan jump to and fro about its zero, ever farther."""
     family = SensorFamily((SensorConstant("mounting", "1", 1.0, positive=False),))
     one = np.ones((1, 1), bool)
