@@ -7,8 +7,7 @@ departure from it is noise; where it is far more, the reading is a spike: none o
 import numpy as np
 
 # Relative misfits are relative to no less than this many times the scatter near rest: below
-# it noise would tell the constants. Measured: 50 times leave constants of noisy curves 3 to 16
-# times closer than none.
+# it noise would tell the constants (`benchmarks/material_calibration.py noise`).
 TIMES_SCATTER = 50.0
 _SIDE = 2  # readings on either side
 _FEWEST = 10  # departures that tell a scatter
