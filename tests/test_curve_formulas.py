@@ -152,6 +152,14 @@ def test_steps_kinks_digits_and_cycles_are_no_spikes() -> None:
         assert without_spikes(test) is test
 
 
+def test_the_end_of_slack_is_no_spike() -> None:
+    stretch = np.linspace(1.0, 3.0, 300)
+    slack = neo_hookean(np.maximum(stretch - 0.1, 1.0))
+    for seed in range(20):  # of which noise lets some stand out
+        noise = 150.0 * np.random.default_rng(seed).normal(size=300)
+        assert not spiked(tension(stretch, slack + noise)).any()
+
+
 def test_unloading_lies_lower_by_its_loss() -> None:
     stretch = np.concatenate([OUT, BACK])
     value = neo_hookean(stretch) * np.where(np.arange(20) < 11, 1.0, 0.7)

@@ -89,13 +89,26 @@ def spikes(x: np.ndarray, y: np.ndarray, floor: float) -> np.ndarray:
     for _ in range(most + 1):
         ratio, out = _standing(x[left], y[left], floor)
         if not out.any():
-            return ~np.isin(np.arange(len(x)), left)
+            every = np.arange(len(x))
+            gone = np.setdiff1d(every, left).tolist()
+            found = [k for k in gone if _is_off(x, y, np.sort([*left, k]), k)]
+            return np.isin(every, found)
         # A spike moves its neighbours' predictions, too: it is the one without which all
         # others follow theirs best.
         suspects = np.argsort(np.where(out, ratio, 0.0))[-2 * _SIDE - 1 :]
         rests = [np.delete(left, k) for k in suspects[out[suspects]]]
         left = min(rests, key=lambda rows: _misfit(x[rows], y[rows], floor))
     return np.zeros(len(x), dtype=bool)
+
+
+def _is_off(x: np.ndarray, y: np.ndarray, rows: np.ndarray, k: int) -> bool:
+    """Whether reading k of some rows departs further than its neighbours differ, halved.
+
+    A kink, as at the end of slack, departs by less: a third of the larger slope's step.
+    """
+    at = np.searchsorted(rows, k)
+    departed, _ = departures(x[rows], y[rows])
+    return bool(np.abs(departed[at]) > np.abs(np.gradient(y[rows])[at]))
 
 
 def _misfit(x: np.ndarray, y: np.ndarray, floor: float) -> float:
