@@ -18,8 +18,9 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.optimize
 
+from fitting.material.experiments import measurements
 from fitting.material.experiments.datasets import load_dataset
-from fitting.material.experiments.measurements import Dataset, StressTest
+from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.fit import fit_material
 from fitting.material.fit.problem import pose
 from fitting.material.fit.search import NoFit
@@ -275,7 +276,7 @@ def noisy_curve(count: int = 20) -> None:
                 header = "stretch_1,nominal_stress_Pa"
                 np.savetxt(file, rows, "%.9g", ",", header=header, comments="")
                 data = load_dataset("uniaxial", file)
-            quiet = mock.patch.object(StressTest, "_scatter", return_value=0.0)
+            quiet = mock.patch.object(measurements, "least_size", return_value=0.0)
             for name, kind, change in (
                 ("1 % of the median", "relative", quiet),
                 ("and the scatter", "relative", contextlib.nullcontext()),

@@ -139,9 +139,12 @@ def _print_curve(curve: "Sweep") -> None:
     from fitting.report.description import Remark, ReportTable
     from suas_jax.equilibrium.outcomes import MEANINGLESS
 
+    names = ("force [N]", "oil [kPa]", "moved [mm]", "gap [mm]", "wall [N]", "status")
+    time = ("t [s]",) if "t_s" in curve.points[0] else ()
+
     def shown(row: dict[str, Any]) -> list[str]:
         if row["status"] in MEANINGLESS:
-            return ["-"] * len(names[:-1])
+            return ["-"] * (len(names) - 1)
         return [
             f"{row['force_N']:.4g}",
             f"{1e-3 * row['oil_pressure_Pa']:.4g}",
@@ -150,8 +153,6 @@ def _print_curve(curve: "Sweep") -> None:
             f"{row['wall_force_N']:.4g}",
         ]
 
-    names = ("force [N]", "oil [kPa]", "moved [mm]", "gap [mm]", "wall [N]", "status")
-    time = ("t [s]",) if "t_s" in curve.points[0] else ()
     rows = [
         [
             *(f"{row['t_s']:.6g}" for _ in time),

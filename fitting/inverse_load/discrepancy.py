@@ -5,9 +5,9 @@
 over the states of the skin's table, per newton, and read between them. Both were learned from
 single presses: frames with several contacts are read without them.
 
-What a contact a little farther along the arc would do, too, is not taken off: presses whose
-own places are uncertain don't tell it from their places, and a body may stand otherwise than
-they did. Its square widens the covariance instead.
+What a shift of the contact along the arc explains as well is not taken off: presses do not
+tell it from errors of their own places, and a later body may stand differently. Its square
+widens the covariance instead.
 """
 
 from typing import TYPE_CHECKING

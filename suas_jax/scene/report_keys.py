@@ -5,7 +5,7 @@ from suas_jax.config.errors import nearest
 REPORT_KEYS = {
     "model": "what was solved: `shell` or `solid`",
     "dimension": "2 in plane strain, 3 with clamped ends",
-    "status": "`converged`, or the name of the failure, whose numbers do not hold",
+    "status": "`converged`, or the name of the failure: the numbers then do not hold",
     "message": "the status in words, with remarks on what was found",
     "rtol_met": "whether `error_estimate` is at most the wanted `rtol`",
     "loads": "an object for each load, in the order of the file",

@@ -18,8 +18,9 @@ from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.numerics.lanes import number
 from suas_jax.runtime.compiled import COMPILED, require_float64
 from suas_jax.runtime.compiling import COMPILE_TIME
-from suas_jax.scene.build import build_problem, check_bodies, decay_angle
+from suas_jax.scene.build import build_problem, decay_angle
 from suas_jax.scene.choice import Attempt, Tried, choose
+from suas_jax.scene.clamps import check_bodies
 from suas_jax.scene.program import inputs_of, meshes_of, prepared, run_program, structure_of
 from suas_jax.scene.report import plain, report_of
 from suas_jax.scene.structure import Inputs, Structure

@@ -109,7 +109,7 @@ class Body(eqx.Module):
         return inward if self.drag is None else inward + self.drag
 
     def room(self, position: Float[Array, "component *point"]) -> Float[Array, "*point"]:
-        """Travel at which places come to lie on its surface, all of its drag gone [m].
+        """Travel at which places come to lie on its surface, with all of its drag [m].
 
         Infinite for places that it passes by. `position`: of the places [m].
         """

@@ -6,12 +6,11 @@ from typing import Any
 import numpy as np
 
 from fitting.material.experiments.free_zero import CERTAIN, can_be_freed, idle, toe_end
-from fitting.material.experiments.measurements import Dataset, StressTest
+from fitting.material.experiments.measurements import Dataset, StressTest, series_of
 from fitting.material.experiments.selection import (
     broken,
     half_cycles,
     loadings,
-    series_of,
     spiked,
 )
 

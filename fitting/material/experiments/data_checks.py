@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.material.experiments.measurements import PATHS, Dataset, StressTest
-from fitting.material.experiments.selection import half_cycles, series_of
+from fitting.material.experiments.measurements import PATHS, Dataset, StressTest, series_of
+from fitting.material.experiments.selection import half_cycles
 
 _SHORTEST_BRANCH = 3
 # Rubber: the stiffer the network, the shorter it stretches. Gum rubber has about

@@ -22,14 +22,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from fitting.material.experiments.measurements import PATHS, Dataset, StressTest
+from fitting.material.experiments.measurements import PATHS, Dataset, StressTest, series_of
 from fitting.material.experiments.prediction import (
     POWERS,
     AbstractExperiment,
     mode_factors,
     padded,
 )
-from fitting.material.experiments.selection import series_of
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.constitutive.specimens.homogeneous import kirchhoff
 

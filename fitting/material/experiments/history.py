@@ -18,9 +18,10 @@ from fitting.material.experiments.measurements import (
     Predictor,
     StressTest,
     homogeneous,
+    series_of,
 )
 from fitting.material.experiments.prediction import AbstractExperiment, padded, shear_factors
-from fitting.material.experiments.selection import averaged, half_cycles, series_of
+from fitting.material.experiments.selection import averaged, half_cycles
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.constitutive.deformation import LogStretches
 from suas_jax.constitutive.inelastic import Inelastic, largest_before

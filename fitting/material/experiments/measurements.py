@@ -9,14 +9,14 @@ import abc
 import collections
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 import numpy as np
 
 from fitting.material.data.errors import DataError
 from fitting.material.experiments.prediction import AbstractExperiment, Homogeneous, padded
-from fitting.material.experiments.scatter import TIMES_SCATTER, departures, scatter_near_rest
+from fitting.material.experiments.scatter import least_size
 from suas_jax.config.errors import unknown
 
 MODES = (
@@ -172,6 +172,12 @@ class Dataset(abc.ABC):
         return {k: x for k, x in vars(self).items() if isinstance(x, np.ndarray)}
 
 
+def series_of(data: Dataset) -> Iterator[np.ndarray]:
+    """Positions of the readings of each specimen, in the order of the file."""
+    for specimen in dict.fromkeys(data.specimen):
+        yield np.flatnonzero(data.specimen == specimen)
+
+
 def mode_named(name: str) -> str:
     """The kind of test that a name means. Raises DataError: there is no such kind."""
     known = _ALIASES.get(name, name)
@@ -255,7 +261,8 @@ class StressTest(Dataset):
     @property
     def floor(self) -> float:
         """A share of the median reading, or what the scatter near rest asks for [Pa]."""
-        return max(self.least_floor, TIMES_SCATTER * self._scatter())
+        series = series_of(self) if self.is_curve else ()
+        return max(self.least_floor, least_size(self.coordinate, self.value, series))
 
     @property
     def least_floor(self) -> float:
@@ -263,16 +270,6 @@ class StressTest(Dataset):
         share = _FLOOR_DIFFERENCE if self.measure == "difference" else _FLOOR
         sizes = np.abs(self.value[self.value != 0.0])
         return share * float(np.median(sizes)) if sizes.size else 1.0
-
-    def _scatter(self) -> float:
-        """Standard deviation of the noise near rest [Pa]; zero where the curve can't tell."""
-        shown = np.full(self.size, np.nan)
-        if self.is_curve:
-            for name in dict.fromkeys(self.specimen):
-                rows = np.flatnonzero(self.specimen == name)
-                departed, deviation = departures(self.coordinate[rows], self.value[rows])
-                shown[rows] = departed / deviation
-        return scatter_near_rest(shown, np.abs(self.value))
 
     def own_size(self) -> np.ndarray:
         """Size of the reading or of its companion [Pa].

@@ -4,6 +4,8 @@ A cubic through two readings on either side predicts a reading. Where readings l
 departure from it is noise; where it is far more, the reading is a spike: none of the specimen.
 """
 
+from collections.abc import Iterable
+
 import numpy as np
 
 # Relative misfits are relative to no less than this many times the scatter near rest: below
@@ -53,7 +55,7 @@ def _scatter(shown: np.ndarray) -> float:
     return _MAD * float(np.median(sizes)) if sizes.size >= _FEWEST else 0.0
 
 
-def scatter_near_rest(shown: np.ndarray, size: np.ndarray) -> float:
+def _scatter_near_rest(shown: np.ndarray, size: np.ndarray) -> float:
     """Standard deviation of the noise of the quarter of the readings that are smallest.
 
     Zero where there are too few to tell.
@@ -66,12 +68,25 @@ def scatter_near_rest(shown: np.ndarray, size: np.ndarray) -> float:
     return _scatter(shown[known & (size <= np.quantile(size[known], 0.25))])
 
 
+def least_size(x: np.ndarray, y: np.ndarray, series: Iterable[np.ndarray]) -> float:
+    """Size below which noise would tell a relative misfit; zero where the curves can't tell.
+
+    `x`: stretches, or whatever was set [n]. `y`: readings [n]. `series`: positions of the
+    readings of each curve, in the order of time.
+    """
+    shown = np.full(len(y), np.nan)
+    for rows in series:
+        departed, deviation = departures(x[rows], y[rows])
+        shown[rows] = departed / deviation
+    return TIMES_SCATTER * _scatter_near_rest(shown, np.abs(y))
+
+
 def _standing(x: np.ndarray, y: np.ndarray, floor: float) -> tuple[np.ndarray, np.ndarray]:
     """Departures over what noise lets them be, and which stand out by it [n]."""
     departed, deviation = departures(x, y)
     size = np.maximum(np.abs(y - departed), floor)
     shown = departed / deviation
-    near_rest = scatter_near_rest(shown, size)
+    near_rest = _scatter_near_rest(shown, size)
     if near_rest == 0.0:
         return np.zeros(len(x)), np.zeros(len(x), dtype=bool)
     ratio = np.abs(shown) / (_TIMES * np.hypot(near_rest, _scatter(shown / size) * size))

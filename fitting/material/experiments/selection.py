@@ -2,12 +2,11 @@
 
 import dataclasses
 import itertools
-from collections.abc import Iterator
 from typing import Any, TypeVar
 
 import numpy as np
 
-from fitting.material.experiments.measurements import Dataset, StressTest
+from fitting.material.experiments.measurements import Dataset, StressTest, series_of
 from fitting.material.experiments.scatter import spikes
 
 # A turn back counts where it undoes this share of the test; less is noise.
@@ -27,12 +26,6 @@ class HalfCycle:
 
     rows: np.ndarray  # positions, in the order of time
     outward: bool  # away from rest
-
-
-def series_of(data: Dataset) -> Iterator[np.ndarray]:
-    """Positions of the readings of each specimen, in the order of the file."""
-    for specimen in dict.fromkeys(data.specimen):
-        yield np.flatnonzero(data.specimen == specimen)
 
 
 def half_cycles(h: np.ndarray) -> list[HalfCycle]:
@@ -161,8 +154,7 @@ def spiked(data: Dataset) -> np.ndarray:
     found = np.zeros(data.size, dtype=bool)
     if isinstance(data, StressTest) and data.is_curve:
         for rows in series_of(data):
-            known = data.coordinate[rows], data.value[rows], data.least_floor
-            found[rows] = spikes(*known)
+            found[rows] = spikes(data.coordinate[rows], data.value[rows], data.least_floor)
     return found
 
 

@@ -11,11 +11,7 @@ from fitting.material.data.errors import DataError
 from fitting.material.experiments.indentation_curve import body_specimen
 from fitting.material.experiments.measurements import Channel, Dataset, Predictor, joined
 from fitting.material.experiments.prediction import AbstractExperiment
-from fitting.material.experiments.scatter import (
-    TIMES_SCATTER,
-    departures,
-    scatter_near_rest,
-)
+from fitting.material.experiments.scatter import least_size
 from fitting.material.experiments.skin_curve import Specimen, specimen
 from fitting.material.experiments.table_reader import Reader
 from suas_jax.config import BodyLoadSpec, LineLoadSpec, SceneSpec
@@ -185,14 +181,13 @@ def _test(
         values = np.where(drive == 0.0, np.nan, values)
         sizes = np.abs(values[np.isfinite(values)])
         typical = float(np.median(sizes)) if sizes.size else 0.0
-        departed, deviation = departures(drive, values)
-        noise = scatter_near_rest(departed / deviation, np.abs(values))
+        noisy = least_size(drive, values, [np.arange(len(values))])
         test = kind(
             **reader.fields(values, name),
             scene=scene,
             drive=drive,
             channel=np.full(len(values), channel),
-            smallest=np.full(len(values), max(_FLOOR * typical, TIMES_SCATTER * noise)),
+            smallest=np.full(len(values), max(_FLOOR * typical, noisy)),
         )
         parts.append(reader.kept(test, drive))
     if not parts:

@@ -43,7 +43,8 @@ def prepared(
 
     def told(before: Dataset, after: Dataset, what: str) -> Dataset:
         if count := before.size - after.size:
-            notes.append(f"{before.file}: {count} readings {what} left out")
+            many = "reading" if count == 1 else "readings"
+            notes.append(f"{before.file}: {count} {many} {what} left out")
         return after
 
     for data in sets:
@@ -57,7 +58,7 @@ def prepared(
         if cut_break:
             kept = told(kept, before_break(kept), "after the break")
         if cut_spikes:
-            kept = told(kept, without_spikes(kept), "that stand out from their neighbours")
+            kept = told(kept, without_spikes(kept), "off the curve of their neighbours")
         if "slack" in zero:
             what = "of the toe, before the curve is steepest,"
             kept = told(kept, without_toe(kept), what)
