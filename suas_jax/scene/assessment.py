@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from suas_jax.equilibrium.balance import Problem, State, Verification, verify, volume_residual
+from suas_jax.equilibrium.balance import Problem, State, verify, volume_residual
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import smallest_gap
 from suas_jax.equilibrium.outcomes import index_of
@@ -63,7 +63,7 @@ def assess(
     check, change, origin, start = None, None, problem, state
     if meshes.stability is not None:  # the error is judged on a part, which can't sway
         whole, part = (problem, state), (solved, found)
-        check, change, forces = _stability(meshes, parts, whole, part, wall=wall)
+        check, change, forces = _stability(meshes, parts, whole, part, judged, wall=wall)
         shown = state if change is None else jax.tree.map(jnp.add, state, change)
         origin, start = part
     else:
@@ -121,7 +121,7 @@ def assess(
     by_mesh, parts_of_error, error, stable = (
         compared() if judged is True and meshes.compared else judge(judged, compared, left_out)
     )
-    report["stable"] = stable if check is None else check.stable
+    report["stable"] = stable if check is None else check
     report["discretisation_error"] = error
     floor = jnp.zeros_like(error)
     touched = touched_by_bodies(problem, state)
@@ -160,17 +160,28 @@ def _stability(
     parts: SceneParts,
     whole: tuple[Problem, State],
     part: tuple[Problem, State],
+    judged: Bool[Array, ""] | bool,
     *,
     wall: bool,
-) -> tuple[Verification, State | None, tuple[Lanes, Lanes]]:
-    """The verdict on a state, the effect of what is left out, and the balance of forces."""
-    plan, (problem, state) = meshes.stability, whole
-    if plan is None or plan.counts == meshes.whole.counts:
-        check, change = verify(problem, state)
-        return check, change, (check.unbalanced, check.balanced)
-    q = problem.mechanics.to_comparison_mesh(state.q, plan.counts)
-    check, _ = verify(problem_of(parts, plan, wall=wall), state._replace(q=q))
-    return check, None, force_balance(*part)
+) -> tuple[Bool[Array, " lane"], State | None, tuple[Lanes, Lanes]]:
+    """Whether a state is stable, the effect of what is left out, and the balance of forces.
+
+    All but sway is told by the part that is solved, in a fourth of the time.
+    """
+    plan, (problem, state), (solved, found) = meshes.stability, whole, part
+    if plan is not None and plan.counts != meshes.whole.counts:
+        q = problem.mechanics.to_comparison_mesh(state.q, plan.counts)
+        check, _ = verify(problem_of(parts, plan, wall=wall), state._replace(q=q))
+        return check.stable, None, force_balance(*part)
+    check, change = verify(solved, found)
+    stable, forces = check.stable, (check.unbalanced, check.balanced)
+    if meshes.solved.symmetric:
+        if change is not None:
+            change = change._replace(q=solved.mechanics.mirrored(change.q))
+        stable = jax.lax.cond(
+            judged, lambda: verify(problem, state, omitted=False)[0].stable, lambda: stable
+        )
+    return stable, change, forces
 
 
 def touched_by_bodies(problem: Problem, state: State) -> list[BodyContact]:

@@ -1,8 +1,9 @@
 """Indentation curves: a scene solved at one travel of its bodies after the other."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NamedTuple, Self
 
+import jax
 import numpy as np
 
 from suas_jax.config import SceneSpec, with_solve
@@ -19,6 +20,7 @@ from suas_jax.scene.travel import on_the_way
 _CONTACT_TOLERANCE = 1e-7  # of the travel at first contact with the wall
 _MOST_HALVINGS = 40
 _COMPARED = 9  # travels at which a coarser mesh tells the error
+_MOST_STATES = 4  # that a polynomial ahead goes through
 
 
 class Point(NamedTuple):
@@ -32,6 +34,11 @@ class Point(NamedTuple):
     def converged(self) -> bool:
         """Whether the equilibrium was found."""
         return number(self.outcome["result"]) == 0
+
+    @property
+    def stable(self) -> bool:
+        """Whether it is one that a membrane stays in."""
+        return self.converged and bool(number(self.report["stable"]))
 
 
 class IndentationCurve(NamedTuple):
@@ -56,8 +63,16 @@ class IndentationCurve(NamedTuple):
         return cls(scene, shares, models[found.plan.model], found.plan, found.wall)
 
     def points(self, depths: np.ndarray) -> list[dict[str, Any]]:
-        """Reports at given travels [m]."""
-        fine = self.follow(depths, self.plan.counts)
+        """Reports at given travels [m].
+
+        Whether the whole sways is told where a coarser mesh may tell the error; where it does
+        at one of them, at all travels.
+        """
+        few = _few(sorted(set(depths)))
+        fine = self.follow(depths, self.plan.counts, judged=few)
+        if not all(x.stable for depth, x in zip(depths, fine, strict=True) if depth in few):
+            again = zip(depths, fine, strict=True)
+            fine = [self._judged(depth, x) if x.converged else x for depth, x in again]
         errors = self._mesh_errors(depths, fine)
         rows = []
         for point, error in zip(fine, errors, strict=True):
@@ -66,19 +81,23 @@ class IndentationCurve(NamedTuple):
             rows.append(report_of(self.scene, plain(point.report), outcome))
         return rows
 
+    def _judged(self, depth: float, point: Point) -> Point:
+        return self._solved(depth, self.plan.counts, point.part, wall=self.wall)
+
     def _mesh_errors(self, depths: np.ndarray, fine: list[Point]) -> np.ndarray:
         """Errors by the mesh at travels [m]: a coarser one tells them at a few.
 
         Elsewhere the larger of the neighbours' counts; NaN at an end that the coarser mesh does
         not reach.
         """
-        known = {depth: x.report for depth, x in zip(depths, fine, strict=True) if x.converged}
-        levels = sorted(depth for depth in known if depth > 0) or sorted(known)
-        few = np.linspace(0, len(levels) - 1, min(len(levels), _COMPARED))
-        chosen = np.array(levels)[few.round().astype(int)]
-        coarse = self.follow(chosen, self.model.coarser(self.plan.counts))
+        known = {depth: x for depth, x in zip(depths, fine, strict=True) if x.converged}
+        chosen = _few(sorted(depth for depth in known if depth > 0) or sorted(known))
+        counts = self.model.coarser(self.plan.counts)
+        coarse = self.follow(chosen, counts, judged=())
         found = {
-            depth: difference(self.scene, x.report, known[depth]) if x.converged else np.nan
+            depth: difference(self.scene, x.report, known[depth].report)
+            if x.converged
+            else np.nan
             for depth, x in zip(chosen, coarse, strict=True)
         }
         told = [depth for depth, error in found.items() if np.isfinite(error)]
@@ -96,18 +115,33 @@ class IndentationCurve(NamedTuple):
         counts: tuple[int, ...],  # size of the mesh
         # states near the solutions, instead of those before them
         starts: Sequence[State] | None = None,
+        *,
+        judged: Collection[float] | None = None,  # travels where sway is told; None for all
     ) -> list[Point]:
-        """Solutions at given travels [m] on one mesh, each from the one before."""
+        """Solutions at given travels [m] on one mesh, each from those before."""
         points: list[Point] = []
-        start = None
         for k, depth in enumerate(depths):
-            if starts is not None:
-                start = starts[k]
-            elif start is not None:
-                start = self._near(start, depths[k - 1], depth)
-            points.append(self._solved(depth, counts, start, wall=self.wall))
-            start = points[-1].part if points[-1].converged else None
+            start = self._ahead(depths[:k], points, depth) if starts is None else starts[k]
+            told = judged is None or depth in judged
+            points.append(self._solved(depth, counts, start, wall=self.wall, judged=told))
         return points
+
+    def _ahead(self, depths: np.ndarray, points: list[Point], depth: float) -> State | None:
+        """Where to start at a travel: on a polynomial through the states before it.
+
+        A cubic one at most, and no further ahead than the states are from each other. None
+        where the last state was not found.
+        """
+        lost = next((n for n, x in enumerate(reversed(points)) if not x.converged), len(points))
+        if not lost:
+            return None
+        for count in range(min(lost, _MOST_STATES), 1, -1):
+            weights = lagrange_weights(depths[-count:], depth)
+            if np.sum(np.abs(weights)) < 2**count:  # as of even steps; NaN of equal travels
+                parts = [point.part for point in points[-count:]]
+                ahead = jax.tree.map(lambda *x: np.tensordot(weights, x, 1), *parts)
+                return ahead._replace(factor=np.ones(1))
+        return self._near(points[-1].part, depths[-1], depth)
 
     def _near(self, state: State, before: float, depth: float) -> State:
         """A state at one travel as a start for another."""
@@ -116,14 +150,20 @@ class IndentationCurve(NamedTuple):
         return on_the_way(self.scene, state, before / depth)
 
     def _solved(
-        self, depth: float, counts: tuple[int, ...], start: State | None, *, wall: bool
+        self,
+        depth: float,
+        counts: tuple[int, ...],
+        start: State | None,
+        *,
+        wall: bool,
+        judged: bool = True,
     ) -> Point:
         known = prepared(self.scene, self.plan.model, counts)
         travels = {path: np.asarray(share * depth) for path, share in self.shares.items()}
         start = at_rest(known.meshes.solved) if start is None else start
         static, inputs = structure_of(self.scene, wall=wall), known.inputs | travels
         report, _, _, part, outcome = run_program(
-            static, known.meshes, inputs, start, once=True
+            static, known.meshes, inputs, start, once=True, judged=judged
         )
         return Point(report, outcome, part)
 
@@ -152,3 +192,16 @@ class IndentationCurve(NamedTuple):
             else:
                 low, start = middle, point.part
         return contact_of(best) | {"depth_m": high}
+
+
+def _few(travels: list[float]) -> np.ndarray:
+    """Some of many travels in their order, evenly spaced, both ends among them."""
+    few = np.linspace(0, len(travels) - 1, min(len(travels), _COMPARED))
+    return np.array(travels)[few.round().astype(int)]
+
+
+def lagrange_weights(at: np.ndarray, x: float) -> np.ndarray:
+    """Weights of values at different places in their polynomial at another."""
+    others = [np.delete(at, k) for k in range(len(at))]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.array([np.prod((x - o) / (at[k] - o)) for k, o in enumerate(others)])
