@@ -1,6 +1,8 @@
 """Indentation curves: a scene solved at one travel of its bodies after the other."""
 
+import os
 from collections.abc import Collection, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple, Self
 
 import jax
@@ -69,7 +71,7 @@ class IndentationCurve(NamedTuple):
         at one of them, at all travels.
         """
         few = _few(sorted(set(depths)))
-        fine = self.follow(depths, self.plan.counts, judged=few)
+        fine = self._filled(depths, few) or self.follow(depths, self.plan.counts, judged=few)
         if not all(x.stable for depth, x in zip(depths, fine, strict=True) if depth in few):
             again = zip(depths, fine, strict=True)
             fine = [self._judged(depth, x) if x.converged else x for depth, x in again]
@@ -80,6 +82,28 @@ class IndentationCurve(NamedTuple):
             outcome = plain(point.outcome) | {"model": self.plan.model, "reason": ""}
             rows.append(report_of(self.scene, plain(point.report), outcome))
         return rows
+
+    def _filled(self, depths: np.ndarray, few: np.ndarray) -> list[Point]:
+        """Solutions at rising travels, those between a few from the states around them.
+
+        None where the few are not all found, or where a solve takes no time worth sharing out.
+        """
+        if not self.plan.solves_long or len(few) == len(depths) or (np.diff(depths, prepend=-1e-300) <= 0).any():
+            return []
+        known = self.follow(few, self.plan.counts)
+        if not all(point.converged for point in known):
+            return []
+        others = np.setdiff1d(depths, few)
+        starts = []
+        for depth in others:
+            first = np.searchsorted(few, depth) - _MOST_STATES // 2
+            first = max(0, min(first, len(few) - _MOST_STATES))
+            near = slice(first, first + _MOST_STATES)
+            weights = lagrange_weights(np.sqrt(few[near]), np.sqrt(depth))
+            starts.append(_joined(weights, known[near]))
+        found = self.follow(others, self.plan.counts, starts, judged=())
+        at = dict(zip([*few, *others], [*known, *found], strict=True))
+        return [at[depth] for depth in depths]
 
     def _judged(self, depth: float, point: Point) -> Point:
         return self._solved(depth, self.plan.counts, point.part, wall=self.wall)
@@ -119,11 +143,18 @@ class IndentationCurve(NamedTuple):
         judged: Collection[float] | None = None,  # travels where sway is told; None for all
     ) -> list[Point]:
         """Solutions at given travels [m] on one mesh, each from those before."""
+
+        def solved(depth: float, start: State | None) -> Point:
+            told = judged is None or depth in judged
+            return self._solved(depth, counts, start, wall=self.wall, judged=told)
+
+        if starts is not None:
+            # A program keeps one core busy: points share out the others.
+            with ThreadPoolExecutor(os.cpu_count()) as pool:
+                return list(pool.map(solved, depths, starts))
         points: list[Point] = []
         for k, depth in enumerate(depths):
-            start = self._ahead(depths[:k], points, depth) if starts is None else starts[k]
-            told = judged is None or depth in judged
-            points.append(self._solved(depth, counts, start, wall=self.wall, judged=told))
+            points.append(solved(depth, self._ahead(depths[:k], points, depth)))
         return points
 
     def _ahead(self, depths: np.ndarray, points: list[Point], depth: float) -> State | None:
@@ -138,9 +169,7 @@ class IndentationCurve(NamedTuple):
         for count in range(min(lost, _MOST_STATES), 1, -1):
             weights = lagrange_weights(depths[-count:], depth)
             if np.sum(np.abs(weights)) < 2**count:  # as of even steps; NaN of equal travels
-                parts = [point.part for point in points[-count:]]
-                ahead = jax.tree.map(lambda *x: np.tensordot(weights, x, 1), *parts)
-                return ahead._replace(factor=np.ones(1))
+                return _joined(weights, points[-count:])
         return self._near(points[-1].part, depths[-1], depth)
 
     def _near(self, state: State, before: float, depth: float) -> State:
@@ -198,6 +227,13 @@ def _few(travels: list[float]) -> np.ndarray:
     """Some of many travels in their order, evenly spaced, both ends among them."""
     few = np.linspace(0, len(travels) - 1, min(len(travels), _COMPARED))
     return np.array(travels)[few.round().astype(int)]
+
+
+def _joined(weights: np.ndarray, points: Sequence[Point]) -> State:
+    """A state near an equilibrium from weighted ones at other travels."""
+    parts = [point.part for point in points]
+    found: State = jax.tree.map(lambda *x: np.tensordot(weights, x, 1), *parts)
+    return found._replace(factor=np.ones(1))
 
 
 def lagrange_weights(at: np.ndarray, x: float) -> np.ndarray:
