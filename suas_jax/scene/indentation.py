@@ -90,6 +90,7 @@ class IndentationCurve(NamedTuple):
         """
         if not self.plan.solves_long or len(few) == len(depths) or (np.diff(depths, prepend=-1e-300) <= 0).any():
             return []
+        few = np.union1d(few, depths[:2])  # what is close to first touch is found from there
         known = self.follow(few, self.plan.counts)
         if not all(point.converged for point in known):
             return []
@@ -117,7 +118,10 @@ class IndentationCurve(NamedTuple):
         known = {depth: x for depth, x in zip(depths, fine, strict=True) if x.converged}
         chosen = _few(sorted(depth for depth in known if depth > 0) or sorted(known))
         counts = self.model.coarser(self.plan.counts)
-        coarse = self.follow(chosen, counts, judged=())
+        starts = None
+        if self.plan.solves_long:
+            starts = [self._carried(known[depth].part, counts) for depth in chosen]
+        coarse = self.follow(chosen, counts, starts, judged=())
         found = {
             depth: difference(self.scene, x.report, known[depth].report)
             if x.converged
@@ -138,7 +142,7 @@ class IndentationCurve(NamedTuple):
         depths: np.ndarray,
         counts: tuple[int, ...],  # size of the mesh
         # states near the solutions, instead of those before them
-        starts: Sequence[State] | None = None,
+        starts: Sequence[State | None] | None = None,
         *,
         judged: Collection[float] | None = None,  # travels where sway is told; None for all
     ) -> list[Point]:
@@ -171,6 +175,12 @@ class IndentationCurve(NamedTuple):
             if np.sum(np.abs(weights)) < 2**count:  # as of even steps; NaN of equal travels
                 return _joined(weights, points[-count:])
         return self._near(points[-1].part, depths[-1], depth)
+
+    def _carried(self, state: State, counts: tuple[int, ...]) -> State | None:
+        """A state of this mesh as a start on one of another size."""
+        plans = (prepared(self.scene, self.plan.model, n) for n in (self.plan.counts, counts))
+        q = self.model.carried(np.asarray(state.q), *(x.meshes.solved for x in plans))
+        return None if q is None else state._replace(q=q)
 
     def _near(self, state: State, before: float, depth: float) -> State:
         """A state at one travel as a start for another."""
