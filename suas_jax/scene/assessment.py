@@ -40,19 +40,19 @@ def assess(
     meshes: Meshes,  # of the solve
     solved: Problem,  # the problem that was solved, of the whole or of a part
     found: State,
-    # whether the error by the mesh is wanted, NaN otherwise: on a pad it takes longer than the
-    # solve
+    # whether the error by the mesh is wanted, NaN otherwise, and whether a symmetric state
+    # sways: on a pad either takes longer than the solve
     judged: Bool[Array, ""] | bool,
     lost: Bool[Array, " lane"],  # whether it is the last state before a failure
     *,
     wall: bool,  # whether the wall is there
 ) -> tuple[dict[str, Any], State, State]:
-    """Observe a state on the whole membrane, and check it.
+    """Observe a state on the whole membrane, and steady it.
 
     One assembly on the mesh for the error answers two questions: whether the state is stable
     and how far it is from the exact solution. Sway needs the whole membrane: where the error
-    is judged on a part, the state is assembled on the whole as well, which also gives the
-    first-order effect of what the mechanics leaves out.
+    is judged on a part, the state is assembled on the whole as well. The first-order effect of
+    what the mechanics leaves out is then the part's.
 
     Returns what is observed, the state on the whole membrane, and the one that is observed.
     """
@@ -60,10 +60,10 @@ def assess(
     if meshes.solved.symmetric:
         problem = problem_of(parts, meshes.whole, wall=wall)
         state = found._replace(q=solved.mechanics.mirrored(found.q))
-    check, change, origin, start = None, None, problem, state
+    steady, change, origin, start = None, None, problem, state
     if meshes.stability is not None:  # the error is judged on a part, which can't sway
         whole, part = (problem, state), (solved, found)
-        check, change, forces = _stability(meshes, parts, whole, part, judged, wall=wall)
+        steady, change, forces = _stability(meshes, parts, whole, part, judged, wall=wall)
         shown = state if change is None else jax.tree.map(jnp.add, state, change)
         origin, start = part
     else:
@@ -85,7 +85,7 @@ def assess(
         by_model = model_changes(Corrected(problem, state, change), parts.forces)
 
     # The correction's own error, where it was computed with the same assembly.
-    with_kinks = check is None and change is not None
+    with_kinks = steady is None and change is not None
     unknown = jnp.full_like(state.pressure, jnp.nan)
 
     def compared() -> tuple[list[list[Lanes]], list[Lanes], Lanes, Bool[Array, " lane"]]:
@@ -97,7 +97,7 @@ def assess(
             other = dataclasses.replace(other, mechanics=finer)
             q = origin.mechanics.to_comparison_mesh(start.q, plan.counts)
             there = start._replace(q=q)
-            its_check, its_change = verify(other, there, omitted=check is None)
+            its_check, its_change = verify(other, there, omitted=steady is None)
             found = key_quantities(other.mechanics, its_check.correction, parts.forces)
             # Those of a part are those of the whole.
             by_mesh.append(mesh_changes(share, values, found, parts.forces))
@@ -106,7 +106,7 @@ def assess(
                 by_kinks.append(correction_mesh_changes(*pair, parts.forces))
             stable = its_check.stable if stable is None else stable
         assert stable is not None
-        solved_counts = (meshes.whole if check is None else meshes.solved).counts
+        solved_counts = (meshes.whole if steady is None else meshes.solved).counts
         if any(plan.counts == solved_counts for plan in meshes.compared):
             return *left_out()[:-1], stable  # a single element joins no other
         parts_of_error = [relative_error(x, scales) for x in by_mesh]
@@ -124,7 +124,7 @@ def assess(
     by_mesh, parts_of_error, error, stable = (
         compared() if judged is True and meshes.compared else judge(judged, compared, left_out)
     )
-    report["stable"] = stable if check is None else check
+    report["stable"] = stable if steady is None else steady
     report["discretisation_error"] = error
     floor = jnp.zeros_like(error)
     touched = touched_by_bodies(problem, state)
@@ -169,7 +169,7 @@ def _stability(
 ) -> tuple[Bool[Array, " lane"], State | None, tuple[Lanes, Lanes]]:
     """Whether a state is stable, the effect of what is left out, and the balance of forces.
 
-    All but sway is told by the part that is solved, in a fourth of the time.
+    All but sway, which is told where `judged`, is the part's that is solved.
     """
     plan, (problem, state), (solved, found) = meshes.stability, whole, part
     if plan is not None and plan.counts != meshes.whole.counts:

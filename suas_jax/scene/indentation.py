@@ -86,9 +86,10 @@ class IndentationCurve(NamedTuple):
     def _filled(self, depths: np.ndarray, few: np.ndarray) -> list[Point]:
         """Solutions at rising travels, those between a few from the states around them.
 
-        None where the few are not all found, or where a solve takes no time worth sharing out.
+        Empty where the few are not all found, or where solves are too short to be shared out.
         """
-        if not self.plan.solves_long or len(few) == len(depths) or (np.diff(depths, prepend=-1e-300) <= 0).any():
+        rising = depths[0] >= 0 and (np.diff(depths) > 0).all()
+        if not (rising and self.plan.solves_long and len(few) < len(depths)):
             return []
         few = np.union1d(few, depths[:2])  # what is close to first touch is found from there
         known = self.follow(few, self.plan.counts)
@@ -220,7 +221,7 @@ class IndentationCurve(NamedTuple):
                 break
             middle = (low + high) / 2
             near = None if start is None else self._near(start, low, middle)
-            point = self._solved(middle, self.plan.counts, near, wall=False)
+            point = self._solved(middle, self.plan.counts, near, wall=False, judged=False)
             if not point.converged:
                 break
             found = plain(point.report)
