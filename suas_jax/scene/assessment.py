@@ -169,16 +169,17 @@ def _stability(
 ) -> tuple[Bool[Array, " lane"], State | None, tuple[Lanes, Lanes]]:
     """Whether a state is stable, the effect of what is left out, and the balance of forces.
 
-    All but sway, which is told where `judged`, is the part's that is solved.
+    On a pad all but sway, which is told where `judged`, is the part's that is solved.
     """
-    plan, (problem, state), (solved, found) = meshes.stability, whole, part
+    plan, (problem, state), solved = meshes.stability, whole, part[0]
     if plan is not None and plan.counts != meshes.whole.counts:
         q = problem.mechanics.to_comparison_mesh(state.q, plan.counts)
         check, _ = verify(problem_of(parts, plan, wall=wall), state._replace(q=q))
         return check.stable, None, force_balance(*part)
-    check, change = verify(solved, found)
+    by_part = meshes.solved.symmetric and meshes.whole.solves_long
+    check, change = verify(*part) if by_part else verify(*whole)
     stable, forces = check.stable, (check.unbalanced, check.balanced)
-    if meshes.solved.symmetric:
+    if by_part:
         if change is not None:
             change = change._replace(q=solved.mechanics.mirrored(change.q))
         stable = jax.lax.cond(

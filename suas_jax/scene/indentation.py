@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple, Self
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from suas_jax.config import SceneSpec, with_solve
@@ -181,7 +182,7 @@ class IndentationCurve(NamedTuple):
         """A state of this mesh as a start on one of another size."""
         plans = (prepared(self.scene, self.plan.model, n) for n in (self.plan.counts, counts))
         q = self.model.carried(np.asarray(state.q), *(x.meshes.solved for x in plans))
-        return None if q is None else state._replace(q=q)
+        return None if q is None else state._replace(q=jnp.asarray(q))
 
     def _near(self, state: State, before: float, depth: float) -> State:
         """A state at one travel as a start for another."""
@@ -243,8 +244,8 @@ def _few(travels: list[float]) -> np.ndarray:
 def _joined(weights: np.ndarray, points: Sequence[Point]) -> State:
     """A state near an equilibrium from weighted ones at other travels."""
     parts = [point.part for point in points]
-    found: State = jax.tree.map(lambda *x: np.tensordot(weights, x, 1), *parts)
-    return found._replace(factor=np.ones(1))
+    found: State = jax.tree.map(lambda *x: jnp.asarray(np.tensordot(weights, x, 1)), *parts)
+    return found._replace(factor=jnp.ones(1))
 
 
 def lagrange_weights(at: np.ndarray, x: float) -> np.ndarray:

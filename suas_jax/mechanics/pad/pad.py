@@ -310,6 +310,7 @@ class Pad(AbstractMechanics):
 
     def read_by(self, part: AbstractMechanics) -> Self:
         """See the base class."""
+        assert isinstance(part, Pad)
         return dataclasses.replace(self, part=part)
 
     def _in_part(self, q: StationVector) -> StationVector:
