@@ -18,6 +18,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from suas_jax.numerics.array_types import Lanes
+from suas_jax.numerics.jet import Jet, second_order
 from suas_jax.skin.geometry import SkinGeometry
 
 # Stiffness of the rigid limit in shear moduli per membrane thickness. Its error falls with
@@ -162,7 +163,21 @@ class Wall(eqx.Module):
         """Whether points may be inside the wall; where not they are outside. See `gap`."""
         if self.geometry.gap_along is not None:
             return self.gap(position, near) < 0
-        return self.geometry.section.least_height(position, near) + self.geometry.oil_gap < 0
+        return self.geometry.section.may_lie_below(position, near, self.geometry.oil_gap)
+
+    def expanded(self, position: Float[Array, "2 *point"], near: Array) -> Jet:
+        """The gap, see there, and its derivatives by the two coordinates.
+
+        With the normal n through a place, the tangent t and the curvature k of the curve
+        through it that is parallel to the inner face::
+
+            gap' = n,   gap'' = k t t
+        """
+        if self.geometry.gap_along is not None:
+            return second_order(lambda x, y: self.gap(jnp.stack([x, y]), near), *position)
+        height, n, k = self.geometry.section.height_frame(position, near)
+        gap = height + self.geometry.oil_gap
+        return Jet(gap, n[0], n[1], k * n[1] ** 2, -k * n[0] * n[1], k * n[0] ** 2)
 
     def seen_from(
         self, position: Float[Array, "component *point"], near: Array
