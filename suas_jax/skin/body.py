@@ -155,7 +155,7 @@ class PlacedBody(eqx.Module):
         return jnp.stack(jnp.broadcast_arrays(*across, along + self.travel))
 
     def expanded(self, position: Float[Array, "2 *point"], near: Array | None = None) -> Jet:
-        """The gap and its derivatives by the two coordinates; see `gap`."""
+        """See `Obstacle`."""
         return second_order(lambda x, y: self.gap(jnp.stack([x, y]), near), *position)
 
     def gap(

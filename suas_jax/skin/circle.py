@@ -78,7 +78,7 @@ class Circle(AbstractSection):
         """Whether they do; see the base class."""
         del near
         x, y = position[0], position[1]
-        return x**2 + y**2 < (self.inner_radius - depth)**2
+        return x**2 + y**2 < (self.inner_radius - depth) ** 2
 
     def moved(self, angle: Array, length: Array, height: Array) -> Array:
         """See the base class."""

@@ -128,6 +128,10 @@ class Obstacle(Protocol):
         """
         ...
 
+    def expanded(self, position: Float[Array, "2 *point"], near: Array) -> Jet:
+        """The gap of a section's points and its derivatives by their two coordinates."""
+        ...
+
 
 class Wall(eqx.Module):
     """A surface parallel to the undeformed inner face, and its law of contact."""
@@ -166,7 +170,7 @@ class Wall(eqx.Module):
         return self.geometry.section.may_lie_below(position, near, self.geometry.oil_gap)
 
     def expanded(self, position: Float[Array, "2 *point"], near: Array) -> Jet:
-        """The gap, see there, and its derivatives by the two coordinates.
+        """See `Obstacle`.
 
         With the normal n through a place, the tangent t and the curvature k of the curve
         through it that is parallel to the inner face::
