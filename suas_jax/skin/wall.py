@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, Float
 
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.jet import Jet, second_order
+from suas_jax.numerics.staging import staged
 from suas_jax.skin.geometry import SkinGeometry
 
 # Stiffness of the rigid limit in shear moduli per membrane thickness. Its error falls with
@@ -180,8 +181,9 @@ class Wall(eqx.Module):
         if self.geometry.gap_along is not None:
             return second_order(lambda x, y: self.gap(jnp.stack([x, y]), near), *position)
         height, n, k = self.geometry.section.height_frame(position, near)
-        gap = height + self.geometry.oil_gap
-        return Jet(gap, n[0], n[1], k * n[1] ** 2, -k * n[0] * n[1], k * n[0] ** 2)
+        # Else all of it is computed anew for every entry of the elements' matrices.
+        gap, x, y, k = staged([height + self.geometry.oil_gap, *n, k])
+        return Jet(gap, x, y, k * y**2, -k * x * y, k * x**2)
 
     def seen_from(
         self, position: Float[Array, "component *point"], near: Array

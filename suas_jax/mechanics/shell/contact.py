@@ -148,7 +148,7 @@ class ContactFace(AbstractContactFace):
         z = self.inputs
         x1, y1, x2, y2 = self._tangents(z)
         size, curl = x1**2 + y1**2, x2 * y1 - y2 * x1
-        far = second_order(self._reach, size, curl)
+        far = second_order(self._reach, size, curl, once=True)
         place = self.rest + z[:2] + far.value * jnp.stack([-y1, x1])
         gap = self.obstacle.expanded(place, self.angle)
         count = len(z) - 2
