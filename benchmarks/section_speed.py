@@ -79,11 +79,12 @@ def calls_of(section: str) -> dict[str, Callable[[], Any]]:
     one, slope = jax.jit(pressure, **options), jax.jit(jax.grad(pressure), **options)
     many = jax.jit(jax.vmap(pressure), **options)
     skin, places = skin_of(scene), np.linspace(-np.pi / 6, np.pi / 6, PRESSES)
-    pressed = Loads.line(places, np.full(PRESSES, FORCE))
+    free, pressed = (Loads.line(places, np.full(PRESSES, force)) for force in (15.0, FORCE))
     return {
         ONE[0]: lambda: one(inputs),
         ONE[1]: lambda: slope(inputs),
         f"{LANES} sections in a batch": lambda: many(lanes),
+        f"{PRESSES} loads, their readings": lambda: forward(skin, free).readings.so,
         f"{PRESSES} loads at the wall": lambda: forward(skin, pressed).wall_force,
     }
 

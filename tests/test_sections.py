@@ -223,6 +223,7 @@ def errors(geometry: SkinGeometry) -> dict[str, jax.Array]:
             return jax.jvp(foot, (place,), (parallel,))[1][1]
 
         angle, over = foot(place)
+        height_there, normal, curvature = section.height_frame(place, a + 0.02)
         bend = jnp.sum(parallel * slope(lambda x: inner_normal(section, x), a), 0)
         bend = bend / slope(section.arc, a)
         second = jax.jvp(rise, (place,), (parallel,))[1]
@@ -231,7 +232,12 @@ def errors(geometry: SkinGeometry) -> dict[str, jax.Array]:
             f"height {height}": over - height,
             f"along the normal {height}": jax.jvp(foot, (place,), (inner,))[1][1] - 1,
             f"along the face {height}": rise(place),
-            f"bound {height}": jnp.maximum(section.least_height(place, a + 0.02) - height, 0),
+            f"height at once {height}": height_there - height,
+            f"normal {height}": normal - inner,
+            f"its bend at once {height}": (curvature - bend / (1 + bend * height))
+            * section.size,
+            f"below {height}": 1.0 - section.may_lie_below(place, a + 0.02, -1e-9 - height),
+            f"above {height}": 1.0 * section.may_lie_below(place, a, 1e-9 - height),
             f"its bend {height}": (second - bend / (1 + bend * height)) * section.size,
         }
     for height, length in ((-5.75e-3, 9e-3), (0.75e-3, -9e-3)):

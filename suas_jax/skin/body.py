@@ -18,6 +18,7 @@ from jaxtyping import Array, Bool, Float
 
 from suas_jax.config import BodyLoadSpec
 from suas_jax.numerics.array_types import Lanes
+from suas_jax.numerics.jet import Jet, second_order
 from suas_jax.skin.body_shapes import AbstractShape, shape_of
 from suas_jax.skin.circle import Circle
 from suas_jax.skin.section import AbstractSection, outward, tangent
@@ -152,6 +153,10 @@ class PlacedBody(eqx.Module):
         *across, along = seen_from(origin, self.body.frame, position)
         # Several travels may be asked for of points of one lane.
         return jnp.stack(jnp.broadcast_arrays(*across, along + self.travel))
+
+    def expanded(self, position: Float[Array, "2 *point"], near: Array | None = None) -> Jet:
+        """See `Obstacle`."""
+        return second_order(lambda x, y: self.gap(jnp.stack([x, y]), near), *position)
 
     def gap(
         self, position: Float[Array, "component *point"], near: Array | None = None

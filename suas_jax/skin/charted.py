@@ -16,7 +16,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.polynomials import polynomial, power_coefficients
@@ -252,16 +252,25 @@ class ChartedSection(AbstractSection):
         found: tuple[Array, Array] = _foot(self, position[:2], start)
         return found
 
-    def least_height(self, position: Float[Array, "2 *shape"], near: Array) -> Array:
-        """The height over the circle that touches the face at `near` and is as flat as it gets.
+    def height_frame(
+        self, position: Float[Array, "2 *shape"], near: Array
+    ) -> tuple[Array, Float[Array, "2 *shape"], Array]:
+        """See the base class."""
+        angle, height = self.foot(position, near)
+        direction, length, turn = self._with_slopes(angle, ("direction",), ("arc", "direction"))
+        return height, outward(direction), turn / (length + turn * height)
+
+    def may_lie_below(
+        self, position: Float[Array, "2 *shape"], near: Array, depth: Lanes
+    ) -> Bool[Array, "*shape"]:
+        """Below the circle that touches the face at `near` and is as flat as the face gets.
 
         The face lies nowhere outside that circle. One look-up, where a foot takes several.
         """
         x, y, direction = self._at(near, "x", "y", "direction")
         away, k = position[:2] - jnp.stack([x, y]), self.flattest
-        up, along = (jnp.sum(away * of(direction), 0) for of in (outward, tangent))
-        far = jnp.sqrt((1 + k * up) ** 2 + (k * along) ** 2)
-        return (2 * up + k * (up**2 + along**2)) / (1 + far)
+        up = jnp.sum(away * outward(direction), 0)
+        return 2 * up + k * jnp.sum(away**2, 0) < (k * depth - 2) * depth
 
     def thickness(self, angle: Array) -> Array:
         """See the base class."""
@@ -329,21 +338,25 @@ class _Search(NamedTuple):
 @eqx.filter_custom_jvp
 def _foot(section: ChartedSection, place: Array, near: Array) -> tuple[Array, Array]:
     """Newton's method; its steps have no derivatives, the foot has them in closed form."""
-    names = ("x", "y", "direction", "arc")
+    ends, lane = section.ends, jnp.arange(section.ends.shape[-1])
+    x, y = (section.table[:, _FIELDS.index(name)] for name in "xy")
+    rows = jnp.concatenate([x, y, 2 / (ends[1:] - ends[:-1])[:, None], ends[:-1, None]], 1)
+    rows = jnp.moveaxis(rows, 1, -1)
 
     def look(carry: _Search) -> _Search:
-        looks, _, angle, height = carry
-        low, scale, powers = section._pieces(angle, names)
+        # Gathered rows, where `_pieces` has products: nothing here is differentiated.
+        *powers, scale, low = jnp.moveaxis(rows[_piece(ends, carry.angle), lane], -1, 0)
+        x, y = powers[:_NODES], powers[_NODES:]
+        v = (carry.angle - low) * scale - 1
         for _ in range(_FOOT_STEPS):
-            v = (angle - low) * scale - 1
-            at, slope = polynomial(powers, v), scale * _slope(powers, v)
-            away, turned = place - at[:2], at[2]
-            height = jnp.sum(away * outward(turned), 0)
-            rate = slope[3] + height * slope[2]
-            step = jnp.sum(away * tangent(turned), 0) / rate
-            angle = angle + step
-        inside = jnp.abs((angle - low) * scale - 1) <= 1
-        return _Search(looks + 1, jnp.all(inside & (jnp.abs(step) < _SETTLED)), angle, height)
+            (at_x, by_x, bend_x), (at_y, by_y, bend_y) = _expanded(x, v), _expanded(y, v)
+            away_x, away_y = place[0] - at_x, place[1] - at_y
+            rate = by_x**2 + by_y**2 - away_x * bend_x - away_y * bend_y
+            step = (away_x * by_x + away_y * by_y) / rate
+            v = v + step
+        height = (away_y * by_x - away_x * by_y) / jnp.sqrt(by_x**2 + by_y**2)
+        settled = jnp.all((jnp.abs(v) <= 1) & (jnp.abs(step) < _SETTLED * scale))
+        return _Search(carry.looks + 1, settled, low + (v + 1) / scale, height)
 
     def goes_on(carry: _Search) -> Array:
         return (carry.looks < _LOOKS) & ~carry.settled
@@ -380,6 +393,26 @@ def _(primals: Any, tangents: Any) -> tuple[tuple[Array, Array], tuple[Array, Ar
     along = jnp.sum(moved * tangent(direction), 0) - height * turn
     up = jnp.sum(moved * outward(direction), 0)
     return (angle, height), (along / (length + height * bend), up)
+
+
+def _piece(ends: Float[Array, "edge #lane"], angle: Array) -> Array:
+    """On which piece angles [*shape, lane] lie, by bisection."""
+    last, lane = len(ends) - 2, jnp.arange(ends.shape[-1])
+    found = jnp.zeros(angle.shape, int)
+    for k in reversed(range(last.bit_length())):
+        further = jnp.minimum(found + 2**k, last)
+        found = jnp.where(angle >= ends[further, lane], further, found)
+    return found
+
+
+def _expanded(powers: Sequence[Array], v: Array) -> tuple[Array, Array, Array]:
+    """Value, first and second derivative of a polynomial by its coordinate."""
+    value, slope, half_bend = powers[-1], jnp.zeros_like(v), jnp.zeros_like(v)
+    for power in powers[-2::-1]:
+        half_bend = half_bend * v + slope
+        slope = slope * v + value
+        value = value * v + power
+    return value, slope, 2 * half_bend
 
 
 def _slope(powers: list[Array], v: Array) -> Array:

@@ -1,7 +1,7 @@
 """A circle of one thickness, in closed forms; other sections need tables."""
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.skin.section import AbstractSection, outward
@@ -62,6 +62,23 @@ class Circle(AbstractSection):
         del near
         x, y = position[0], position[1]
         return jnp.arctan2(x, y), jnp.sqrt(x**2 + y**2) - self.inner_radius
+
+    def height_frame(
+        self, position: Float[Array, "2 *shape"], near: Array
+    ) -> tuple[Array, Float[Array, "2 *shape"], Array]:
+        """Along the radius; see the base class."""
+        del near
+        place = position[:2]
+        radius = jnp.sqrt(jnp.sum(place**2, 0))
+        return radius - self.inner_radius, place / radius, 1 / radius
+
+    def may_lie_below(
+        self, position: Float[Array, "2 *shape"], near: Array, depth: Lanes
+    ) -> Bool[Array, "*shape"]:
+        """Whether they do; see the base class."""
+        del near
+        x, y = position[0], position[1]
+        return x**2 + y**2 < (self.inner_radius - depth) ** 2
 
     def moved(self, angle: Array, length: Array, height: Array) -> Array:
         """See the base class."""

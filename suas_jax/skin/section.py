@@ -19,7 +19,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from suas_jax.numerics.array_types import Lanes
 
@@ -140,9 +140,20 @@ class AbstractSection(eqx.Module):
         start from.
         """
 
-    def least_height(self, position: Float[Array, "2 *shape"], near: Array) -> Array:
-        """A lower bound [m] of the height by `foot`, where it is much cheaper than that."""
-        return self.foot(position, near)[1]
+    @abc.abstractmethod
+    def height_frame(
+        self, position: Float[Array, "2 *shape"], near: Array
+    ) -> tuple[Array, Float[Array, "2 *shape"], Array]:
+        """The height by `foot`, the normal there, and the curvature of the parallel curve.
+
+        The curve runs through the place, beside the inner face [m, -, 1/m].
+        """
+
+    @abc.abstractmethod
+    def may_lie_below(
+        self, position: Float[Array, "2 *shape"], near: Array, depth: Lanes
+    ) -> Bool[Array, "*shape"]:
+        """Whether places may lie a depth [m] below the inner face; surely not where False."""
 
     def moved(self, angle: Array, length: Array, height: Array) -> Array:
         """The angle a length further along a line beside the mid-line.

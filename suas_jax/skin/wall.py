@@ -18,6 +18,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from suas_jax.numerics.array_types import Lanes
+from suas_jax.numerics.jet import Jet, second_order
+from suas_jax.numerics.staging import staged
 from suas_jax.skin.geometry import SkinGeometry
 
 # Stiffness of the rigid limit in shear moduli per membrane thickness. Its error falls with
@@ -127,6 +129,10 @@ class Obstacle(Protocol):
         """
         ...
 
+    def expanded(self, position: Float[Array, "2 *point"], near: Array) -> Jet:
+        """The gap of a section's points and its derivatives by their two coordinates."""
+        ...
+
 
 class Wall(eqx.Module):
     """A surface parallel to the undeformed inner face, and its law of contact."""
@@ -162,7 +168,22 @@ class Wall(eqx.Module):
         """Whether points may be inside the wall; where not they are outside. See `gap`."""
         if self.geometry.gap_along is not None:
             return self.gap(position, near) < 0
-        return self.geometry.section.least_height(position, near) + self.geometry.oil_gap < 0
+        return self.geometry.section.may_lie_below(position, near, self.geometry.oil_gap)
+
+    def expanded(self, position: Float[Array, "2 *point"], near: Array) -> Jet:
+        """See `Obstacle`.
+
+        With the normal n through a place, the tangent t and the curvature k of the curve
+        through it that is parallel to the inner face::
+
+            gap' = n,   gap'' = k t t
+        """
+        if self.geometry.gap_along is not None:
+            return second_order(lambda x, y: self.gap(jnp.stack([x, y]), near), *position)
+        height, n, k = self.geometry.section.height_frame(position, near)
+        # Else all of it is computed anew for every entry of the elements' matrices.
+        gap, x, y, k = staged([height + self.geometry.oil_gap, *n, k])
+        return Jet(gap, x, y, k * y**2, -k * x * y, k * x**2)
 
     def seen_from(
         self, position: Float[Array, "component *point"], near: Array

@@ -148,9 +148,9 @@ class ContactFace(AbstractContactFace):
         z = self.inputs
         x1, y1, x2, y2 = self._tangents(z)
         size, curl = x1**2 + y1**2, x2 * y1 - y2 * x1
-        far = second_order(self._reach, size, curl)
+        far = second_order(self._reach, size, curl, once=True)
         place = self.rest + z[:2] + far.value * jnp.stack([-y1, x1])
-        gap = second_order(lambda x, y: self.gap(jnp.stack([x, y])), place[0], place[1])
+        gap = self.obstacle.expanded(place, self.angle)
         count = len(z) - 2
         one, zero = jnp.ones_like(x1), jnp.zeros_like(x1)
         by_size = [2 * x1, 2 * y1, zero, zero][:count]
