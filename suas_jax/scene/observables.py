@@ -88,6 +88,21 @@ def taxel_observables(parts: SceneParts, problem: Problem, state: State) -> dict
     return {name: jnp.broadcast_to(x, readings.gap.shape) for name, x in columns.items()}
 
 
+def short_circuits(
+    columns: Mapping[str, Array],  # of `taxel_observables`
+    tolerance: Array,  # the deepest penetration of a rigid wall [m, lane]
+) -> dict[str, Array]:
+    """The same, without readings where the wall can't tell a gap from none.
+
+    Between its closed points the face of a membrane on the wall lies nanometres off it: the
+    capacitance of such a film is no number, and without series layers a taxel there is a
+    short circuit.
+    """
+    parted = ~(columns["gap_m"] <= tolerance)
+    read = {name: jnp.where(parted, columns[name], jnp.nan) for name in ("capacitance_F", "so")}
+    return {**columns, **read}
+
+
 def taxel_rows(scene: SceneSpec, columns: Mapping[str, list[float]]) -> list[dict[str, Any]]:
     """One entry a taxel, with the names that logs and the contract give it."""
     if scene.electrodes is None:
@@ -143,6 +158,9 @@ def observe(
             "wall": contact_zone(contact, geometry),
             "gap_tolerance_m": jnp.maximum(-lowest, 0.0),
         }
+        layers = parts.scene.electrodes is not None and parts.scene.electrodes.layers
+        if report["taxels"] and not layers and parts.scene.wall.layer is None:
+            report["taxels"] = short_circuits(report["taxels"], report["gap_tolerance_m"])
     if problem.prestressed:
         found = state if root is None else root
         report["hoop_force_N_per_m"] = held.hoop_force(found.q)
