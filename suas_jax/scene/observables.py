@@ -90,7 +90,7 @@ def taxel_observables(parts: SceneParts, problem: Problem, state: State) -> dict
 
 def short_circuits(
     columns: Mapping[str, Array],  # of `taxel_observables`
-    tolerance: Array,  # the deepest penetration of a rigid wall [m, lane]
+    tolerance: Array,  # to which the face on a rigid wall is known [m, lane]
 ) -> dict[str, Array]:
     """The same, without readings where the wall can't tell a gap from none.
 
@@ -160,7 +160,9 @@ def observe(
         }
         layers = parts.scene.electrodes is not None and parts.scene.electrodes.layers
         if report["taxels"] and not layers and parts.scene.wall.layer is None:
-            report["taxels"] = short_circuits(report["taxels"], report["gap_tolerance_m"])
+            # No more than a thousandth of the film: states next to clamps are known far worse.
+            tolerance = jnp.minimum(report["gap_tolerance_m"], 1e-3 * geometry.oil_gap)
+            report["taxels"] = short_circuits(report["taxels"], tolerance)
     if problem.prestressed:
         found = state if root is None else root
         report["hoop_force_N_per_m"] = held.hoop_force(found.q)
