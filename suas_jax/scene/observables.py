@@ -132,6 +132,7 @@ def observe(
     largest = shape.largest_displacement()
     stretch_min, stretch_max = shape.stretch_range()
     energy = mechanics.stored_energy(state.q)
+    taxels = taxel_observables(parts, problem, state)
     report = {
         "loads": load_observables(parts, problem, state, held, root),
         "oil_pressure_Pa": state.pressure,
@@ -148,21 +149,22 @@ def observe(
         "in_domain": shape.in_domain(mechanics.law),
         "material_stable": shape.material_stable(mechanics.law),
         "volume_residual": volume_residual(problem, state),
-        "taxels": taxel_observables(parts, problem, state),
+        "taxels": taxels,
     }
     if held.wall is not None:
         contact = corrected_contact(held, state, root)
         lowest = jnp.minimum(gap.value, jnp.min(contact.gap, (0, 1)))
+        tolerance = jnp.maximum(-lowest, 0.0)
         report |= {
             "wall_contact": jnp.any(contact.gap < 0, (0, 1)),
             "wall": contact_zone(contact, geometry),
-            "gap_tolerance_m": jnp.maximum(-lowest, 0.0),
+            "gap_tolerance_m": tolerance,
         }
         layers = parts.scene.electrodes is not None and parts.scene.electrodes.layers
-        if report["taxels"] and not layers and parts.scene.wall.layer is None:
+        if taxels and not layers and parts.scene.wall.layer is None:
             # No more than a thousandth of the film: states next to clamps are known far worse.
-            tolerance = jnp.minimum(report["gap_tolerance_m"], 1e-3 * geometry.oil_gap)
-            report["taxels"] = short_circuits(report["taxels"], tolerance)
+            most = 1e-3 * geometry.oil_gap
+            report["taxels"] = short_circuits(taxels, jnp.minimum(tolerance, most))
     if problem.prestressed:
         found = state if root is None else root
         report["hoop_force_N_per_m"] = held.hoop_force(found.q)
