@@ -33,6 +33,7 @@ from suas_jax.scene import assessment
 from suas_jax.scene.contact_zone import contact_zone
 from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import Loads
+from suas_jax.scene.observables import short_circuits
 from suas_jax.scene.parts import skin_parts
 from suas_jax.scene.report import wall_force_error
 from suas_jax.scene.skin import Skin, skin_of
@@ -313,6 +314,21 @@ def test_a_taxel_in_contact_keeps_its_series_layers(in_contact: Solution) -> Non
     assert 0.2 * plate < under["capacitance_F"] < plate
     assert under["so"] < 65535
     assert far["so"] < 200
+
+
+def test_between_closed_points_of_the_wall_a_taxel_without_layers_has_no_reading() -> None:
+    """A film of 18 nm, where the face is known to 4 um, read 24 million counts."""
+    gap = jnp.array([[1.8e-8], [0.0], [4.1e-6], [4.3e-6], [5e-3]])
+    farads = 1e-16 / gap
+    found = short_circuits(
+        {"gap_m": gap, "capacitance_F": farads, "so": farads / 3e-16}, jnp.array([4.2e-6])
+    )
+    for name in ("capacitance_F", "so"):
+        np.testing.assert_array_equal(
+            np.isnan(found[name])[:, 0], [True, True, True, False, False]
+        )
+    np.testing.assert_array_equal(found["capacitance_F"][3:], farads[3:])
+    np.testing.assert_array_equal(found["gap_m"], gap)
 
 
 @pytest.mark.long  # programs of both models

@@ -786,15 +786,16 @@ def test_the_smallest_force_told_lies_below_and_between_those_evaluated() -> Non
 
 
 def test_range_is_from_the_first_force_told_to_the_last() -> None:
-    force = np.array([[1.0, 2.0, 4.0, 8.0], [1.0, 2.0, 4.0, 8.0]])
-    error = np.array([[0.15, 0.4, 0.5, 3.0], [1.0, 1.0, 1.0, 9.0]])
-    saturated = np.zeros((2, 4, 3), bool)
+    force = np.array([[1.0, 2.0, 4.0, 8.0]] * 3)
+    # The last: 2 N are told and 8 N, which lie on the wall, but not 4 N at first contact.
+    error = np.array([[0.15, 0.4, 0.5, 3.0], [1.0, 1.0, 1.0, 9.0], [0.9, 0.1, 3.0, 0.1]])
+    saturated = np.zeros((3, 4, 3), bool)
     saturated[0, 2:, 1] = True
     zero = np.zeros_like(force)
     found = ForceRange(
-        np.array([0.0, 0.1]),
-        np.array([6.0, np.nan]),
-        np.array([1e3, np.nan]),
+        np.array([0.0, 0.1, 0.2]),
+        np.array([6.0, np.nan, 4.0]),
+        np.array([1e3, np.nan, 1e3]),
         force,
         error,
         zero + 0.01,
@@ -806,9 +807,9 @@ def test_range_is_from_the_first_force_told_to_the_last() -> None:
         0.05,
     )
     assert found.told[0].tolist() == [True, True, True, False]
-    np.testing.assert_allclose(found.smallest, [0.75, np.nan], rtol=1e-12)
-    np.testing.assert_array_equal(found.largest, [4.0, np.nan])
-    np.testing.assert_array_equal(found.saturation, [4.0, np.nan])
+    np.testing.assert_allclose(found.smallest[:2], [0.75, np.nan], rtol=1e-12)
+    np.testing.assert_array_equal(found.largest, [4.0, np.nan, 2.0])
+    np.testing.assert_array_equal(found.saturation, [4.0, np.nan, np.nan])
     rows = found.report()["angles"]
     assert rows[0]["first_contact"] == {
         "force_N": 6.0,

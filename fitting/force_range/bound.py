@@ -77,8 +77,12 @@ class ForceRange:
 
     @property
     def largest(self) -> Floats:
-        """Largest force evaluated that can be told [angle] [N]; NaN where none can."""
-        return _first(self.force[:, ::-1], self.told[:, ::-1])
+        """Largest force evaluated that can be told, as all from `smallest` on [angle] [N].
+
+        NaN where none can. On the wall a force may be told again that is many times as large.
+        """
+        ended = np.logical_or.accumulate(np.logical_or.accumulate(self.told, 1) & ~self.told, 1)
+        return _first(self.force[:, ::-1], (self.told & ~ended)[:, ::-1])
 
     @property
     def saturation(self) -> Floats:

@@ -88,6 +88,21 @@ def taxel_observables(parts: SceneParts, problem: Problem, state: State) -> dict
     return {name: jnp.broadcast_to(x, readings.gap.shape) for name, x in columns.items()}
 
 
+def short_circuits(
+    columns: Mapping[str, Array],  # of `taxel_observables`
+    tolerance: Array,  # to which the face on a rigid wall is known [m, lane]
+) -> dict[str, Array]:
+    """The same, without readings where the wall can't tell a gap from none.
+
+    Between its closed points the face of a membrane on the wall lies nanometres off it: the
+    capacitance of such a film is no number, and without series layers a taxel there is a
+    short circuit.
+    """
+    parted = ~(columns["gap_m"] <= tolerance)
+    read = {name: jnp.where(parted, columns[name], jnp.nan) for name in ("capacitance_F", "so")}
+    return {**columns, **read}
+
+
 def taxel_rows(scene: SceneSpec, columns: Mapping[str, list[float]]) -> list[dict[str, Any]]:
     """One entry a taxel, with the names that logs and the contract give it."""
     if scene.electrodes is None:
@@ -117,6 +132,7 @@ def observe(
     largest = shape.largest_displacement()
     stretch_min, stretch_max = shape.stretch_range()
     energy = mechanics.stored_energy(state.q)
+    taxels = taxel_observables(parts, problem, state)
     report = {
         "loads": load_observables(parts, problem, state, held, root),
         "oil_pressure_Pa": state.pressure,
@@ -133,16 +149,22 @@ def observe(
         "in_domain": shape.in_domain(mechanics.law),
         "material_stable": shape.material_stable(mechanics.law),
         "volume_residual": volume_residual(problem, state),
-        "taxels": taxel_observables(parts, problem, state),
+        "taxels": taxels,
     }
     if held.wall is not None:
         contact = corrected_contact(held, state, root)
         lowest = jnp.minimum(gap.value, jnp.min(contact.gap, (0, 1)))
+        tolerance = jnp.maximum(-lowest, 0.0)
         report |= {
             "wall_contact": jnp.any(contact.gap < 0, (0, 1)),
             "wall": contact_zone(contact, geometry),
-            "gap_tolerance_m": jnp.maximum(-lowest, 0.0),
+            "gap_tolerance_m": tolerance,
         }
+        layers = parts.scene.electrodes is not None and parts.scene.electrodes.layers
+        if taxels and not layers and parts.scene.wall.layer is None:
+            # No more than a thousandth of the film: states next to clamps are known far worse.
+            most = 1e-3 * geometry.oil_gap
+            report["taxels"] = short_circuits(taxels, jnp.minimum(tolerance, most))
     if problem.prestressed:
         found = state if root is None else root
         report["hoop_force_N_per_m"] = held.hoop_force(found.q)

@@ -42,12 +42,12 @@ def report_of(
     kinds = [{"kind": load.kind} for load in scene.loads]
     loads = [kind | load for kind, load in zip(kinds, observed["loads"], strict=True)]
     taxels = taxel_rows(scene, observed.pop("taxels", {}))
+    if "wall" in observed:
+        taxels = [_short_circuited(taxel) for taxel in taxels]
     if not observed["wall_contact"] or "wall" not in observed:
         # Without the wall a gap that is open has no tolerance, one that is closed no meaning.
         tolerance = observed.get("gap_tolerance_m", 0.0 if scene.wall.contact else None)
         observed |= {"wall": None, "gap_tolerance_m": tolerance}
-    elif scene.electrodes is not None:
-        taxels = [_short_circuited(taxel) for taxel in taxels]
     report = {
         **_header(scene, observed | {"loads": loads}, outcome, taxels),
         "iterations": outcome["iterations"],
