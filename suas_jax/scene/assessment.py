@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from suas_jax.equilibrium.balance import Problem, State, verify, volume_residual
+from suas_jax.equilibrium.balance import Problem, State, Verification, verify, volume_residual
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import smallest_gap
 from suas_jax.equilibrium.outcomes import index_of
@@ -40,19 +40,19 @@ def assess(
     meshes: Meshes,  # of the solve
     solved: Problem,  # the problem that was solved, of the whole or of a part
     found: State,
-    # whether the error by the mesh is wanted, NaN otherwise, and whether a symmetric state
-    # sways: on a pad either takes longer than the solve
+    # whether the error by the mesh is wanted, NaN otherwise: on a pad it takes longer than the
+    # solve
     judged: Bool[Array, ""] | bool,
     lost: Bool[Array, " lane"],  # whether it is the last state before a failure
     *,
     wall: bool,  # whether the wall is there
 ) -> tuple[dict[str, Any], State, State]:
-    """Observe a state on the whole membrane, and steady it.
+    """Observe a state on the whole membrane, and check it.
 
     One assembly on the mesh for the error answers two questions: whether the state is stable
     and how far it is from the exact solution. Sway needs the whole membrane: where the error
-    is judged on a part, the state is assembled on the whole as well. The first-order effect of
-    what the mechanics leaves out is then the part's.
+    is judged on a part, the state is assembled on the whole as well, which also gives the
+    first-order effect of what the mechanics leaves out.
 
     Returns what is observed, the state on the whole membrane, and the one that is observed.
     """
@@ -60,10 +60,10 @@ def assess(
     if meshes.solved.symmetric:
         problem = problem_of(parts, meshes.whole, wall=wall)
         state = found._replace(q=solved.mechanics.mirrored(found.q))
-    steady, change, origin, start = None, None, problem, state
+    check, change, origin, start = None, None, problem, state
     if meshes.stability is not None:  # the error is judged on a part, which can't sway
         whole, part = (problem, state), (solved, found)
-        steady, change, forces = _stability(meshes, parts, whole, part, judged, wall=wall)
+        check, change, forces = _stability(meshes, parts, whole, part, wall=wall)
         shown = state if change is None else jax.tree.map(jnp.add, state, change)
         origin, start = part
     else:
@@ -85,7 +85,7 @@ def assess(
         by_model = model_changes(Corrected(problem, state, change), parts.forces)
 
     # The correction's own error, where it was computed with the same assembly.
-    with_kinks = steady is None and change is not None
+    with_kinks = check is None and change is not None
     unknown = jnp.full_like(state.pressure, jnp.nan)
 
     def compared() -> tuple[list[list[Lanes]], list[Lanes], Lanes, Bool[Array, " lane"]]:
@@ -97,7 +97,7 @@ def assess(
             other = dataclasses.replace(other, mechanics=finer)
             q = origin.mechanics.to_comparison_mesh(start.q, plan.counts)
             there = start._replace(q=q)
-            its_check, its_change = verify(other, there, omitted=steady is None)
+            its_check, its_change = verify(other, there, omitted=check is None)
             found = key_quantities(other.mechanics, its_check.correction, parts.forces)
             # Those of a part are those of the whole.
             by_mesh.append(mesh_changes(share, values, found, parts.forces))
@@ -106,7 +106,7 @@ def assess(
                 by_kinks.append(correction_mesh_changes(*pair, parts.forces))
             stable = its_check.stable if stable is None else stable
         assert stable is not None
-        solved_counts = (meshes.whole if steady is None else meshes.solved).counts
+        solved_counts = (meshes.whole if check is None else meshes.solved).counts
         if any(plan.counts == solved_counts for plan in meshes.compared):
             return *left_out()[:-1], stable  # a single element joins no other
         parts_of_error = [relative_error(x, scales) for x in by_mesh]
@@ -124,7 +124,7 @@ def assess(
     by_mesh, parts_of_error, error, stable = (
         compared() if judged is True and meshes.compared else judge(judged, compared, left_out)
     )
-    report["stable"] = stable if steady is None else steady
+    report["stable"] = stable if check is None else check.stable
     report["discretisation_error"] = error
     floor = jnp.zeros_like(error)
     touched = touched_by_bodies(problem, state)
@@ -163,29 +163,17 @@ def _stability(
     parts: SceneParts,
     whole: tuple[Problem, State],
     part: tuple[Problem, State],
-    judged: Bool[Array, ""] | bool,
     *,
     wall: bool,
-) -> tuple[Bool[Array, " lane"], State | None, tuple[Lanes, Lanes]]:
-    """Whether a state is stable, the effect of what is left out, and the balance of forces.
-
-    On a pad all but sway, which is told where `judged`, is the part's that is solved.
-    """
-    plan, (problem, state), solved = meshes.stability, whole, part[0]
-    if plan is not None and plan.counts != meshes.whole.counts:
-        q = problem.mechanics.to_comparison_mesh(state.q, plan.counts)
-        check, _ = verify(problem_of(parts, plan, wall=wall), state._replace(q=q))
-        return check.stable, None, force_balance(*part)
-    by_part = meshes.solved.symmetric and meshes.whole.solves_long
-    check, change = verify(*part) if by_part else verify(*whole)
-    stable, forces = check.stable, (check.unbalanced, check.balanced)
-    if by_part:
-        if change is not None:
-            change = change._replace(q=solved.mechanics.mirrored(change.q))
-        stable = jax.lax.cond(
-            judged, lambda: verify(problem, state, omitted=False)[0].stable, lambda: stable
-        )
-    return stable, change, forces
+) -> tuple[Verification, State | None, tuple[Lanes, Lanes]]:
+    """The verdict on a state, the effect of what is left out, and the balance of forces."""
+    plan, (problem, state) = meshes.stability, whole
+    if plan is None or plan.counts == meshes.whole.counts:
+        check, change = verify(problem, state)
+        return check, change, (check.unbalanced, check.balanced)
+    q = problem.mechanics.to_comparison_mesh(state.q, plan.counts)
+    check, _ = verify(problem_of(parts, plan, wall=wall), state._replace(q=q))
+    return check, None, force_balance(*part)
 
 
 def touched_by_bodies(problem: Problem, state: State) -> list[BodyContact]:

@@ -1,7 +1,7 @@
 """Indentation curves: a scene solved at one travel of its bodies after the other."""
 
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple, Self
 
@@ -38,11 +38,6 @@ class Point(NamedTuple):
         """Whether the equilibrium was found."""
         return number(self.outcome["result"]) == 0
 
-    @property
-    def stable(self) -> bool:
-        """Whether it is one that a membrane stays in."""
-        return self.converged and bool(number(self.report["stable"]))
-
 
 class IndentationCurve(NamedTuple):
     """A scene whose bodies travel."""
@@ -66,16 +61,8 @@ class IndentationCurve(NamedTuple):
         return cls(scene, shares, models[found.plan.model], found.plan, found.wall)
 
     def points(self, depths: np.ndarray) -> list[dict[str, Any]]:
-        """Reports at given travels [m].
-
-        Whether the whole sways is told where a coarser mesh may tell the error; where it does
-        at one of them, at all travels.
-        """
-        few = _few(sorted(set(depths)))
-        fine = self._filled(depths, few) or self.follow(depths, self.plan.counts, judged=few)
-        if not all(x.stable for depth, x in zip(depths, fine, strict=True) if depth in few):
-            again = zip(depths, fine, strict=True)
-            fine = [self._judged(depth, x) if x.converged else x for depth, x in again]
+        """Reports at given travels [m]."""
+        fine = self._filled(depths) or self.follow(depths, self.plan.counts)
         errors = self._mesh_errors(depths, fine)
         rows = []
         for point, error in zip(fine, errors, strict=True):
@@ -84,15 +71,16 @@ class IndentationCurve(NamedTuple):
             rows.append(report_of(self.scene, plain(point.report), outcome))
         return rows
 
-    def _filled(self, depths: np.ndarray, few: np.ndarray) -> list[Point]:
+    def _filled(self, depths: np.ndarray) -> list[Point]:
         """Solutions at rising travels, those between a few from the states around them.
 
         Empty where the few are not all found, or where solves are too short to be shared out.
         """
         rising = depths[0] >= 0 and (np.diff(depths) > 0).all()
-        if not (rising and self.plan.solves_long and len(few) < len(depths)):
+        if not (rising and self.plan.solves_long and len(depths) > _COMPARED):
             return []
-        few = np.union1d(few, depths[:2])  # what is close to first touch is found from there
+        # What is close to first touch is found from there.
+        few = np.union1d(_few(depths.tolist()), depths[:2])
         known = self.follow(few, self.plan.counts)
         if not all(point.converged for point in known):
             return []
@@ -104,12 +92,9 @@ class IndentationCurve(NamedTuple):
             near = slice(first, first + _MOST_STATES)
             weights = lagrange_weights(np.sqrt(few[near]), np.sqrt(depth))
             starts.append(_joined(weights, known[near]))
-        found = self.follow(others, self.plan.counts, starts, judged=())
+        found = self.follow(others, self.plan.counts, starts)
         at = dict(zip([*few, *others], [*known, *found], strict=True))
         return [at[depth] for depth in depths]
-
-    def _judged(self, depth: float, point: Point) -> Point:
-        return self._solved(depth, self.plan.counts, point.part, wall=self.wall)
 
     def _mesh_errors(self, depths: np.ndarray, fine: list[Point]) -> np.ndarray:
         """Errors by the mesh at travels [m]: a coarser one tells them at a few.
@@ -119,11 +104,10 @@ class IndentationCurve(NamedTuple):
         """
         known = {depth: x for depth, x in zip(depths, fine, strict=True) if x.converged}
         chosen = _few(sorted(depth for depth in known if depth > 0) or sorted(known))
-        counts = self.model.coarser(self.plan.counts)
-        starts = None
+        counts, starts = self.model.coarser(self.plan.counts), None
         if self.plan.solves_long:
             starts = [self._carried(known[depth].part, counts) for depth in chosen]
-        coarse = self.follow(chosen, counts, starts, judged=())
+        coarse = self.follow(chosen, counts, starts)
         found = {
             depth: difference(self.scene, x.report, known[depth].report)
             if x.converged
@@ -145,14 +129,11 @@ class IndentationCurve(NamedTuple):
         counts: tuple[int, ...],  # size of the mesh
         # states near the solutions, instead of those before them
         starts: Sequence[State | None] | None = None,
-        *,
-        judged: Collection[float] | None = None,  # travels where sway is told; None for all
     ) -> list[Point]:
         """Solutions at given travels [m] on one mesh, each from those before."""
 
         def solved(depth: float, start: State | None) -> Point:
-            told = judged is None or depth in judged
-            return self._solved(depth, counts, start, wall=self.wall, judged=told)
+            return self._solved(depth, counts, start, wall=self.wall)
 
         if starts is not None:
             # A program keeps one core busy: points share out the others.
@@ -191,20 +172,14 @@ class IndentationCurve(NamedTuple):
         return on_the_way(self.scene, state, before / depth)
 
     def _solved(
-        self,
-        depth: float,
-        counts: tuple[int, ...],
-        start: State | None,
-        *,
-        wall: bool,
-        judged: bool = True,
+        self, depth: float, counts: tuple[int, ...], start: State | None, *, wall: bool
     ) -> Point:
         known = prepared(self.scene, self.plan.model, counts)
         travels = {path: np.asarray(share * depth) for path, share in self.shares.items()}
         start = at_rest(known.meshes.solved) if start is None else start
         static, inputs = structure_of(self.scene, wall=wall), known.inputs | travels
         report, _, _, part, outcome = run_program(
-            static, known.meshes, inputs, start, once=True, judged=judged
+            static, known.meshes, inputs, start, once=True
         )
         return Point(report, outcome, part)
 
@@ -222,7 +197,7 @@ class IndentationCurve(NamedTuple):
                 break
             middle = (low + high) / 2
             near = None if start is None else self._near(start, low, middle)
-            point = self._solved(middle, self.plan.counts, near, wall=False, judged=False)
+            point = self._solved(middle, self.plan.counts, near, wall=False)
             if not point.converged:
                 break
             found = plain(point.report)

@@ -171,7 +171,7 @@ def _followed(
     """
     model = MODELS[scene.geometry.dimension]["shell"]
     curve = IndentationCurve(scene, {depth: 1.0}, model, found.plan, found.wall)
-    points = curve.follow(levels, found.plan.counts, starts, judged=())
+    points = curve.follow(levels, found.plan.counts, starts)
     for level, point in zip(levels, points, strict=True):
         result = int(number(point.outcome["result"]))
         if result:
