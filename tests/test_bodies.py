@@ -387,7 +387,7 @@ class _Known(IndentationCurve):
     """A curve whose forces are known: on the coarser mesh too large by their travel [mm]."""
 
     def follow(
-        self, depths: Sequence[float], counts: tuple[int, ...], starts: Any = None, **_: Any
+        self, depths: Sequence[float], counts: tuple[int, ...], starts: Any = None
     ) -> list[Point]:
         del starts
         if counts != self.plan.counts:
