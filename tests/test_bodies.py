@@ -434,6 +434,41 @@ def test_a_curve_s_end_that_the_coarser_mesh_does_not_reach_has_no_error(
     assert np.isnan(errors[14:]).all()
 
 
+class _Polynomial(IndentationCurve):
+    """A curve of known states, which takes note of how far a solve starts from its own."""
+
+    def _solved(
+        self, depth: float, counts: tuple[int, ...], start: State | None, *, wall: bool
+    ) -> Point:
+        x = np.array([depth, np.sqrt(depth)])  # [mm]; of the travel and of its root
+        q = jnp.asarray(1 - 2 * x + 3 * x**2 - x**3)
+        OFF[depth] = np.full(2, np.nan) if start is None else np.asarray(start.q - q)
+        return Point({}, {"result": 0}, State(q, jnp.zeros(1), jnp.ones(1)))
+
+
+OFF: dict[float, np.ndarray] = {}
+
+
+def test_points_of_a_pads_curve_start_from_the_states_around_them() -> None:
+    """Cubics through four of them: of the travel in order, of its root between a few."""
+    spec = pad_scene(body(0, 2.0, shape="sphere", radius="10 mm"))
+    plan = plan_for(spec, "shell", (8, 8))
+    curve = _Polynomial(spec, {"load.0.depth": 1.0}, MODELS[3]["shell"], plan, wall=False)
+    travels = np.arange(41) / 4
+    found = curve._filled(travels)
+    in_order = [0.0, 0.25, *np.arange(5, 41, 5) / 4]
+    assert found
+    assert sorted(OFF) == travels.tolist()
+    for travel, point in zip(travels, found, strict=True):
+        np.testing.assert_allclose(point.part.q[0], np.polyval([-1, 3, -2, 1], travel))
+        if travel not in in_order:
+            np.testing.assert_allclose(OFF[travel][1], 0, atol=1e-9)
+    for travel in in_order[6:]:  # even steps are behind it
+        np.testing.assert_allclose(OFF[travel][0], 0, atol=1e-9)
+    assert curve._filled(travels[::-1]) == []
+    assert curve._filled(travels[:9]) == []
+
+
 def test_a_plate_opens_from_a_point_to_one_patch() -> None:
     """Of 0.4 mm at 2 mm, of 6 mm at 4 mm: then a tenth stiffer than a cylinder."""
     small, _, _ = pressed(scene(body(0, 2.0, **PLATE)), 64)

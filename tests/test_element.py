@@ -5,7 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from suas_jax.numerics.polynomials import gauss_legendre, hermite, lagrange_slopes
+from suas_jax.numerics.polynomials import (
+    gauss_legendre,
+    hermite,
+    lagrange_slopes,
+    lagrange_weights,
+)
 
 XI = np.linspace(0, 1, 11)
 
@@ -59,3 +64,5 @@ def test_slopes_of_polynomials_through_points_are_exact(degree: int) -> None:
     points = np.array([-0.3, 0.0, 0.4, 1.1, 2.0])
     slopes = degree * points ** max(degree - 1, 0)
     np.testing.assert_allclose(lagrange_slopes(points) @ points**degree, slopes, atol=1e-12)
+    weights = lagrange_weights(points, 0.7)
+    np.testing.assert_allclose(weights @ points**degree, 0.7**degree, atol=1e-12)

@@ -34,6 +34,18 @@ def lagrange_slopes(points: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]
     return slope - np.diag(np.sum(slope, 1))  # those of a constant are zero
 
 
+def lagrange_weights(points: Float[np.ndarray, " n"], x: float) -> Float[np.ndarray, " n"]:
+    """Weights of values at points in the polynomial through them at another place.
+
+    `points`: NaN or infinite weights where two are equal. `x`: the place.
+    """
+    others = [np.delete(points, k) for k in range(len(points))]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.array(
+            [np.prod((x - o) / (p - o)) for p, o in zip(points, others, strict=True)]
+        )
+
+
 def power_coefficients(
     t: Float[Array, "sample *shape"], values: Float[Array, "sample *shape"]
 ) -> Float[Array, "power *shape"]:

@@ -14,6 +14,7 @@ from suas_jax.equilibrium.balance import State
 from suas_jax.mechanics.model import AbstractModel, AbstractPlan
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.numerics.lanes import number
+from suas_jax.numerics.polynomials import lagrange_weights
 from suas_jax.scene.choice import choose, difference
 from suas_jax.scene.curve import contact_of, first_touch
 from suas_jax.scene.program import at_rest, prepared, run_program, structure_of
@@ -87,6 +88,7 @@ class IndentationCurve(NamedTuple):
         others = np.setdiff1d(depths, few)
         starts = []
         for depth in others:
+            # A zone of contact begins as wide as the root of the travel.
             first = np.searchsorted(few, depth) - _MOST_STATES // 2
             first = max(0, min(first, len(few) - _MOST_STATES))
             near = slice(first, first + _MOST_STATES)
@@ -155,7 +157,7 @@ class IndentationCurve(NamedTuple):
             return None
         for count in range(min(lost, _MOST_STATES), 1, -1):
             weights = lagrange_weights(depths[-count:], depth)
-            if np.sum(np.abs(weights)) < 2**count:  # as of even steps; NaN of equal travels
+            if np.sum(np.abs(weights)) < 2**count:  # as of even steps; never of equal travels
                 return _joined(weights, points[-count:])
         return self._near(points[-1].part, depths[-1], depth)
 
@@ -221,10 +223,3 @@ def _joined(weights: np.ndarray, points: Sequence[Point]) -> State:
     parts = [point.part for point in points]
     found: State = jax.tree.map(lambda *x: jnp.asarray(np.tensordot(weights, x, 1)), *parts)
     return found._replace(factor=jnp.ones(1))
-
-
-def lagrange_weights(at: np.ndarray, x: float) -> np.ndarray:
-    """Weights of values at different places in their polynomial at another."""
-    others = [np.delete(at, k) for k in range(len(at))]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.array([np.prod((x - o) / (at[k] - o)) for k, o in enumerate(others)])
