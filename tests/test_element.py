@@ -10,6 +10,7 @@ from suas_jax.numerics.polynomials import (
     hermite,
     lagrange_slopes,
     lagrange_weights,
+    with_derivatives,
 )
 
 XI = np.linspace(0, 1, 11)
@@ -64,5 +65,9 @@ def test_slopes_of_polynomials_through_points_are_exact(degree: int) -> None:
     points = np.array([-0.3, 0.0, 0.4, 1.1, 2.0])
     slopes = degree * points ** max(degree - 1, 0)
     np.testing.assert_allclose(lagrange_slopes(points) @ points**degree, slopes, atol=1e-12)
+    powers = [jnp.asarray(float(k == degree)) for k in range(6)]
+    bend = degree * (degree - 1) * 0.7 ** max(degree - 2, 0)
+    wanted = 0.7**degree, degree * 0.7 ** max(degree - 1, 0), bend
+    np.testing.assert_allclose(with_derivatives(powers, jnp.asarray(0.7)), wanted, atol=1e-12)
     weights = lagrange_weights(points, 0.7)
     np.testing.assert_allclose(weights @ points**degree, 0.7**degree, atol=1e-12)

@@ -304,27 +304,6 @@ def test_points_far_from_a_body_are_left_out_without_loss(
     assert (lowest > 0) == (float(energy) == 0)
 
 
-def test_a_pad_that_is_its_own_image_may_be_read_on_its_part() -> None:
-    """Contact, samples and energy of the quarter with its images are those of the whole."""
-    part = small_pad(SplineAxis(3, right="mirror"), SplineAxis(4, right="mirror"), EPDM)
-    whole, (q, _, _) = part.whole(), state_of(part, 1e-3)
-    spec = BodyLoadSpec(shape="sphere", radius=0.02, angle=0.0, depth=4e-3)
-    law = RigidLimit(1e9 * ONE, 1e-4 * ONE)
-    given = {"radius": 0.02, "depth": 4e-3, "turn": 0.0}
-    ball = Body.of(spec, THICK.section, (0 * ONE, 0 * ONE), lambda key: given[key] * ONE, law)
-
-    @quick
-    def read(pad: Pad, q: jax.Array) -> tuple[Any, ...]:
-        energies = pad.strain_energy(q), pad.volume_change(q)
-        return pad.sampled(q, 3), pad.touched(q, ball.placed(ONE)), *energies
-
-    full = part.mirrored(q)
-    wanted, got = (read(pad, full) for pad in (whole, whole.read_by(part)))
-    assert 0.01 < np.mean(wanted[1].gap < 0) < 0.9
-    for a, b in zip(jax.tree.leaves(got), jax.tree.leaves(wanted), strict=True):
-        np.testing.assert_allclose(a, b, rtol=0, atol=1e-12 * np.max(np.abs(b)))
-
-
 @pytest.mark.long  # second derivatives of another net; those with the wall above
 def test_the_tangent_is_the_hessian_to_the_last_digits() -> None:
     pad = small_pad(*CASES["whole"])

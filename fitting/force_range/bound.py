@@ -81,7 +81,8 @@ class ForceRange:
 
         NaN where none can. On the wall a force may be told again that is many times as large.
         """
-        ended = np.logical_or.accumulate(np.logical_or.accumulate(self.told, 1) & ~self.told, 1)
+        begun = np.logical_or.accumulate(self.told, 1)
+        ended = np.logical_or.accumulate(begun & ~self.told, 1)
         return _first(self.force[:, ::-1], (self.told & ~ended)[:, ::-1])
 
     @property

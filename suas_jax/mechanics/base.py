@@ -199,11 +199,6 @@ class AbstractMechanics(eqx.Module):
     def mirrored(self, q: StationVector) -> StationVector:
         """Unknowns of the whole arc from those of the left half of a symmetric one."""
 
-    def read_by(self, part: "AbstractMechanics") -> Self:
-        """The same for states that are mirrored from a part's, which may be read there."""
-        del part
-        return self
-
     @abc.abstractmethod
     def to_comparison_mesh(self, q: StationVector, counts: tuple[int, ...]) -> StationVector:
         """The same deformation on a mesh that errors are estimated with.

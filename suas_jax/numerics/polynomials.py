@@ -80,6 +80,19 @@ def polynomial(powers: Sequence[Array] | np.ndarray, t: _Numbers) -> _Numbers:
     return value
 
 
+def with_derivatives(powers: Sequence[Array], t: Array) -> tuple[Array, Array, Array]:
+    """Value, first and second derivative of a polynomial by Horner's scheme.
+
+    `powers`: coefficients in ascending powers. `t`: where.
+    """
+    value, slope, half_bend = powers[-1], jnp.zeros_like(t), jnp.zeros_like(t)
+    for power in powers[-2::-1]:
+        half_bend = half_bend * t + slope
+        slope = slope * t + value
+        value = value * t + power
+    return value, slope, 2 * half_bend
+
+
 # Coefficients of the four cubic shape functions in ascending powers of xi, a row a power.
 _HERMITE = np.array(
     [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [-3.0, -2.0, 3.0, -1.0], [2.0, 1.0, -2.0, 1.0]]

@@ -71,9 +71,6 @@ def assess(
         if problem.mechanics.corrected:
             change = jax.tree.map(lambda a, b: a - b, shown, state)
         forces = force_balance(solved, found)
-    if meshes.solved.symmetric:
-        read = problem.mechanics.read_by(solved.mechanics)
-        problem = dataclasses.replace(problem, mechanics=read)
     # At a limit point, where paths end, the first-order effect is without bound.
     shown = jax.tree.map(lambda a, b: jnp.where(lost, a, b), state, shown)
     report = observe(parts, problem, shown, state)

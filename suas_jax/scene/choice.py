@@ -223,7 +223,11 @@ def _attempt(
         begun = coarser or known
         if begun is not None and begun.converged:
             inputs = inputs | travels_of(scene, begun.report)
-        start = None if coarser is None else _carried(model, coarser, meshes.solved)
+        start = (
+            None
+            if coarser is None
+            else carried(model, coarser.state, coarser.plan, meshes.solved)
+        )
         if aside and start is None:
             moved = shifted(scene, inputs)
             start = run_program(static, meshes, moved, rest, once=once, judged=False)[3]
@@ -323,7 +327,9 @@ def difference(scene: SceneSpec, a: dict[str, Any], b: dict[str, Any]) -> float:
     return _FINER_SHARE * float(np.max(sizes, initial=0.0))  # NaN where one is
 
 
-def _carried(model: AbstractModel, found: Attempt, target: AbstractPlan) -> State | None:
-    """The state of a coarser mesh as a start on another one."""
-    q = model.carried(np.asarray(found.state.q), found.plan, target)
-    return None if q is None else found.state._replace(q=jnp.asarray(q))
+def carried(
+    model: AbstractModel, state: State, plan: AbstractPlan, target: AbstractPlan
+) -> State | None:
+    """A state on one mesh as a start on another one; None where the model can't carry it."""
+    q = model.carried(np.asarray(state.q), plan, target)
+    return None if q is None else state._replace(q=jnp.asarray(q))

@@ -15,7 +15,7 @@ from suas_jax.mechanics.model import AbstractModel, AbstractPlan
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.numerics.lanes import number
 from suas_jax.numerics.polynomials import lagrange_weights
-from suas_jax.scene.choice import choose, difference
+from suas_jax.scene.choice import carried, choose, difference
 from suas_jax.scene.curve import contact_of, first_touch
 from suas_jax.scene.program import at_rest, prepared, run_program, structure_of
 from suas_jax.scene.report import plain, report_of
@@ -88,10 +88,10 @@ class IndentationCurve(NamedTuple):
         others = np.setdiff1d(depths, few)
         starts = []
         for depth in others:
-            # A zone of contact begins as wide as the root of the travel.
             first = np.searchsorted(few, depth) - _MOST_STATES // 2
             first = max(0, min(first, len(few) - _MOST_STATES))
             near = slice(first, first + _MOST_STATES)
+            # A zone of contact begins as wide as the root of the travel.
             weights = lagrange_weights(np.sqrt(few[near]), np.sqrt(depth))
             starts.append(_joined(weights, known[near]))
         found = self.follow(others, self.plan.counts, starts)
@@ -108,7 +108,11 @@ class IndentationCurve(NamedTuple):
         chosen = _few(sorted(depth for depth in known if depth > 0) or sorted(known))
         counts, starts = self.model.coarser(self.plan.counts), None
         if self.plan.solves_long:
-            starts = [self._carried(known[depth].part, counts) for depth in chosen]
+            meshes = [
+                prepared(self.scene, self.plan.model, n).meshes.solved
+                for n in (self.plan.counts, counts)
+            ]
+            starts = [carried(self.model, known[depth].part, *meshes) for depth in chosen]
         coarse = self.follow(chosen, counts, starts)
         found = {
             depth: difference(self.scene, x.report, known[depth].report)
@@ -152,20 +156,15 @@ class IndentationCurve(NamedTuple):
         A cubic one at most, and no further ahead than the states are from each other. None
         where the last state was not found.
         """
-        lost = next((n for n, x in enumerate(reversed(points)) if not x.converged), len(points))
-        if not lost:
+        found = [point.converged for point in reversed(points)]
+        known = found.index(False) if False in found else len(found)
+        if not known:
             return None
-        for count in range(min(lost, _MOST_STATES), 1, -1):
+        for count in range(min(known, _MOST_STATES), 1, -1):
             weights = lagrange_weights(depths[-count:], depth)
             if np.sum(np.abs(weights)) < 2**count:  # as of even steps; never of equal travels
                 return _joined(weights, points[-count:])
         return self._near(points[-1].part, depths[-1], depth)
-
-    def _carried(self, state: State, counts: tuple[int, ...]) -> State | None:
-        """A state of this mesh as a start on one of another size."""
-        plans = (prepared(self.scene, self.plan.model, n) for n in (self.plan.counts, counts))
-        q = self.model.carried(np.asarray(state.q), *(x.meshes.solved for x in plans))
-        return None if q is None else state._replace(q=jnp.asarray(q))
 
     def _near(self, state: State, before: float, depth: float) -> State:
         """A state at one travel as a start for another."""
@@ -213,7 +212,7 @@ class IndentationCurve(NamedTuple):
 
 
 def _few(travels: list[float]) -> np.ndarray:
-    """Some of many travels in their order, evenly spaced, both ends among them."""
+    """Some of many travels, evenly over their list, both ends among them."""
     few = np.linspace(0, len(travels) - 1, min(len(travels), _COMPARED))
     return np.array(travels)[few.round().astype(int)]
 

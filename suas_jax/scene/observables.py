@@ -160,8 +160,8 @@ def observe(
             "wall": contact_zone(contact, geometry),
             "gap_tolerance_m": tolerance,
         }
-        layers = parts.scene.electrodes is not None and parts.scene.electrodes.layers
-        if taxels and not layers and parts.scene.wall.layer is None:
+        electrodes, layer = parts.scene.electrodes, parts.scene.wall.layer
+        if electrodes is not None and not electrodes.layers and layer is None:
             # No more than a thousandth of the film: states next to clamps are known far worse.
             most = 1e-3 * geometry.oil_gap
             report["taxels"] = short_circuits(taxels, jnp.minimum(tolerance, most))

@@ -154,7 +154,7 @@ class PlacedBody(eqx.Module):
         # Several travels may be asked for of points of one lane.
         return jnp.stack(jnp.broadcast_arrays(*across, along + self.travel))
 
-    def expanded(self, position: Float[Array, "2 *point"], near: Array | None = None) -> Jet:
+    def expanded(self, position: Float[Array, "2 *point"], near: Array) -> Jet:
         """See `Obstacle`."""
         return second_order(lambda x, y: self.gap(jnp.stack([x, y]), near), *position)
 

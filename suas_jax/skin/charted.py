@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.numerics.polynomials import polynomial, power_coefficients
+from suas_jax.numerics.polynomials import polynomial, power_coefficients, with_derivatives
 from suas_jax.skin.along import Along
 from suas_jax.skin.section import (
     INVERSE_STEPS,
@@ -344,12 +344,15 @@ def _foot(section: ChartedSection, place: Array, near: Array) -> tuple[Array, Ar
     rows = jnp.moveaxis(rows, 1, -1)
 
     def look(carry: _Search) -> _Search:
-        # Gathered rows, where `_pieces` has products: nothing here is differentiated.
+        # Gathered rows are quicker than the products of `_pieces`, but not to differentiate.
         *powers, scale, low = jnp.moveaxis(rows[_piece(ends, carry.angle), lane], -1, 0)
         x, y = powers[:_NODES], powers[_NODES:]
         v = (carry.angle - low) * scale - 1
         for _ in range(_FOOT_STEPS):
-            (at_x, by_x, bend_x), (at_y, by_y, bend_y) = _expanded(x, v), _expanded(y, v)
+            (at_x, by_x, bend_x), (at_y, by_y, bend_y) = (
+                with_derivatives(x, v),
+                with_derivatives(y, v),
+            )
             away_x, away_y = place[0] - at_x, place[1] - at_y
             rate = by_x**2 + by_y**2 - away_x * bend_x - away_y * bend_y
             step = (away_x * by_x + away_y * by_y) / rate
@@ -403,16 +406,6 @@ def _piece(ends: Float[Array, "edge #lane"], angle: Array) -> Array:
         further = jnp.minimum(found + 2**k, last)
         found = jnp.where(angle >= ends[further, lane], further, found)
     return found
-
-
-def _expanded(powers: Sequence[Array], v: Array) -> tuple[Array, Array, Array]:
-    """Value, first and second derivative of a polynomial by its coordinate."""
-    value, slope, half_bend = powers[-1], jnp.zeros_like(v), jnp.zeros_like(v)
-    for power in powers[-2::-1]:
-        half_bend = half_bend * v + slope
-        slope = slope * v + value
-        value = value * v + power
-    return value, slope, 2 * half_bend
 
 
 def _slope(powers: list[Array], v: Array) -> Array:

@@ -5,9 +5,6 @@ the plane has the other sign: the tangential one (x) at the crown, the axial one
 mid-length.
 """
 
-from typing import NamedTuple, TypeVar
-
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -16,10 +13,6 @@ from suas_jax.numerics.array_types import Lanes
 from suas_jax.skin.pad_loads import PadLoadPoints
 
 _SIGNS = np.array([[-1.0, 1.0, 1.0], [1.0, 1.0, -1.0]])  # [plane, direction]
-_PLACES = "angle", "axial"  # fields across a plane
-_SHEAR = np.array([1.0, 1.0, -1.0])  # of an image's strain, entries (11, 22, 12)
-
-Grid = TypeVar("Grid", bound=NamedTuple)
 
 
 def points_on_both_sides(points: PadLoadPoints, plane: int) -> PadLoadPoints:
@@ -62,20 +55,3 @@ def image_in_part(
         sign = sign.at[2].set(jnp.where(axial > 0, -1.0, 1.0))
         axial = -jnp.abs(axial)
     return sign, angle, axial
-
-
-def grid_on_both_sides(grid: Grid, plane: int, *, shared: bool) -> Grid:
-    """Fields at points [.., arc, axial, lane] up to a plane, and beyond it.
-
-    `shared`: whether the last points lie on the plane, else images do as well.
-    """
-
-    def whole(name: str, x: Array) -> Array:
-        axis, sign = x.ndim - 3 + plane, np.array(-1.0 if name == _PLACES[plane] else 1.0)
-        if axis > plane:
-            sign = (_SHEAR if "strain" in name else _SIGNS[plane])[:, None, None, None]
-        image = jnp.flip(x, axis)
-        image = jax.lax.slice_in_dim(image, int(shared), None, axis=axis)
-        return jnp.concatenate([x, sign * image], axis)
-
-    return grid._replace(**{name: whole(name, x) for name, x in grid._asdict().items()})

@@ -24,9 +24,7 @@ from suas_jax.mechanics.pad.contact import ContactFace
 from suas_jax.mechanics.pad.faces import Faces, unbent
 from suas_jax.mechanics.pad.lane import PadLane
 from suas_jax.mechanics.pad.mirroring import (
-    Grid,
     breaks_on_both_sides,
-    grid_on_both_sides,
     image_in_part,
     points_on_both_sides,
     values_on_both_sides,
@@ -79,8 +77,6 @@ class Pad(AbstractMechanics):
     response: Response | None = None
     # that a state to be read is a correction of, as by shear; None where it is none
     equilibrium: StationVector | None = None
-    # that the states to be read are mirrored from, which is read in a fourth of the time
-    part: "Pad | None" = None
 
     @property
     def topology(self) -> NetTopology:
@@ -138,17 +134,12 @@ class Pad(AbstractMechanics):
         smallest; the position is zero.
         """
         del shift  # there is none
-        if self.part is not None:
-            of_part = self.part.touched(self._in_part(q), body)
-            return self._on_all_sides(of_part, shared=False)
         return self._at_face(q, body, ContactFace.touched)
 
     def grip(self, q: StationVector, body: PlacedBody) -> Grip | None:
         """See the base class."""
         if body.body.friction is None:
             return None
-        if self.part is not None:
-            return self.part.grip(self._in_part(q), body)
         return self._at_face(q, body, ContactFace.grip)
 
     def contact(self, q: StationVector, wall: Wall) -> ContactState:
@@ -180,16 +171,10 @@ class Pad(AbstractMechanics):
 
     def strain_energy(self, q: StationVector) -> Lanes:
         """Strain energy [J]."""
-        if self.part is not None:
-            return self.part.parts * self.part.strain_energy(self._in_part(q))
         return self._by_lane(lambda lane, q: lane.strain_energy(q), q)
 
     def _energies(self, q: StationVector) -> tuple[Lanes, Lanes, Lanes]:
         """See `AbstractLane.energies`."""
-        if self.part is not None:
-            energy, more, work = self.part._energies(self._in_part(q))
-            parts = self.part.parts
-            return parts * energy, parts * more, parts * work
         return self._by_lane(lambda lane, q: lane.energies(q), q)
 
     def volume_change(self, q: StationVector) -> Lanes:
@@ -308,25 +293,6 @@ class Pad(AbstractMechanics):
             x = values_on_both_sides(x, plane, self.topology.vectors)
         return self.whole().topology.to_stations(x)
 
-    def read_by(self, part: AbstractMechanics) -> Self:
-        """See the base class."""
-        assert isinstance(part, Pad)
-        return dataclasses.replace(self, part=part)
-
-    def _in_part(self, q: StationVector) -> StationVector:
-        """Unknowns of the part, of whose values those of the whole are images."""
-        assert self.part is not None
-        of_part = self.part.topology
-        arc, axial = of_part.arc.stations, of_part.axial.stations
-        return of_part.to_stations(self.topology.by_direction(q)[:arc, :axial])
-
-    def _on_all_sides(self, grid: Grid, *, shared: bool) -> Grid:
-        """Fields of the part with their images; see `grid_on_both_sides`."""
-        assert self.part is not None
-        for plane in self.part._planes():
-            grid = grid_on_both_sides(grid, plane, shared=shared)
-        return grid
-
     def faces(
         self,
         q: StationVector,
@@ -346,9 +312,6 @@ class Pad(AbstractMechanics):
         `samples`: intervals an element is divided in, in each direction.
         Returns arrays [arc, axial, lane], components leading.
         """
-        if self.part is not None:
-            of_part = self.part.sampled(self._in_part(q), samples)
-            return self._on_all_sides(of_part, shared=True)
         angle, axial = (_divided(x, samples) for x in (self.net.angles, self.net.axial))
         shape = (angle.shape[0], axial.shape[0])
         found = self._by_lane(lambda lane, *given: lane.sampled(*given), q, angle, axial)
