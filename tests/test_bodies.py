@@ -490,7 +490,7 @@ def solved_on_pad(load: dict[str, Any]) -> tuple[float, float, float]:
     own = scene_parts(spec, inputs)
     pad = build.problem_of(own, meshes.solved).mechanics
     acting = (own.bodies or own.forces)[0]
-    under = number(jnp.abs(pad.under(state.q, acting).mid_displacement[1]))
+    under = number(jnp.abs(pad.under(state.q, [acting]).mid_displacement[1]))
     force = float(load.get("force", "0 N").split()[0])
     if pad.bodies:
         contact = pad.touched(state.q, pad.bodies[0].placed(state.factor))

@@ -59,8 +59,8 @@ def answer(scene: Any, plan: Any, inputs: dict[str, jax.Array]) -> tuple[Any, An
     def read(state: State) -> jax.Array:
         load = parts.forces[0]
         force = load.direction(problem.mechanics.section)
-        moved = problem.mechanics.under(state.q, load)
-        faces = jnp.stack([moved.mid_displacement, moved.inner_displacement])
+        moved = problem.mechanics.under(state.q, [load])
+        faces = jnp.stack([x[:, 0] for x in moved])
         return jnp.append(state.pressure, jnp.sum(faces * force, 1))
 
     change = verify(problem, found.state)[1]
@@ -186,7 +186,7 @@ def test_derivatives_by_place_size_and_direction_are_exact() -> None:
         found = equilibrium(problem).state
         load = parts.forces[0]
         force = load.direction(problem.mechanics.section)
-        moved_by = problem.mechanics.under(found.q, load).inner_displacement
+        moved_by = problem.mechanics.under(found.q, [load]).inner_displacement[:, 0]
         return jnp.append(found.pressure, jnp.sum(moved_by * force, 0))
 
     x = jnp.stack([inputs[name] for name in names])
@@ -237,7 +237,7 @@ def test_the_solid_is_the_continuum() -> None:
         parts = scene_parts(scene, inputs)
         problem = problem_of(parts, plan)
         found, (load,) = equilibrium(problem), parts.forces
-        moved = problem.mechanics.under(found.state.q, load).inner_displacement
+        moved = problem.mechanics.under(found.state.q, [load]).inner_displacement[:, 0]
         way = load.direction(problem.mechanics.section)
         return found.result, found.state.pressure, jnp.sum(moved * way, 0)
 

@@ -183,5 +183,5 @@ def test_a_tall_ellipse_sways_under_a_load_at_its_crown() -> None:
 def crown_displacement(problem: Problem, state: State, shown: State) -> Any:
     """Of the inner face on the axis of symmetry [m]."""
     del state
-    at = problem.mechanics.under(shown.q, LineLoad(*(jnp.zeros(1),) * 3))
-    return at.inner_displacement
+    at = problem.mechanics.under(shown.q, [LineLoad(*(jnp.zeros(1),) * 3)])
+    return at.inner_displacement[:, 0]

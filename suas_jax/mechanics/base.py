@@ -59,7 +59,7 @@ class Profile(NamedTuple):
 
 
 class Displacements(NamedTuple):
-    """How the membrane moves at one place per lane, components leading."""
+    """How the membrane moves at places of every lane, components leading."""
 
     mid_displacement: Array  # of the mid-surface [m]
     inner_displacement: Array  # of the inner face's material point at the same place [m]
@@ -185,10 +185,10 @@ class AbstractMechanics(eqx.Module):
         """The deformed membrane, the whole of it, sampled."""
 
     @abc.abstractmethod
-    def under(self, q: StationVector, load: Any) -> Displacements:
-        """How the membrane moves under the centre of a load [component, lane].
+    def under(self, q: StationVector, loads: Sequence[Any]) -> Displacements:
+        """How the membrane moves under the centres of loads [component, load, lane].
 
-        `load`: one of those that the mechanics was built for.
+        `loads`: at least one, of those that the mechanics was built for.
         """
 
     @abc.abstractmethod

@@ -5,9 +5,11 @@ differentiated.
 """
 
 import abc
+from collections.abc import Sequence
 from typing import ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -186,10 +188,11 @@ class AbstractPlaneStrain(AbstractMechanics):
         profile = self.profile(q, SAMPLES)
         return SectionShape(profile, self.clamp_reach, self.growth, self.resolves_loads)
 
-    def under(self, q: StationVector, load: LineLoad) -> Displacements:
-        """How the section moves under a load; see the base class."""
-        at = self.at_angle(q, load.angle)
-        return Displacements(at.mid_displacement[:, 0, 0], at.inner_displacement[:, 0, 0])
+    def under(self, q: StationVector, loads: Sequence[LineLoad]) -> Displacements:
+        """How the section moves under loads; see the base class."""
+        angles = jnp.stack(jnp.broadcast_arrays(*(x.angle for x in loads)))
+        at = jax.vmap(self.at_angle, (None, 0), 1)(q, angles)
+        return Displacements(at.mid_displacement[:, :, 0, 0], at.inner_displacement[:, :, 0, 0])
 
     def face(self, q: StationVector) -> NormalFace:
         """The deformed inner face by its height over the undeformed one; see the base."""

@@ -38,11 +38,11 @@ def _under_loads(
     mechanics: AbstractMechanics, q: StationVector, loads: list[DeadLoad]
 ) -> list[Lanes]:
     """Mid-surface displacement under the loads, along them: linear in the unknowns [m]."""
-    ways = [x.direction(mechanics.section) for x in loads]
-    return [
-        jnp.sum(mechanics.under(q, x).mid_displacement * way, 0)
-        for x, way in zip(loads, ways, strict=True)
-    ]
+    if not loads:
+        return []
+    moved = mechanics.under(q, loads).mid_displacement
+    ways = (x.direction(mechanics.section) for x in loads)
+    return [jnp.sum(moved[:, k] * way, 0) for k, way in enumerate(ways)]
 
 
 def _largest(mechanics: AbstractMechanics, q: StationVector) -> Lanes:

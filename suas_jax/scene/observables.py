@@ -40,29 +40,34 @@ def load_observables(
     geometry = parts.skin.geometry
     section = geometry.section
     entries: list[dict[str, Any]] = []
+    placed: list[DeadLoad | Body] = [
+        next(bodies if spec.kind == "body" else forces)
+        for spec in parts.scene.loads
+        if spec.kind != "pressure"
+    ]
+    moves = enumerate(placed)
+    if placed:
+        moved = problem.mechanics.under(state.q, placed)
     for spec in parts.scene.loads:
         if spec.kind == "pressure":
             entries.append({"pressure_Pa": next(pressures) * state.factor})
             continue
         own: dict[str, Any]
-        load: DeadLoad | Body
-        if spec.kind == "body":
-            load = next(bodies)
+        k, load = next(moves)
+        if isinstance(load, Body):
             way = -load.frame[-1]
             touch = corrected_touch(held, load, state, root)
             balanced = state if root is None else root
             strip = held.strip(balanced.q, load.placed(state.factor))
             own = body_observables(touch, load, state.factor, geometry, strip)
         else:
-            load = next(forces)
             way, own = load.direction(section), {"force_N": load.force * state.factor}
-        moved = problem.mechanics.under(state.q, load)
         entry = {
             **place_of(parts, "", load.angle),
             "arc_position_m": geometry.outer_arc(load.angle),
             **own,
-            "displacement_m": jnp.sum(moved.mid_displacement * way, 0),
-            "inner_displacement_m": jnp.sum(moved.inner_displacement * way, 0),
+            "displacement_m": jnp.sum(moved.mid_displacement[:, k] * way, 0),
+            "inner_displacement_m": jnp.sum(moved.inner_displacement[:, k] * way, 0),
         }
         if not problem.mechanics.per_width:
             assert not isinstance(load, LineLoad)

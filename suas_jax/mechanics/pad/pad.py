@@ -345,14 +345,13 @@ class Pad(AbstractMechanics):
         """The deformed inner face along rays; see the base class."""
         return PadFace(self, q)
 
-    def under(self, q: StationVector, load: PadLoad) -> Displacements:
-        """How the pad moves under a load's centre, or under its image in a mirror plane."""
-        angle, axial = jnp.broadcast_arrays(load.angle, load.axial)
+    def under(self, q: StationVector, loads: Sequence[PadLoad]) -> Displacements:
+        """How the pad moves under loads' centres, or under their images in mirror planes."""
+        places = jnp.broadcast_arrays(*(y for x in loads for y in (x.angle, x.axial)))
+        angle, axial = jnp.stack(places[::2]), jnp.stack(places[1::2])
         sign, angle, axial = image_in_part(self.mirrored_planes, angle, axial)
-        at = self.faces(q, angle[None], axial[None])
-        return Displacements(
-            sign * at.mid_displacement[:, 0], sign * at.inner_displacement[:, 0]
-        )
+        at = self.faces(q, angle, axial)
+        return Displacements(sign * at.mid_displacement, sign * at.inner_displacement)
 
     def to_comparison_mesh(self, q: StationVector, counts: tuple[int, ...]) -> StationVector:
         """The same deformation on elements half as long in both directions."""
