@@ -83,15 +83,15 @@ def history_sweep(
     asked = None
     if gradient is not None:
         asked = point_asked(gradient, len(history.time), len(scene.loads))
-        require_derivatives(course.scene, _first_model(scene), moves=False)
+        require_derivatives(course.scene, moves=False)
     errors = _Errors.at(course.largest)
     changes = course.time, course.values, course.rest
     moves = film_of(course.scene, errors.plan, *changes) if film else LEFT_OUT
     fewer = _fewer(course.scene, errors.plan) if moves.included else None
     if fewer is not None:
         errors = _Errors.at(course.largest, fewer)
-    if asked is not None:  # `auto` may have taken the solid, and the film may move
-        require_derivatives(course.scene, errors.plan.model, moves=moves.included)
+    if asked is not None:
+        require_derivatives(course.scene, moves=moves.included)
     follower = _Follower(course, errors, moves, len(history.time) <= _FEW)
     points = follower.points()
     shown = [point.pop("shown") for point in points]
