@@ -28,6 +28,7 @@ from suas_jax.dynamics.history_gradient import point_asked, require_derivatives
 from suas_jax.dynamics.history_table import history_of, read_history
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.equilibrium import Equilibrium
+from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.scene.build import build_problem, plan_for
 from suas_jax.scene.sweep import SweepError
 from suas_jax.scene.travel import POWER
@@ -100,6 +101,27 @@ def test_forces_of_what_the_past_leaves_are_those_of_its_energy(
     for found, wanted in ((force, slope), (product, change)):
         error = np.abs(found - wanted)[free].max()
         assert error < 1e-9 * np.abs(found).max()
+
+
+@pytest.mark.parametrize("counts", [(6, 10), (10, 6)])
+def test_what_a_quarter_remembers_is_what_the_whole_does(counts: tuple[int, int]) -> None:
+    scene = load_scene(SCENES / "pad_crown.toml")
+    plan = plan_for(scene, "shell", counts)
+    part, whole = (
+        build_problem(scene, mesh, continuous_inputs(scene)).mechanics
+        for mesh in (steps.followed_part(plan), plan)
+    )
+    assert isinstance(part, Pad)
+    assert isinstance(whole, Pad)
+    assert part.parts == 4
+    free = jnp.asarray(part.topology.free)[..., None]
+    q = jnp.asarray(2e-4 * np.random.default_rng(1).standard_normal(free.shape)) * free
+    stress = part.deviator(q)
+    found = part.mirrored_stress(jnp.stack([stress, 2 * stress]))
+    wanted = whole.deviator(part.mirrored(q))
+    shear = np.abs(wanted[2]).max()
+    np.testing.assert_allclose(found[0], wanted, rtol=0, atol=1e-9 * shear)
+    np.testing.assert_allclose(found[1], 2 * wanted, rtol=0, atol=2e-9 * shear)
 
 
 @pytest.mark.parametrize("warm", [False, True])
