@@ -380,6 +380,12 @@ def test_what_is_remembered_has_derivatives_by_shares_and_times(index: int) -> N
     assert float(by_tau[index]) == pytest.approx(float(slope), rel=1e-9)
 
 
+def creeping(scene: SceneSpec) -> SceneSpec:
+    """A scene whose rubber relaxes as the held press's does."""
+    own = {"relaxation": load_scene(HOLD).material.relaxation}
+    return scene.model_copy(update={"material": scene.material.model_copy(update=own)})
+
+
 # A program of a step and one of derivatives; the chain of pasts above, the balance below.
 @pytest.mark.long
 @pytest.mark.parametrize(
@@ -398,8 +404,7 @@ def test_derivatives_of_a_history_are_those_of_differences(
     how = {"mesh": counts} if solid else {"elements": counts if len(counts) > 1 else counts[0]}
     model = "solid" if solid else "shell"
     scene = with_solve(load_scene(file), model=model, rtol=0.1, **how)
-    creeps = {"relaxation": load_scene(HOLD).material.relaxation}
-    scene = scene.model_copy(update={"material": scene.material.model_copy(update=creeps)})
+    scene = creeping(scene)
     time = np.linspace(0.0, 0.12, 13)  # a step each: steps are the same for other inputs
     force = np.minimum(time / 0.1, 1.0) ** 2
     names = ["material.C1", "material.relaxation.g.0", "material.relaxation.tau.1"]
@@ -442,6 +447,23 @@ def test_derivatives_of_a_history_are_those_of_differences(
             size = abs(points[11]["oil_pressure_Pa"] if "oil" in path else 1e-3)
             floor = 1e-8 * size / step
             assert slopes[name] == pytest.approx(difference, rel=1e-5, abs=floor), name
+
+
+# A program of a pad's steps, which the derivatives above have too; the update's order above.
+@pytest.mark.long
+def test_a_pad_creeps_with_order_two_in_the_step() -> None:
+    scene = creeping(with_solve(load_scene(SCENES / "pad_crown.toml"), rtol=0.1))
+    plan = plan_for(scene, "shell", (6, 6))
+
+    def moved(steps: int) -> float:
+        time = np.linspace(0.0, 0.04, steps + 1)
+        course = Course.of(scene, history_of(list(time), factor=np.sin(30 * time)))
+        points = history._Follower(course, history._Errors(plan, 0.0, 0.0), STILL).points()
+        assert [p["time_steps"] for p in points[1:]] == [1] * steps
+        return float(points[-1]["max_displacement_m"])
+
+    coarse, middle, fine = (moved(steps) for steps in (4, 8, 16))
+    assert (coarse - middle) / (middle - fine) == pytest.approx(4.0, rel=0.1)
 
 
 def test_a_history_says_why_it_has_no_derivatives(monkeypatch: pytest.MonkeyPatch) -> None:
