@@ -11,9 +11,10 @@ from test_cli import SCENES
 
 from suas_jax import load_scene, scene_from_dict, solve, with_inputs, with_solve
 from suas_jax.config import SceneSpec
+from suas_jax.dynamics import history
 from suas_jax.dynamics.course import Course
 from suas_jax.dynamics.driven import FACTOR
-from suas_jax.dynamics.film import film_of
+from suas_jax.dynamics.film import Film, film_of
 from suas_jax.dynamics.history import history_sweep
 from suas_jax.dynamics.history_table import history_of
 from suas_jax.dynamics.inertia import densities_of, flow_of, inertia_of, weights_of
@@ -268,6 +269,14 @@ def test_small_motions_of_a_pad_are_those_of_the_closed_form() -> None:
     # Shear beneath the patch, which the shell leaves out, is added as in statics.
     np.testing.assert_allclose(moved, wanted, rtol=0, atol=1.5e-2 * max(np.abs(wanted)))
     assert all(abs(p["volume_residual"]) < 1e-10 for p in points)
+    # Under a load that comes slowly the film, kept in, lies where statics has it.
+    held = solve(pad(1e-3))
+    slow = Course.of(pad(1e-3), history_of([0.0, 1e5, 2e5], force_N=[0.0, 5e-4, 1e-3]))
+    size = held.report["max_displacement_m"]
+    errors = history._Errors(held.plan, 0.0, 0.0, size)
+    end = history._Follower(slow, errors, Film(True, "")).points()[-1]
+    for key in ("oil_pressure_Pa", "max_displacement_m"):
+        assert end[key] == pytest.approx(held.report[key], rel=1e-6), key
 
 
 @pytest.mark.long  # a program of a quarter of a pad and a body that a force presses

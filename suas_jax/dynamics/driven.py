@@ -184,7 +184,10 @@ class DrivenSkin(AbstractDriven):
         return _under_forces(found, forces, start, wanted, (travels, step.before), thickness)
 
     def forces(self, parts: SceneParts, problem: Problem, state: State) -> Array:
-        """What bodies that are pressed by forces carry, as reports tell it [N]."""
+        """What bodies that are pressed by forces carry, as reports tell it [N].
+
+        `parts`, `problem`: of the skin or, of a symmetric pad, of the half or quarter of it.
+        """
         _, shown = seen(problem, state)
         bodies = iter(parts.bodies)
         rows = []
@@ -195,7 +198,8 @@ class DrivenSkin(AbstractDriven):
                     touch = corrected_touch(problem.mechanics, body, shown, state)
                     own = body_observables(touch, body, state.factor, parts.skin.geometry)
                     rows.append(own["force_N"][0])
-        return jnp.stack(rows)
+        membrane = problem.mechanics
+        return (membrane.parts if isinstance(membrane, Pad) else 1) * jnp.stack(rows)
 
 
 def series_of(skin: SkinSpec, inputs: Inputs) -> PronySeries:

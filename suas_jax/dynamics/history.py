@@ -19,9 +19,9 @@ from suas_jax.dynamics.history_gradient import (
 )
 from suas_jax.dynamics.history_table import History
 from suas_jax.dynamics.pad import outside_of
-from suas_jax.dynamics.steps import Moment, at_rest, through
+from suas_jax.dynamics.steps import Moment, at_rest, followed_part, through
 from suas_jax.dynamics.tr_bdf2 import Moving
-from suas_jax.dynamics.transient import film_at_rest, moving_part, through_film
+from suas_jax.dynamics.transient import film_at_rest, through_film
 from suas_jax.mechanics.model import AbstractPlan, Counts
 from suas_jax.mechanics.pad.model import PadMesh
 from suas_jax.mechanics.registry import MODELS
@@ -83,15 +83,15 @@ def history_sweep(
     asked = None
     if gradient is not None:
         asked = point_asked(gradient, len(history.time), len(scene.loads))
-        require_derivatives(course.scene, _first_model(scene), moves=False)
+        require_derivatives(course.scene, moves=False)
     errors = _Errors.at(course.largest)
     changes = course.time, course.values, course.rest
     moves = film_of(course.scene, errors.plan, *changes) if film else LEFT_OUT
     fewer = _fewer(course.scene, errors.plan) if moves.included else None
     if fewer is not None:
         errors = _Errors.at(course.largest, fewer)
-    if asked is not None:  # `auto` may have taken the solid, and the film may move
-        require_derivatives(course.scene, errors.plan.model, moves=moves.included)
+    if asked is not None:
+        require_derivatives(course.scene, moves=moves.included)
     follower = _Follower(course, errors, moves, len(history.time) <= _FEW)
     points = follower.points()
     shown = [point.pop("shown") for point in points]
@@ -162,7 +162,7 @@ def _fewer(scene: SceneSpec, plan: AbstractPlan) -> Counts | None:
     """Elements of a pad that moves with no more unknowns than it may; None where it does."""
     model, counts = MODELS[plan.dimension][plan.model], plan.counts
     while plan.dimension == 3 and scene.solve.elements is None:
-        part = moving_part(scene, plan_for(scene, plan.model, counts))
+        part = followed_part(plan_for(scene, plan.model, counts))
         if math.prod(part.unknowns_shape) <= _MOST_MOVING:
             break
         counts = model.coarser(counts)
@@ -225,7 +225,7 @@ class _Follower:
             return np.zeros((0, 0))
         found, g = measures(spec), spec.geometry
         arc = 2 * found.half_angle * (found.size + g.mean_thickness / 2)
-        mass, part = outside_of(arc, g.width), moving_part(spec, plan)
+        mass, part = outside_of(arc, g.width), followed_part(plan)
         assert isinstance(part, PadMesh)
         for axis, mirrored in enumerate(part.plan.mirrored):
             if mirrored:  # the part has half of what even harmonics sweep, and no odd ones
@@ -245,7 +245,8 @@ class _Follower:
             values = {key: np.asarray(x) for key, x in course.rest.items()}
             begin = film_at_rest if moves else at_rest
             more = (self._scale(), self._outside()) if moves else ()
-            moment = COMPILED.run(begin, *known, rows.begin[0], values, *more, once=True)
+            part = known[0], followed_part(known[1]), known[2]
+            moment = COMPILED.run(begin, *part, rows.begin[0], values, *more, once=True)
         moving = _DRIVEN_SHARE if self.driven else _MOTION_SHARE
         share = moving if moves else _STEP_SHARE
         tolerance = np.asarray(share * course.scene.rtol)

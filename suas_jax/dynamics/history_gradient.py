@@ -86,8 +86,8 @@ def point_asked(quantity: str, rows: int, loads: int) -> tuple[int, str]:
     return int(number), path
 
 
-def require_derivatives(scene: SceneSpec, model: str, *, moves: bool) -> None:
-    """Refuse to differentiate a history of a scene, solved by a model, whose film may move.
+def require_derivatives(scene: SceneSpec, *, moves: bool) -> None:
+    """Refuse to differentiate a history of a scene whose film may move.
 
     Raises SweepError: says why it can't be differentiated, and what can.
     """
@@ -97,10 +97,6 @@ def require_derivatives(scene: SceneSpec, model: str, *, moves: bool) -> None:
             "the oil's film moves in it, whose steps have no derivatives: leave its viscosity "
             "out, or follow it more slowly"
         )
-    elif scene.geometry.dimension == 3:
-        reason = "it is a pad's; those of sections as shells can be"
-    elif model != "shell":
-        reason = "derivatives of a history are those of sections as shells: solve.model = shell"
     elif driven_by_force(scene):
         reason = "a body is pressed by a force: give its travel, depth, instead"
     if reason is not None:
@@ -132,6 +128,7 @@ def record(
 
     Returns the steps; None where the history has no equilibrium to its end.
     """
+    effort = {"once": True, "long": known[1].solves_long}
     values = {key: np.asarray(x, float) for key, x in rest.items()}
     now = begin = COMPILED.run(at_rest, *known, rows.begin[0], values, once=True)
     taken: list[Any] = []
@@ -141,7 +138,7 @@ def record(
         now = now._replace(steps=np.zeros((), np.int32), last=last)
         more = bool(unfinished(now, row))
         while more:
-            after, more = COMPILED.run(_attempt, *known, row, now, tolerance, once=True)
+            after, more = COMPILED.run(_attempt, *known, row, now, tolerance, **effort)
             if np.any(after.result != 0):
                 return None
             if after.time > now.time or any(after.values[k] != now.values[k] for k in rest):
@@ -227,7 +224,8 @@ def history_gradient(known: Known, record: Record, path: str) -> dict[str, float
     SingularTangentError: the skin buckles somewhere on the way.
     """
     scene, plan, inputs = known
-    found = COMPILED.run(_program, scene, path, plan, record, inputs, once=True)
+    effort = {"once": True, "long": plan.solves_long}
+    found = COMPILED.run(_program, scene, path, plan, record, inputs, **effort)
     slopes = {name: float(value) for name, value in found.items()}
     if not any(map(math.isfinite, slopes.values())):
         raise SingularTangentError(

@@ -84,7 +84,7 @@ class MovingSkin:
             parts, problem = self.skin.parts(values, travels)
             stress = membrane_of(problem).deviator(half.state.q)
             after = past.after(series, elapsed, stress).relaxed(series)
-            told = moment.parts * self.skin.forces(parts, answering(problem, after), half.state)
+            told = self.skin.forces(parts, answering(problem, after), half.state)
             wrong = jnp.where(wanted > 0, (wanted - told) / one, 0.0)
             share = jnp.clip(half.share + wrong, 1 / _SHARE, _SHARE)
             return half._replace(share=share), jnp.max(jnp.abs(wrong)), tries + 1

@@ -39,6 +39,7 @@ from suas_jax.equilibrium.load_path import follow, settled
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.equilibrium.validity import validity
 from suas_jax.mechanics.model import AbstractPlan
+from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.scene.assessment import touched_by_bodies, under_bodies
 from suas_jax.scene.observables import observe
 from suas_jax.scene.structure import Inputs, Structure
@@ -82,13 +83,28 @@ class Rows(NamedTuple):
     final: Values  # the same at its end
 
 
+def followed_part(plan: AbstractPlan) -> AbstractPlan:
+    """The part of a mesh that is followed: of a symmetric pad the half or quarter."""
+    return plan if plan.dimension == 2 else plan.reduced()
+
+
+def as_whole(part: AbstractDriven, now: Any) -> Any:
+    """A `Moment` of the part of a skin, in motion or not, as one of the whole."""
+    membrane = membrane_of(part.problem(now.values, now.travels))
+    if not isinstance(membrane, Pad):
+        return now
+    past = Past(*map(membrane.mirrored_stress, now.past))
+    q = membrane.mirrored(now.state.q)
+    return now._replace(state=now.state._replace(q=q), past=past)
+
+
 @eqx.filter_jit
 def at_rest(
     scene: Structure, plan: AbstractPlan, inputs: Inputs, time: Array, values: Values
 ) -> Moment:
     """A skin that has always been at rest.
 
-    `scene`: with the instantaneous response of its material. `plan`: mesh of the whole section.
+    `scene`: with the instantaneous response of its material. `plan`: mesh of what is followed.
     `inputs`: the scene's numbers. `time`: [s]. `values`: without loads.
     """
     return begun(DrivenSkin.of(scene, plan, inputs, values), time, values)
@@ -141,10 +157,10 @@ def _unloaded(problem: Problem, level: Array) -> tuple[State, Array]:
 @eqx.filter_jit
 def through(
     scene: Structure,  # with the instantaneous response of its material
-    plan: AbstractPlan,  # mesh of the whole section
+    plan: AbstractPlan,  # mesh of the whole membrane
     inputs: Inputs,  # the scene's numbers
     rows: Rows,  # in the order of time
-    start: Moment,  # at the begin of the first one
+    start: Moment,  # at the begin of the first one, of the part that is followed
     tolerance: Float[Array, ""],
 ) -> tuple[dict[str, Any], dict[str, Array], Moment]:
     """Follow a history through some rows.
@@ -153,12 +169,14 @@ def through(
     Returns what is observed at the end of every row, how it was found, and the end of the last
     one.
     """
-    skin = DrivenSkin.of(scene, plan, inputs, rows.final)
+    skin, part = (
+        DrivenSkin.of(scene, mesh, inputs, rows.final) for mesh in (plan, followed_part(plan))
+    )
 
     def observed(now: Moment) -> tuple[dict[str, Any], dict[str, Array]]:
-        return observed_at(skin, now)
+        return observed_at(skin, as_whole(part, now))
 
-    end, (reports, outcomes) = followed(skin, rows, start, tolerance, observed)
+    end, (reports, outcomes) = followed(part, rows, start, tolerance, observed)
     return reports, outcomes, end
 
 

@@ -11,13 +11,18 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from suas_jax.config import SceneSpec
-from suas_jax.constitutive.relaxation import Past
-from suas_jax.dynamics.driven import DrivenSkin, Values, membrane_of
+from suas_jax.dynamics.driven import DrivenSkin, Values
 from suas_jax.dynamics.half_step import Inverse
 from suas_jax.dynamics.motion import free_unknowns
 from suas_jax.dynamics.moving_skin import MovingSkin
-from suas_jax.dynamics.steps import Rows, begun, bend_weight, observed_at
+from suas_jax.dynamics.steps import (
+    Rows,
+    as_whole,
+    begun,
+    bend_weight,
+    followed_part,
+    observed_at,
+)
 from suas_jax.dynamics.tr_bdf2 import Moving, tried
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.model import AbstractPlan
@@ -29,28 +34,10 @@ _SMALLEST = 1e-12  # step over a row at which the history is given up
 _MOST_STEPS = 100_000
 
 
-def moving_part(scene: SceneSpec, plan: AbstractPlan) -> AbstractPlan:
-    """The part of a mesh whose motion is followed: of a symmetric pad the half or quarter.
-
-    A past is known of the whole alone.
-    """
-    whole = plan.dimension == 2 or scene.material.relaxation is not None
-    return plan if whole else plan.reduced()
-
-
-def _whole(skin: DrivenSkin, moves: DrivenSkin, now: Moving) -> Moving:
-    """A part in motion as the whole pad."""
-    part = moves.problem(now.values, now.travels).mechanics
-    q = part.mirrored(now.state.q)
-    stress = membrane_of(skin.problem(now.values, now.travels)).deviator(q)
-    past = Past.none(skin.series, stress.shape)._replace(stress=stress)
-    return now._replace(state=now.state._replace(q=q), past=past)
-
-
 @eqx.filter_jit
 def film_at_rest(
     scene: Structure,  # with the instantaneous response of its material
-    plan: AbstractPlan,  # mesh of the whole section
+    plan: AbstractPlan,  # mesh of what is followed
     inputs: Inputs,  # the scene's numbers
     time: Array,  # [s]
     values: Values,  # without loads
@@ -58,7 +45,7 @@ def film_at_rest(
     outside: Array,  # added mass of a pad's water, see `pad.outside_of`
 ) -> Moving:
     """A skin that has always been at rest, before it moves."""
-    skin = DrivenSkin.of(scene, moving_part(scene.scene, plan), inputs, values)
+    skin = DrivenSkin.of(scene, plan, inputs, values)
     rest = begun(skin, time, values)
     moving = MovingSkin.of(skin, outside)
     moment = moving.at(values, rest.past.relaxed(skin.series))
@@ -98,10 +85,10 @@ def through_film(
     tolerance: Array,
 ) -> tuple[dict[str, Any], dict[str, Array], Moving]:
     """Follow a history through some rows; as `steps.through`, of a skin in motion."""
-    skin = DrivenSkin.of(scene, plan, inputs, rows.final)
-    part = moving_part(scene.scene, plan)
-    moves = skin if part is plan else DrivenSkin.of(scene, part, inputs, rows.final)
-    moving = MovingSkin.of(moves, start.outside)
+    skin, part = (
+        DrivenSkin.of(scene, mesh, inputs, rows.final) for mesh in (plan, followed_part(plan))
+    )
+    moving = MovingSkin.of(part, start.outside)
 
     def visit(now: Moving, row: Rows) -> tuple[Moving, Any]:
         now = now._replace(iterations=0 * now.iterations, steps=0 * now.steps)
@@ -121,7 +108,7 @@ def through_film(
         late = (now.time < row.end) & (now.result == 0)
         result = jnp.where(late, index_of("max_steps"), now.result)
         now = now._replace(result=result.astype(now.result.dtype))
-        return now, observed_at(skin, now if part is plan else _whole(skin, moves, now))
+        return now, observed_at(skin, as_whole(part, now))
 
     end, (reports, outcomes) = jax.lax.scan(visit, start, rows)
     return reports, outcomes, end

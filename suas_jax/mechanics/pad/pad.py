@@ -293,6 +293,25 @@ class Pad(AbstractMechanics):
             x = values_on_both_sides(x, plane, self.topology.vectors)
         return self.whole().topology.to_stations(x)
 
+    def mirrored_stress(
+        self, stress: Float[Array, "*terms 4 layer point lane"]
+    ) -> Float[Array, "*terms 4 layer whole lane"]:
+        """What the whole pad remembers from what a half or a quarter does; see `deviator`."""
+        part, whole = self.one_lane(), self.whole().one_lane()
+        *terms, _, lanes = stress.shape
+        x = stress.reshape(*terms, part.gauss, part.gauss, *part.elements, lanes)
+        if not part.topology.along_arc:
+            x = jnp.swapaxes(jnp.swapaxes(x, -5, -4), -3, -2)
+        # Shear has the other sign on the other side.
+        signs = np.array([1.0, 1.0, -1.0, 1.0]).reshape(4, *[1] * 6)
+        for plane in self._planes():
+            image = signs * jnp.flip(x, (plane - 5, plane - 3))
+            x = jnp.concatenate([x, image], plane - 3)
+        if not whole.topology.along_arc:
+            x = jnp.swapaxes(jnp.swapaxes(x, -5, -4), -3, -2)
+        points = whole.gauss**2 * whole.elements[0] * whole.elements[1]
+        return x.reshape(*terms, points, lanes)
+
     def faces(
         self,
         q: StationVector,
