@@ -7,6 +7,7 @@ CalculiX; its header says how well.
 
 import dataclasses
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import jax
@@ -25,6 +26,7 @@ from suas_jax.config import (
     with_solve,
 )
 from suas_jax.equilibrium.balance import Problem, State
+from suas_jax.equilibrium.correction import corrected_contact
 from suas_jax.equilibrium.equilibrium import equilibrium, smallest_gap
 from suas_jax.equilibrium.equilibrium_path import path
 from suas_jax.mechanics.contact.face import ContactState
@@ -218,6 +220,22 @@ def test_a_stiff_layer_is_a_rigid_wall_and_a_soft_one_gives_way() -> None:
 @partial(quick)
 def along(problem: Problem, levels: Array) -> Any:
     return path(problem, levels)
+
+
+def test_the_wall_pushes_even_where_what_a_shell_leaves_out_lifts_the_membrane() -> None:
+    """Contacts of two points: the first order lifts both, or one, off a wall of 1 Pa/m."""
+    gap = jnp.array([[[-1.0, -4.0]], [[0.5, -1.0]]])  # [point, element, lane] [m]
+
+    def contact(q: Array, wall: object) -> ContactState:
+        seen, ones = gap + q, jnp.ones_like(gap)
+        return ContactState(ones, ones, seen, jnp.maximum(-seen, 0.0), ones)
+
+    mechanics: Any = SimpleNamespace(wall=object(), corrected=True, contact=contact)
+    root, shown = (State(jnp.full(2, q), *[jnp.zeros(2)] * 2) for q in (0.0, 2.0))
+    found = corrected_contact(mechanics, shown, root)
+    carried = jnp.sum(found.area * found.pressure, (0, 1))
+    # Of what stays in contact the points add up to what balances the other forces.
+    np.testing.assert_allclose(carried, [0.0, (4 - 2) + (1 - 2)])
 
 
 @pytest.mark.long  # the program of a path; from rest in the references above

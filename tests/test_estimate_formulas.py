@@ -804,6 +804,7 @@ def test_range_is_from_the_first_force_told_to_the_last() -> None:
         1.0,
         True,
         ROUND,
+        np.array([True, False, True]),
         0.05,
     )
     assert found.told[0].tolist() == [True, True, True, False]
@@ -819,6 +820,7 @@ def test_range_is_from_the_first_force_told_to_the_last() -> None:
         "oil_pressure_Pa": 1e3,
     }
     assert rows[1]["first_contact"] is None
+    assert [row["reason"] for row in rows] == [None, force_bound.WHY_UNRESOLVED, None]
     assert [p["wall_contact"] for p in rows[0]["points"]] == [False, False, False, True]
     assert [p["saturated_taxels"] for p in rows[0]["points"]] == [0, 0, 1, 1]
     assert rows[1]["angle_deg"] == pytest.approx(np.rad2deg(0.1))
@@ -854,7 +856,7 @@ def test_a_range_weighs_readings_by_noise_rounding_and_the_model_s_error(
     """Of two taxels, whose readings are linear in place and force."""
     spec = load_skin(Path(__file__).parent.parent / "configs" / "skins" / "suas.toml")
     rest, slopes = np.array([200.0, 300.0]), np.array([[900.0, -400.0], [7.0, 5.0]])
-    touch = np.array([10.0, np.nan, 30.0])
+    touch = np.array([7.0, 10.0, np.nan, 30.0, 7.0])  # no element's length from the clamps
 
     def sensitivities(skin: Any, angle: Any, force: Any) -> Any:
         so = rest[:, None, None] + slopes[1][:, None, None] * force
@@ -869,8 +871,9 @@ def test_a_range_weighs_readings_by_noise_rounding_and_the_model_s_error(
     monkeypatch.setattr(force_bound, "_sensitivities", sensitivities)
     monkeypatch.setattr(force_bound, "_solved", solved)
     monkeypatch.setattr(force_bound, "_deviation", lambda *given: 0.1)
-    found = force_bound.force_range(spec, 3, noise=3.0)
-    force = found.force[0]
+    found = force_bound.force_range(spec, 5, noise=3.0)
+    assert found.resolved.tolist() == [False, True, True, True, False]
+    force = found.force[1]
     np.testing.assert_allclose(
         force[: len(force_bound.LADDER)], 10 * np.array(force_bound.LADDER)
     )
@@ -878,9 +881,9 @@ def test_a_range_weighs_readings_by_noise_rounding_and_the_model_s_error(
     variance = 9 + 1 / 12 + (force_bound.MODEL_ERROR * slopes[1][:, None] * force) ** 2
     for k in range(len(force)):
         covariance = np.linalg.inv((slopes / variance[:, k]) @ slopes.T)
-        errors = found.angle_error[0, k], found.force_error[0, k]
+        errors = found.angle_error[1, k], found.force_error[1, k]
         np.testing.assert_allclose(errors, np.sqrt(np.diag(covariance)))
-    assert np.isnan(found.force_error[1]).all()
+    assert np.isnan(found.force_error[[0, 2, 4]]).all()
 
 
 def test_what_is_unsure_of_first_contact_is_found_nearest_to_the_middle(

@@ -162,6 +162,8 @@ def corrected_contact(
     change = shown.q - root.q
     at, along = jax.jvp(lambda q: mechanics.contact(q, wall), (root.q,), (change,))
     near = jax.tree.map(lambda a, b: a + b, at, along)
-    # Below zero at a point where it is: the sum balances the other forces to first order.
+    # Below zero at a point where it is: the sum balances the other forces to first order. A
+    # sum below zero says that all of the contact goes with what is left out.
     pressure = jnp.where(at.gap < 0, near.pressure, 0.0)
-    return near._replace(pressure=pressure)
+    lasts = jnp.sum(near.area * pressure, (0, 1)) > 0
+    return near._replace(pressure=jnp.where(lasts, pressure, 0.0))
