@@ -82,8 +82,6 @@ def find_range(
 
 def _section_rows(found: "ForceRange") -> _Table:
     """What a person wants to see of a section: names of the columns, then a row an angle."""
-    from fitting.force_range.bound import WHY_UNRESOLVED
-
     places, what = found.along.shown(found.angle)
     names = [
         what,
@@ -101,7 +99,7 @@ def _section_rows(found: "ForceRange") -> _Table:
         further = (1e-3 * found.oil_pressure, found.smallest, found.largest, found.saturation)
         first = _shown(found.first_contact[i])
         rows.append([f"{place:.1f}", first, interval, *(_shown(x[i]) for x in further)])
-    return names, rows, None if found.resolved.all() else f"–: {WHY_UNRESOLVED}"
+    return names, rows, None
 
 
 def _pad_rows(found: "PadForceRange") -> _Table:

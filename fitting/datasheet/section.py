@@ -14,12 +14,7 @@ from fitting.datasheet.readings import (
     skins_in_lanes,
 )
 from fitting.datasheet.variants import Variants
-from fitting.force_range.bound import (
-    angles_over,
-    first_contacts,
-    readings_at_rest,
-    resolved,
-)
+from fitting.force_range.bound import angles_over, first_contacts, readings_at_rest
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import MODEL_ERROR
 from suas_jax import Skin, skin_of
@@ -63,7 +58,7 @@ def measure_section(
     rest, half, at_rated, near = (
         Readings(*(np.asarray(x)[..., i, :] for x in cases)) for i in range(4)
     )
-    lost = (near.result != 0) | ~np.isfinite(touch) | ~resolved(free, angle)
+    lost = (near.result != 0) | ~np.isfinite(touch)
     near = near._replace(gap=np.where(lost, np.nan, near.gap))
     at = ContactPlaces.of(spec.geometry, free.geometry)
     return Measured(

@@ -36,12 +36,6 @@ LADDER = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 0.85, 0.95, 0.99)
 BEYOND = (1.01, 1.05, 1.15, 1.3, 1.6, 2.0, 3.0, 5.0)
 """Forces at which the bound is evaluated, in terms of first contact: before it and after."""
 
-WHY_UNRESOLVED = (
-    "closer to a clamp than the length of an element: solve a scene with a load there"
-)
-WHY_UNKNOWN = "the membrane does not reach the wall, or has no equilibrium on the way there"
-"""Reasons why a force of first contact is unknown."""
-
 _CLOSEST = 2.0  # thicknesses from a clamp within which no load is put
 _SMALLEST = 1e-3  # force at which the search for first contact starts [N]
 _LARGEST = 1e6  # and where it is given up [N]
@@ -54,8 +48,8 @@ class ForceRange:
     """The range of one radial line load over the skin."""
 
     angle: Floats  # of the load [angle] [rad]
-    # force at which the membrane reaches the wall [angle] [N]; NaN where it never does, where
-    # the way there has no equilibrium, or where the mesh resolves neither
+    # force at which the membrane reaches the wall [angle] [N]; NaN where it never does, or
+    # where the way there has no equilibrium
     first_contact: Floats
     oil_pressure: Floats  # there [angle] [Pa]
     force: Floats  # at which the bound is evaluated [angle, force] [N]
@@ -67,7 +61,6 @@ class ForceRange:
     # whether the wall holds the membrane, so that anything beyond first contact is known
     modelled: bool
     along: ContactPlaces  # what scenes call places
-    resolved: Flags  # whether the mesh tells anything there [angle]: see `resolved`
     # relative standard deviation of the forces of first contact by the skin file's own inputs,
     # as found in the middle; NaN where it is unknown
     deviation: float = float("nan")
@@ -137,7 +130,6 @@ class ForceRange:
         return {
             **self.along.keys(self.angle[i]),
             "first_contact": at if known else None,
-            "reason": None if known else WHY_UNKNOWN if self.resolved[i] else WHY_UNRESOLVED,
             "smallest_force_told_N": float(self.smallest[i]),
             "largest_force_told_N": float(self.largest[i]),
             "saturation_force_N": float(self.saturation[i]),
@@ -146,22 +138,16 @@ class ForceRange:
 
 
 def angles_over(skin: Skin, places: int) -> Floats:
-    """Angles evenly from clamp to clamp [rad]."""
-    geometry = skin.geometry
-    closest = _CLOSEST * geometry.thickness[0] / geometry.mid_size[0]
-    edge = float(geometry.half_angle[0] - closest)
-    return np.linspace(-edge, edge, places)
+    """Angles evenly from clamp to clamp [rad], none closer to one than an element of the mesh.
 
-
-def resolved(skin: Skin, angle: Floats) -> Flags:
-    """Whether a section's mesh resolves what loads do at angles [angle].
-
-    On 32 elements first contact comes at 1.4 times the force that 128 tell half an element from
-    a clamp, and at 1.07 times an element from it (`docs/datasheet_method.md`).
+    Half an element from a clamp first contact comes at 1.4 times the true force.
     """
-    half = float(skin.geometry.half_angle[0])
+    geometry = skin.geometry
+    half = float(geometry.half_angle[0])
     assert isinstance(skin.elements, int)
-    return np.asarray(half - np.abs(angle) >= 2 * half / skin.elements)
+    thin = float(_CLOSEST * geometry.thickness[0] / geometry.mid_size[0])
+    edge = half - max(thin, 2 * half / skin.elements)
+    return np.linspace(-edge, edge, places)
 
 
 def force_range(
@@ -184,8 +170,6 @@ def force_range(
     progress("first contact")
     rest = readings_at_rest(free, angle)[:, None, None]
     touch, pressure = first_contacts(free, angle)
-    near = resolved(free, angle)
-    touch, pressure = np.where(near, touch, np.nan), np.where(near, pressure, np.nan)
     held = skin_of(spec)
     ladder = np.array(LADDER + (BEYOND if held.wall is not None else ()))
     force = touch[:, None] * ladder
@@ -211,7 +195,6 @@ def force_range(
         float(np.sqrt(reading)),
         held.wall is not None,
         ContactPlaces.of(spec.geometry, free.geometry),
-        near,
         _deviation(spec, angle, touch, progress),
     )
 
