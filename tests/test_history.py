@@ -408,9 +408,7 @@ def test_derivatives_of_a_history_are_those_of_differences(
     time = np.linspace(0.0, 0.12, 13)  # a step each: steps are the same for other inputs
     force = np.minimum(time / 0.1, 1.0) ** 2
     names = ["material.C1", "material.relaxation.g.0", "material.relaxation.tau.1"]
-    names += ["geometry.thickness", "load.0.force"]
-    # On the solid, whose elements end at the load, it would be that of one side.
-    names += [] if solid else ["load.0.angle"]
+    names += ["geometry.thickness", "load.0.angle", "load.0.force"]
     values = {"factor": force}
     if warm:
         around = EnvironmentSpec(temperature="22 degC")
