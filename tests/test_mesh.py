@@ -95,13 +95,6 @@ def test_symmetric_loads_have_symmetric_stations(
     )
 
 
-def test_the_station_at_the_crown_moves_with_its_load() -> None:
-    """What a solid reads under the load would have the derivative of one element otherwise."""
-    plan = plan_of([load(0.0)], 8, symmetric=True)
-    np.testing.assert_allclose(plan.stations[4], [0.0, 0.0, 1.0], rtol=0, atol=1e-15)
-    assert len(plan.share) == 1
-
-
 def test_elements_shrink_towards_layers() -> None:
     plan = plan_of([load(0.4)], 32, layer=0.03)
     widths = np.diff(plan.stations @ plan.values)

@@ -425,6 +425,16 @@ def test_gradient_of_a_solid_is_that_of_differences() -> None:
         assert got[name] == pytest.approx((up - down) / (2 * step), rel=1e-5)
 
 
+def test_between_elements_the_slope_of_displacements_is_the_mean_of_both() -> None:
+    solid = solid_of()
+    q, angle = random_state(solid), jnp.asarray(solid.angles[2])
+    moved = quick(lambda angle: solid.at_angle(q, angle).inner_displacement[:, 0, 0])
+    _, slope = jax.jvp(moved, (angle,), (jnp.ones_like(angle),))
+    sides = [(moved(angle + h) - moved(angle)) / h for h in (-1e-6, 1e-6)]
+    assert np.abs(sides[1] - sides[0]).max() > 0.1 * np.abs(slope).max()  # they differ
+    np.testing.assert_allclose(slope, (sides[0] + sides[1]) / 2, rtol=1e-5)
+
+
 @pytest.mark.parametrize(
     ("excess", "finer"),
     [((1.2, 0.1), (384, 6)), ((0.1, 1.4), (256, 6)), ((1.5, 0.9), (384, 8))],

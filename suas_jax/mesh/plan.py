@@ -188,8 +188,6 @@ def plan_mesh(
     inner = list(identity[2:])
     mirrored = symmetric and elements % 2 == 0
     if mirrored:
-        # The station at the crown moves with what lies there, as any other does.
-        crown = next((w for w in inner if abs(w @ values) <= 1e-12), crown)
         inner = [w for w in inner if w @ values < -1e-12]
         ends, count = [clamps[0], *inner, crown], elements // 2
     else:

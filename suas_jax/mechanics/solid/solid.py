@@ -16,7 +16,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import PlaneStrain
@@ -310,19 +310,27 @@ class Solid(AbstractPlaneStrain):
         return section(angle, rest, xi, u, nodes, self._inner_stretch(q), material)
 
     def at_angle(self, q: StationVector, angle: Lanes) -> Displacements:
-        """How the section moves at a reference angle; see the base class."""
+        """How the section moves at a reference angle; see the base class.
+
+        Between two elements it is the mean of both, whose slopes differ under a load.
+        """
         u, _ = self.layout.gather(q)
         start, end = self.angles[:-1], self.angles[1:]
-        inside = jnp.clip(jnp.sum(start <= angle, 0) - 1, 0, self.layout.elements - 1)
 
-        def pick(x: Array) -> Array:
-            index = jnp.broadcast_to(inside, x.shape[-1:])
-            index = index.reshape((1,) * (x.ndim - 1) + (-1,))
-            return jnp.take_along_axis(x, index, -2)
+        def on(before: Bool[Array, "element lane"]) -> Displacements:
+            inside = jnp.clip(jnp.sum(before, 0) - 1, 0, self.layout.elements - 1)
 
-        first, last = pick(start)[0], pick(end)[0]
-        xi = 2 * (angle - first) / (last - first) - 1
-        return displacements(xi[None, None], pick(u))
+            def pick(x: Array) -> Array:
+                index = jnp.broadcast_to(inside, x.shape[-1:])
+                index = index.reshape((1,) * (x.ndim - 1) + (-1,))
+                return jnp.take_along_axis(x, index, -2)
+
+            first, last = pick(start)[0], pick(end)[0]
+            xi = 2 * (angle - first) / (last - first) - 1
+            return displacements(xi[None, None], pick(u))
+
+        both = zip(on(start <= angle), on(start < angle), strict=True)
+        return Displacements(*((a + b) / 2 for a, b in both))
 
     def mirrored(self, q: StationVector) -> StationVector:
         """Unknowns of the whole arc; see the base class."""
