@@ -12,7 +12,7 @@ from skins import converged, find, line, problem_of, quick, scene
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
-from suas_jax.config import SceneSpec, with_solve
+from suas_jax.config import SceneSpec, continuous_inputs, with_solve
 from suas_jax.constitutive import Gent
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.outcomes import NAMES, advice, index_of
@@ -21,6 +21,7 @@ from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.pad.faces import Faces
 from suas_jax.mechanics.pad.shape import PadShape
 from suas_jax.mechanics.section import SectionShape
+from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.solve import solve
 
 SKIN = pathlib.Path(__file__).parent.parent / "configs" / "skins" / "suas.toml"
@@ -158,6 +159,17 @@ def test_forces_out_of_balance_are_named(problem: Problem, state: State) -> None
     for change, name in ((1e-10, "converged"), (1e-6, "unbalanced"), (np.nan, "unbalanced")):
         off = state._replace(factor=state.factor + change)
         assert name_of(problem, off) == name
+
+
+def test_more_is_left_on_a_stiff_wall(problem: Problem, state: State) -> None:
+    spec = scene(line(20.0, 10.0))
+    wall = scene_parts(spec, continuous_inputs(spec)).skin.wall
+    held = dataclasses.replace(problem, mechanics=problem.mechanics.with_wall(wall))
+    one, fine = jnp.ones(1), jnp.ones(1, bool)
+    for on, left in ((problem, 1e-8), (held, 1e-5)):
+        for share, name in ((0.9, "converged"), (1.1, "unbalanced")):
+            found = validity(on, state, (jnp.full(1, share * left), one), one, one, fine)
+            assert NAMES[int(found[0])] == name
 
 
 def test_a_volume_that_is_not_kept_is_named(problem: Problem, state: State) -> None:

@@ -27,7 +27,7 @@ from suas_jax.equilibrium.equilibrium import Equilibrium
 from suas_jax.equilibrium.load_path import follow
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.model import AbstractPlan
-from suas_jax.mechanics.pad.pad import Pad
+from suas_jax.mechanics.pad.pad import Pad, parts_of
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.mechanics.solid.solid import Solid
 from suas_jax.numerics.array_types import Lanes
@@ -198,8 +198,7 @@ class DrivenSkin(AbstractDriven):
                     touch = corrected_touch(problem.mechanics, body, shown, state)
                     own = body_observables(touch, body, state.factor, parts.skin.geometry)
                     rows.append(own["force_N"][0])
-        membrane = problem.mechanics
-        return (membrane.parts if isinstance(membrane, Pad) else 1) * jnp.stack(rows)
+        return parts_of(problem.mechanics) * jnp.stack(rows)
 
 
 def series_of(skin: SkinSpec, inputs: Inputs) -> PronySeries:

@@ -30,7 +30,7 @@ from suas_jax.dynamics.motion import Sampling, dense, free_unknowns
 from suas_jax.dynamics.moving_pad import MovingPad
 from suas_jax.dynamics.moving_section import MovingSection
 from suas_jax.equilibrium.balance import Problem, State, border_of, imbalance
-from suas_jax.mechanics.pad.pad import Pad
+from suas_jax.mechanics.pad.pad import Pad, parts_of
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.numerics.array_types import StationVector
 from suas_jax.numerics.bordered_solve import BorderedVector
@@ -88,16 +88,14 @@ class SkinAtMoment:
     pressed: tuple[int, ...]  # which of the bodies forces press
 
     @property
-    def parts(self) -> int:
-        """Parts like the one that moves, of a symmetric pad."""
-        membrane = self.problem.mechanics
-        return membrane.parts if isinstance(membrane, Pad) else 1
-
-    @property
     def scale(self) -> Array:
         """Forces of the whole skin over those of the membrane."""
         membrane = self.problem.mechanics
-        return self.geometry.width[0] if membrane.per_width else jnp.asarray(1.0 * self.parts)
+        return (
+            self.geometry.width[0]
+            if membrane.per_width
+            else jnp.asarray(1.0 * parts_of(membrane))
+        )
 
     def near(self, q: StationVector) -> MovingSection | MovingPad:
         """What moves, close to a state."""

@@ -299,18 +299,20 @@ class Pad(AbstractMechanics):
         """What the whole pad remembers from what a half or a quarter does; see `deviator`."""
         part, whole = self.one_lane(), self.whole().one_lane()
         *terms, _, lanes = stress.shape
+
+        def other_way(lane: AbstractLane, x: Array) -> Array:
+            """From the order of a lane's points to arc before axis, or back."""
+            along_arc = lane.topology.along_arc
+            return x if along_arc else jnp.swapaxes(jnp.swapaxes(x, -5, -4), -3, -2)
+
         x = stress.reshape(*terms, part.gauss, part.gauss, *part.elements, lanes)
-        if not part.topology.along_arc:
-            x = jnp.swapaxes(jnp.swapaxes(x, -5, -4), -3, -2)
+        x = other_way(part, x)
         # Shear has the other sign on the other side.
         signs = np.array([1.0, 1.0, -1.0, 1.0]).reshape(4, *[1] * 6)
         for plane in self._planes():
             image = signs * jnp.flip(x, (plane - 5, plane - 3))
             x = jnp.concatenate([x, image], plane - 3)
-        if not whole.topology.along_arc:
-            x = jnp.swapaxes(jnp.swapaxes(x, -5, -4), -3, -2)
-        points = whole.gauss**2 * whole.elements[0] * whole.elements[1]
-        return x.reshape(*terms, points, lanes)
+        return other_way(whole, x).reshape(*terms, -1, lanes)
 
     def faces(
         self,
@@ -434,6 +436,11 @@ class KnownFace(AbstractFace):
         """Of all rays together alone; see the base class."""
         del angle, axial
         return self.heights
+
+
+def parts_of(membrane: AbstractMechanics) -> int:
+    """How many of what is followed over time make the whole skin; see `Pad.parts`."""
+    return membrane.parts if isinstance(membrane, Pad) else 1
 
 
 def _divided(breaks: Float[Array, "breakpoint #lane"], samples: int) -> Array:
