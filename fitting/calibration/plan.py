@@ -8,7 +8,7 @@ from typing import Literal
 
 from suas_jax.config import SkinSpec, format_quantity, parse_quantity
 from suas_jax.config.quantities import DimensionName
-from suas_jax.skin.plain import clamped_edge, plain_geometry
+from suas_jax.skin.plain import clamped_edge
 
 REST = "rest"
 _PARTS = re.compile(r"\s*[,;]\s*")
@@ -28,8 +28,7 @@ def place_name(spec: SkinSpec) -> PlaceName:
 
 def edge_of(spec: SkinSpec) -> tuple[float, str]:
     """That of a skin's right clamp, as a number and for a person."""
-    section = plain_geometry(spec.geometry).section
-    return clamped_edge(section, by_arc=place_name(spec) == "arc")
+    return clamped_edge(spec.geometry, by_arc=place_name(spec) == "arc")
 
 
 @dataclass(frozen=True)

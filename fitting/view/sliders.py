@@ -12,7 +12,7 @@ from suas_jax.config import (
     with_solve,
 )
 from suas_jax.config.input_errors import stresses_of
-from suas_jax.skin.plain import clamped_edge, plain_geometry
+from suas_jax.skin.plain import clamped_edge
 
 _LEAST_FORCE = 20.0  # upper end of a force's slider, unless the scene has a larger force [N]
 _EDGE = 0.94  # of the half angle and half width that loads may be moved to
@@ -75,8 +75,8 @@ def sliders_of(scene: SceneSpec) -> list[dict[str, Any]]:
             }
         )  # fmt: skip
 
-    section, end = plain_geometry(geometry).section, _EDGE * geometry.width / 2
-    reach = {by_arc: _EDGE * clamped_edge(section, by_arc)[0] for by_arc in (True, False)}
+    end = _EDGE * geometry.width / 2
+    reach = {by_arc: _EDGE * clamped_edge(geometry, by_arc)[0] for by_arc in (True, False)}
     for i, load in enumerate(scene.loads):
         which = f" {i + 1}" if len(scene.loads) > 1 else ""
         if load.kind == "pressure":

@@ -11,7 +11,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -27,8 +26,7 @@ from suas_jax.config import (
 from suas_jax.config.errors import Mistake
 from suas_jax.config.schema_skin import MODULE_TAXELS
 from suas_jax.skin.geometry import SkinGeometry
-from suas_jax.skin.loads import angle_of
-from suas_jax.skin.plain import check_places, plain_geometry
+from suas_jax.skin.plain import along_wall
 
 PAPER_NUMBERING = (1, 2, 3, 4, 10, 5, 6, 7, 8, 9)
 """Numbers of a module's places along its rows; the centroid's is 10, as in the paper."""
@@ -197,7 +195,7 @@ def taxel_places(
     Returns places by module (from 0) and number in it (from 1).
     Raises ConfigError: one of them is beyond the clamped edges.
     """
-    own, half = _along_wall(geometry, _centres(electrodes))
+    own, half = along_wall(geometry, _centres(electrodes))
     places, found = [], []
     for (key, spec), arc in zip(_centres(electrodes).items(), own, strict=True):
         if isinstance(spec, TaxelSpec):
@@ -232,26 +230,6 @@ def _centres(electrodes: ElectrodesSpec) -> dict[str, TaxelSpec | ModuleSpec]:
     table = "taxels" if electrodes.layout == "list" else "modules"
     specs = getattr(electrodes, table)
     return {f"electrodes.{table}.{i}": spec for i, spec in enumerate(specs)}
-
-
-def _number(place: TaxelSpec | ModuleSpec, key: str) -> Any:
-    return np.array([getattr(place, key)])
-
-
-def _along_wall(spec: GeometrySpec, places: dict[str, Any]) -> tuple[list[float], float]:
-    """Arc length of the wall from its middle to places, and to the right clamp [m]."""
-    check_places(spec, places)
-    geometry = plain_geometry(spec)
-    section = geometry.section
-    with jax.ensure_compile_time_eval():
-        angles = [
-            angle_of(place, section, functools.partial(_number, place))
-            for place in places.values()
-        ]
-        # A circle's numbers stay NumPy's, which need no program.
-        at: Any = np.stack([np.asarray(x) for x in (*angles, section.half_angle)])
-        arcs = np.asarray(geometry.wall_arc(at))[:, 0].tolist()
-    return arcs[:-1], arcs[-1]
 
 
 def by_taxel(

@@ -100,7 +100,7 @@ def _section(path: LoadPath, time: NDArray[np.float64]) -> tuple[tuple[Skin, Ski
     section, end = free.geometry.section, float(free.geometry.half_angle[0])
     loads = _loads(path, time, section)
     if loads.angle.size and float(jnp.max(jnp.abs(loads.angle))) >= end:
-        _, edge = clamped_edge(section, by_arc=not path.scene.geometry.has_angle)
+        _, edge = clamped_edge(path.scene.geometry, by_arc=not path.scene.geometry.has_angle)
         raise ValueError(f"a load leaves the skin, which ends at {edge}")
     return (free, held), loads
 

@@ -5,6 +5,7 @@ circle's sizes are compared when its table is read.
 """
 
 import functools
+from collections.abc import Callable, Collection
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -179,16 +180,48 @@ def plain_geometry(spec: GeometrySpec) -> SkinGeometry:
     return geometry
 
 
-def clamped_edge(section: AbstractSection, by_arc: bool) -> tuple[float, str]:
+def _asked(spec: GeometrySpec, question: Callable[..., Any], *arguments: Any) -> np.ndarray:
+    """What a section answers, by one kept program; a circle's numbers need none."""
+    if spec.is_circle:
+        return np.asarray(question(*arguments))
+    with jax.ensure_compile_time_eval():  # also while a caller is traced
+        return np.asarray(COMPILED.run(_compiled(question), *arguments, once=True))
+
+
+@functools.cache
+def _compiled(question: Callable[..., Any]) -> Callable[..., Any]:
+    return eqx.filter_jit(question)
+
+
+def _angles(section: AbstractSection, name: str, places: Any) -> Any:
+    return section.from_arc(places) if name == "arc" else section.from_given_angle(places)
+
+
+def _edge(section: AbstractSection, name: str) -> Any:
+    half = section.half_angle
+    return section.arc(half) if name == "arc" else section.given_angle(half)
+
+
+def _rooms(section: AbstractSection, angle: Any) -> Any:
+    """Along the outer face, from places to the nearer clamp [m]."""
+    ends = jnp.stack([-section.half_angle, section.half_angle])[:, None]
+    turn = section.direction(ends) - section.direction(angle)
+    along = section.size * (ends - angle) + section.thickness(angle) / 2 * turn
+    return jnp.min(jnp.abs(along), 0)
+
+
+def _wall_arcs(geometry: SkinGeometry, angle: Any) -> Any:
+    return geometry.wall_arc(angle)
+
+
+def clamped_edge(spec: GeometrySpec, by_arc: bool) -> tuple[float, str]:
     """Where a section ends on the right, as its scenes state places.
 
-    `section`: of plain numbers. `by_arc`: as an arc length from its middle [m]; else as the
-    angle [rad] that it knows.
+    `by_arc`: as an arc length from its middle [m]; else as the angle [rad] that it knows.
     Returns the number, and what a person reads.
     """
-    half = section.half_angle
-    with jax.ensure_compile_time_eval():  # also while a caller is traced
-        end = float((section.arc(half) if by_arc else section.given_angle(half))[0])
+    name = "arc" if by_arc else "angle"
+    end = float(_asked(spec, _edge, plain_geometry(spec).section, name)[0])
     return end, format_quantity(end, "length" if by_arc else "angle")
 
 
@@ -197,10 +230,33 @@ def angles_at(spec: GeometrySpec, name: str, places: np.ndarray) -> np.ndarray:
 
     `name`: "angle" or "arc". `places`: as scenes state them [rad or m], of any shape.
     """
-    section = plain_geometry(spec).section
-    found = section.from_arc if name == "arc" else section.from_given_angle
-    flat = found(jnp.asarray(places, float).reshape(-1, 1))
-    return np.asarray(flat).reshape(np.shape(places))
+    flat = np.asarray(places, float).reshape(-1, 1)
+    found = _asked(spec, _angles, plain_geometry(spec).section, name, flat)
+    return found.reshape(np.shape(places))
+
+
+def _angles_of(spec: GeometrySpec, places: Collection[Any]) -> np.ndarray:
+    """The same of loads, taxels or modules."""
+    by_arc = np.array([place.arc is not None for place in places], bool)
+    told = np.array([place.angle if place.arc is None else place.arc for place in places])
+    angles = np.empty(told.shape)
+    for name, own in (("arc", by_arc), ("angle", ~by_arc)):
+        if own.any():
+            angles[own] = angles_at(spec, name, told[own])
+    return angles
+
+
+def along_wall(spec: GeometrySpec, places: dict[str, Any]) -> tuple[list[float], float]:
+    """Arc length of the wall from its middle to places, and to the right clamp [m].
+
+    `places`: taxels or modules by their keys.
+    Raises ConfigError: one of them lies off the skin.
+    """
+    check_places(spec, places)
+    geometry = plain_geometry(spec)
+    at = np.append(_angles_of(spec, places.values()), float(geometry.half_angle[0]))
+    *arcs, end = _asked(spec, _wall_arcs, geometry, at[:, None])[:, 0].tolist()
+    return arcs, end
 
 
 def check_places(spec: GeometrySpec, places: dict[str, Any]) -> None:
@@ -212,10 +268,14 @@ def check_places(spec: GeometrySpec, places: dict[str, Any]) -> None:
     if spec.is_circle:
         return
     section, found = plain_geometry(spec).section, []
-    for key, place in places.items():
+    rooms = np.zeros(len(places))
+    if any(_extent(place)[1] for place in places.values()):
+        angles = _angles_of(spec, places.values())
+        rooms = _asked(spec, _rooms, section, angles[:, None])[:, 0]
+    for (key, place), room in zip(places.items(), rooms.tolist(), strict=True):
         by_arc = place.arc is not None
         name = "arc" if by_arc else "angle"
-        end, edge = clamped_edge(section, by_arc)
+        end, edge = clamped_edge(spec, by_arc)
         told = getattr(place, name)
         wide, half = _extent(place)
         if abs(told) > end * (1 + 1e-9):
@@ -223,7 +283,7 @@ def check_places(spec: GeometrySpec, places: dict[str, Any]) -> None:
             dimension: DimensionName = "length" if by_arc else "angle"
             shown = f'"{format_quantity(told, dimension)}"'
             found.append(Mistake("skin", f"{key}.{name}", advice, shown))
-        elif half and half >= (room := _room(section, told, by_arc)):
+        elif half and half >= room:
             advice = (
                 f"reaches over the clamped edge at {edge}; there is room for less than "
                 f"{format_quantity(2 * room, 'length')} along the arc"
@@ -238,14 +298,3 @@ def _extent(place: Any) -> tuple[str, float]:
     half = getattr(place, "half_extents", (0.0, 0.0))[0]
     keys = ("spread", "size", "diameter")
     return next((k for k in keys if getattr(place, k, None) is not None), ""), half
-
-
-def _room(section: AbstractSection, told: float, by_arc: bool) -> float:
-    """Along the outer face, from a place as scenes state it to the nearer clamp [m]."""
-    with jax.ensure_compile_time_eval():  # also while a caller is traced
-        place = jnp.array([told])
-        angle = section.from_arc(place) if by_arc else section.from_given_angle(place)
-        ends = jnp.stack([-section.half_angle, section.half_angle])
-        turn = section.direction(ends) - section.direction(angle)
-        along = section.size * (ends - angle) + section.thickness(angle) / 2 * turn
-        return float(jnp.min(jnp.abs(along)))

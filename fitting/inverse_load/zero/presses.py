@@ -84,7 +84,7 @@ def known_press(text: str, geometry: GeometrySpec, diameter: float | None = None
     name, section = "arc" if by_arc else "angle", plain_geometry(geometry).section
     angle, beside = angles_at(geometry, name, np.array([at, at + _NEAR])).tolist()
     if not abs(angle) < float(section.half_angle[0]):
-        _, edge = clamped_edge(section, by_arc)
+        _, edge = clamped_edge(geometry, by_arc)
         raise ValueError(
             f"{text}: the place is beyond the clamps of the skin, at -{edge} and {edge}"
         )

@@ -21,7 +21,7 @@ from fitting.column_units import unit_size
 from suas_jax.config import GeometrySpec, SkinSpec, format_quantity
 from suas_jax.config.csv_table import number_in, read_csv_table
 from suas_jax.config.oil import FLUIDS
-from suas_jax.skin.plain import clamped_edge, plain_geometry
+from suas_jax.skin.plain import clamped_edge
 
 _FORCES, _ANGLES, _LENGTHS = (
     ("N", "mN", "kN", "gf", "kgf"),
@@ -272,10 +272,9 @@ def check_known(spec: SkinSpec, known: Known, where: str) -> None:
                 f"cylinder or ball, as a column or as a header line"
             )
         _check_place(geometry, load, have, where)
-    section = plain_geometry(geometry).section
     limits: dict[str, tuple[float, str]] = {
-        "angle": clamped_edge(section, by_arc=False),
-        "arc": clamped_edge(section, by_arc=True),
+        "angle": clamped_edge(geometry, by_arc=False),
+        "arc": clamped_edge(geometry, by_arc=True),
         "displacement": (
             1.2 * geometry.mean_gap,
             f"the oil gap, {format_quantity(geometry.mean_gap, 'length')}",
