@@ -154,7 +154,7 @@ class Bent:
         angle = angle[..., None]
         moved = -q * jnp.exp(-((angle / 0.2) ** 2)) * outward(angle)
         rest = SKIN.section.inner_face(angle)
-        return normal_face(Profile(angle, rest, None, moved, *(None,) * 4), SKIN.section)
+        return normal_face(Profile(angle, rest, None, moved, *(None,) * 3), SKIN.section)
 
 
 @quick

@@ -99,7 +99,7 @@ def test_both_faces_of_both_shapes_are_looked_at(green: float, inside: bool, fac
     empty = [jnp.zeros_like(strain)] * 5
     faces = {"inner": 0 * strain, "outer": 0 * strain} | {face: strain}
     stretches = [jnp.sqrt(1 + faces[side]) for side in ("inner", "outer")]
-    section = SectionShape(Profile(*empty, *stretches, empty[0]), jnp.full(1, -1.0))
+    section = SectionShape(Profile(*empty, *stretches), jnp.full(1, -1.0))
     assert in_domain(section, law).tolist() == [inside]
     continuum = SectionShape(section.samples, section.clamp_reach, resolves_loads=True)
     assert in_domain(continuum, law).tolist() == [inside or face == "outer"]

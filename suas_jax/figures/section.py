@@ -12,7 +12,7 @@ from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.figures.outline import Outline, draw_bodies, draw_loads, draw_wall, outline
 from suas_jax.figures.style import FILM, FIRST, SECOND, styled
 from suas_jax.mechanics.base import Profile
-from suas_jax.mechanics.section import section_of
+from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.mechanics.solid.element import NODES
 from suas_jax.mechanics.solid.fields import Fields, nodal_fields
 from suas_jax.mechanics.solid.solid import Solid
@@ -23,9 +23,11 @@ _ROOM = 1.1  # of a scale, over its largest value
 _WALL_POINTS = 3601  # among which the nearest to a place of the inner face is taken
 
 
-def _profile(problem: Problem, state: State, shown: State) -> Profile:
-    """The section around the equilibrium, as the report has it."""
-    return section_of(problem.mechanics.around(state.q)).profile(shown.q, _SAMPLES)
+def _profile(problem: Problem, state: State, shown: State) -> tuple[Profile, Array]:
+    """The section around the equilibrium, as the report has it, and its energy density."""
+    shell = problem.mechanics.around(state.q)
+    assert isinstance(shell, Shell)
+    return shell.profile(shown.q, _SAMPLES), shell.energy_density(shown.q, _SAMPLES)
 
 
 class Deformed(NamedTuple):
@@ -39,7 +41,7 @@ class Deformed(NamedTuple):
 
 def deformed(solution: Solution, drawn: Outline) -> Deformed:
     """The faces of a section that was solved with the lumped shell."""
-    shape = solution.read(_profile)
+    shape, energy = solution.read(_profile)
     angle = np.asarray(shape.angle)[..., 0].T.ravel()
 
     def face(rest: np.ndarray, displacement: object) -> np.ndarray:
@@ -51,7 +53,7 @@ def deformed(solution: Solution, drawn: Outline) -> Deformed:
         angle,
         face(drawn.inner, shape.inner_displacement),
         face(drawn.outer, shape.outer_displacement),
-        np.asarray(shape.energy_density)[..., 0].T.ravel(),
+        np.asarray(energy)[..., 0].T.ravel(),
     )
 
 

@@ -55,7 +55,6 @@ class Profile(NamedTuple):
     outer_displacement: Array  # of the outer face's [m]
     inner_stretch: Array  # hoop stretch of the inner face, from free of stress
     outer_stretch: Array  # hoop stretch of the outer face
-    energy_density: Array  # strain energy per volume, mean over the thickness [J/m^3]
 
 
 class Displacements(NamedTuple):

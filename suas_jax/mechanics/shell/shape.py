@@ -1,6 +1,5 @@
-"""The deformed lumped shell, recovered from its unknowns: positions, stretches, energy."""
+"""The deformed lumped shell, recovered from its unknowns: positions, stretches."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -96,8 +95,6 @@ def reach(
 def recovered(
     line: MidLine,  # the mid-line
     section: AbstractSection,
-    # strain energy per area of the mid-surface, from the two strains [J/m^2]
-    energy: Callable[[Array, Array], Array],
     growth: Growth | None,  # of the membrane; None where it fits its seat
 ) -> Profile:
     """The section around a mid-line, its normals staying normal."""
@@ -127,7 +124,6 @@ def recovered(
         outer_displacement=outer,
         inner_stretch=inner_stretch,
         outer_stretch=outer_stretch,
-        energy_density=energy(stretch, curvature) / thickness,
     )
 
 

@@ -388,11 +388,18 @@ class Shell(AbstractPlaneStrain):
         """The deformed section at evenly spaced points; see the base class."""
         return self._recovered(q, lambda qe: sampled(qe, self.angles, self.section, samples))
 
+    def energy_density(self, q: StationVector, samples: int) -> Float[Array, "*point"]:
+        """Strain energy per volume where `profile` samples, mean over the thickness [J/m^3]."""
+        own = q if self.equilibrium is None else self.equilibrium
+        line = sampled(self.elements.gather(own), self.angles, self.section, samples)
+        _, stretch, curvature = kinematics(line.u1, line.u2, line.at)
+        return self.fibres(line.at).energy(stretch, curvature) / line.at.thickness
+
     def _recovered(self, q: StationVector, line_of: Callable[[Array], MidLine]) -> Profile:
         """The section around the mid-line that element unknowns describe."""
         own = q if self.equilibrium is None else self.equilibrium
         line = line_of(self.elements.gather(own))
-        shape = recovered(line, self.section, self.fibres(line.at).energy, self.growth)
+        shape = recovered(line, self.section, self.growth)
         if self.equilibrium is None:
             return shape
         change = line_of(self.elements.gather(q - self.equilibrium))

@@ -1,15 +1,20 @@
 """Fields of a deformed solid at the nodes of its elements, for figures and files."""
 
+import functools
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from suas_jax.mechanics.solid.element import NODES, modes
-from suas_jax.mechanics.solid.shape import Material, displacement_gradient
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.constitutive.deformation import PlaneStrain
+from suas_jax.mechanics.solid.element import NODES, modes, quadratic
+from suas_jax.mechanics.solid.points import free_strain
+from suas_jax.mechanics.solid.shape import Nodes
 from suas_jax.mechanics.solid.solid import Solid
 from suas_jax.numerics.array_types import StationVector
+from suas_jax.skin.prestress import Growth
 
 
 class Fields(NamedTuple):
@@ -30,6 +35,51 @@ class Fields(NamedTuple):
     dilatation: Float[Array, "element 9"]
 
 
+class Material(NamedTuple):
+    """The membrane's material at angles."""
+
+    law: AbstractLaw  # its law
+    growth: Growth | None  # against its seat; None where it fits
+    tangent: Float[Array, "2 *point"]  # along the undeformed section at the angles
+
+    def energy(self, gradient: Float[Array, "2 2 layer *point"]) -> Array:
+        """Strain energy per undeformed volume [J/m^3]. `gradient`: of the displacement."""
+        swelling = 1.0 if self.growth is None else self.growth.volume
+        return swelling * self.law.energy(self.state(gradient))
+
+    def state(self, gradient: Float[Array, "2 2 layer *point"]) -> PlaneStrain:
+        """The deformation as the law sees it, see `points`. `gradient`: of the displacement."""
+        if self.growth is not None:
+            rows = free_strain(self.growth, self.tangent[:, None])
+            a = jnp.stack([jnp.stack(jnp.broadcast_arrays(*row)) for row in rows])
+            gradient = gradient + a + jnp.einsum("ij...,jk...->ik...", gradient, a)
+        return PlaneStrain.from_displacement_gradient(gradient)
+
+
+def displacement_gradient(
+    xi: Array, eta: Array, u: Nodes, x: Nodes
+) -> Float[Array, "2 2 layer ..."]:
+    """Derivatives of the displacement by position.
+
+    `xi`: local coordinates along the arc, [sample, #element, #lane]. `eta`: local coordinate
+    through each layer. `u`: displacements of the nodes. `x`: reference positions of the nodes.
+    """
+    n, dn = quadratic(xi), quadratic(xi, 1)
+    m, dm = quadratic(eta), quadratic(eta, 1)
+
+    def local(values: Nodes) -> tuple[Array, Array]:
+        v = values[:, :, :, None]
+        along = [dn[a] * m[b] * v[i] for i, (a, b) in enumerate(NODES)]
+        across = [n[a] * dm[b] * v[i] for i, (a, b) in enumerate(NODES)]
+        return functools.reduce(jnp.add, along), functools.reduce(jnp.add, across)
+
+    (x1, x2), (u1, u2) = local(x), local(u)
+    area = x1[0] * x2[1] - x1[1] * x2[0]
+    by_x = (u1 * x2[1] - u2 * x1[1]) / area
+    by_y = (u2 * x1[0] - u1 * x2[0]) / area
+    return jnp.stack([by_x, by_y], 1)
+
+
 def nodal_fields(solid: Solid, q: StationVector) -> Fields:
     """Evaluate the first lane of a state at the nodes of every element.
 
@@ -40,7 +90,7 @@ def nodal_fields(solid: Solid, q: StationVector) -> Fields:
     x = layout.corners(solid.stations, solid.middles)
     local = np.array(NODES, float) - 1
     xi, eta = (jnp.asarray(local)[:, i, None, None] for i in range(2))
-    gradient, _ = displacement_gradient(xi, eta, u, x)
+    gradient = displacement_gradient(xi, eta, u, x)
     start, end = solid.angles[:-1], solid.angles[1:]
     angle = start + (xi + 1) / 2 * (end - start)
     at = solid.section.frame(angle)

@@ -1,50 +1,18 @@
-"""The deformed solid, recovered from its unknowns: positions, stretches, energy."""
+"""The deformed solid, recovered from its unknowns: positions, stretches."""
 
 import functools
-from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from suas_jax.constitutive.base import AbstractLaw
-from suas_jax.constitutive.deformation import PlaneStrain
 from suas_jax.mechanics.base import Displacements, Profile
 from suas_jax.mechanics.solid.element import NODES, located, node_weights, quadratic
 from suas_jax.mechanics.solid.layout import Layout
-from suas_jax.mechanics.solid.points import free_strain
 from suas_jax.numerics.array_types import StationVector
-from suas_jax.numerics.polynomials import gauss_legendre
 from suas_jax.skin.prestress import Growth
 
 Nodes = Float[Array, "9 2 layer element lane"]
-
-
-class Material(NamedTuple):
-    """The membrane's material at angles."""
-
-    law: AbstractLaw  # its law
-    growth: Growth | None = None  # against its seat; None where it fits
-    # along the undeformed section at the angles; needed where it has grown
-    tangent: Float[Array, "2 *point"] | None = None
-
-    def energy(self, gradient: Float[Array, "2 2 layer *point"]) -> Array:
-        """Strain energy per undeformed volume [J/m^3]. `gradient`: of the displacement."""
-        return self.swelling * self.law.energy(self.state(gradient))
-
-    @property
-    def swelling(self) -> Array | float:
-        """Det G."""
-        return 1.0 if self.growth is None else self.growth.volume
-
-    def state(self, gradient: Float[Array, "2 2 layer *point"]) -> PlaneStrain:
-        """The deformation as the law sees it, see `points`. `gradient`: of the displacement."""
-        if self.growth is not None:
-            assert self.tangent is not None
-            rows = free_strain(self.growth, self.tangent[:, None])
-            a = jnp.stack([jnp.stack(jnp.broadcast_arrays(*row)) for row in rows])
-            gradient = gradient + a + jnp.einsum("ij...,jk...->ik...", gradient, a)
-        return PlaneStrain.from_displacement_gradient(gradient)
 
 
 def face_stretch(
@@ -118,7 +86,7 @@ def section(
     u: Nodes,  # displacements of the nodes
     x: Nodes,  # reference positions of the nodes
     inner_stretch: Float[Array, "3 element lane"],
-    material: Material,  # of the membrane at the angles
+    growth: Growth | None,  # of the membrane; None where it fits its seat
 ) -> Profile:
     """The deformed section at one local coordinate of every element.
 
@@ -130,7 +98,7 @@ def section(
     now = along + _line(u, xi, outer, 1)
     moved = displacements(xi, u)
     nodes = zip(quadratic(xi), inner_stretch, strict=True)
-    free = 1.0 if material.growth is None else jnp.exp(material.growth.hoop)
+    free = 1.0 if growth is None else jnp.exp(growth.hoop)
     return Profile(
         angle=angle,
         rest=rest,
@@ -139,44 +107,7 @@ def section(
         outer_displacement=_line(u, xi, outer, 0),
         inner_stretch=functools.reduce(jnp.add, [n * stretch for n, stretch in nodes]) / free,
         outer_stretch=jnp.sqrt(jnp.sum(now**2, 0) / jnp.sum(along**2, 0)) / free,
-        energy_density=_mean_energy(xi, u, x, material),
     )
-
-
-def displacement_gradient(
-    xi: Array, eta: Array, u: Nodes, x: Nodes
-) -> tuple[Float[Array, "2 2 layer ..."], Float[Array, "layer ..."]]:
-    """Derivatives of the displacement by position, and the area of a unit of (xi, eta).
-
-    `xi`: local coordinates along the arc, [sample, #element, #lane]. `eta`: local coordinate
-    through each layer. `u`: displacements of the nodes. `x`: reference positions of the nodes.
-    """
-    n, dn = quadratic(xi), quadratic(xi, 1)
-    m, dm = quadratic(eta), quadratic(eta, 1)
-
-    def local(values: Nodes) -> tuple[Array, Array]:
-        v = values[:, :, :, None]
-        along = [dn[a] * m[b] * v[i] for i, (a, b) in enumerate(NODES)]
-        across = [n[a] * dm[b] * v[i] for i, (a, b) in enumerate(NODES)]
-        return functools.reduce(jnp.add, along), functools.reduce(jnp.add, across)
-
-    (x1, x2), (u1, u2) = local(x), local(u)
-    area = x1[0] * x2[1] - x1[1] * x2[0]
-    by_x = (u1 * x2[1] - u2 * x1[1]) / area
-    by_y = (u2 * x1[0] - u1 * x2[0]) / area
-    return jnp.stack([by_x, by_y], 1), area
-
-
-def _mean_energy(xi: Array, u: Nodes, x: Nodes, material: Material) -> Array:
-    """Strain-energy density, mean over the thickness."""
-    points, weights = gauss_legendre(3, -1.0, 1.0)
-    total, volume = jnp.zeros(()), jnp.zeros(())
-    for eta, weight in zip(points, weights, strict=True):
-        gradient, area = displacement_gradient(xi, jnp.asarray(eta), u, x)
-        density = material.energy(gradient)
-        total = total + weight * jnp.sum(area * density, 0)
-        volume = volume + weight * jnp.sum(area, 0)
-    return total / volume
 
 
 def mirrored(layout: Layout, q: StationVector) -> StationVector:

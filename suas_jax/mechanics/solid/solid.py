@@ -37,7 +37,6 @@ from suas_jax.mechanics.solid.points import (
     rest_energy,
 )
 from suas_jax.mechanics.solid.shape import (
-    Material,
     displacements,
     face_stretch,
     joined_across,
@@ -305,9 +304,7 @@ class Solid(AbstractPlaneStrain):
         angle = start + (xi + 1) / 2 * (end - start)
         nodes = self.layout.corners(self.stations, self.middles)
         rest = self.section.inner_face(angle)
-        along = None if self.growth is None else self.section.frame(angle).tangent
-        material = Material(self.law, self.growth, along)
-        return section(angle, rest, xi, u, nodes, self._inner_stretch(q), material)
+        return section(angle, rest, xi, u, nodes, self._inner_stretch(q), self.growth)
 
     def at_angle(self, q: StationVector, angle: Lanes) -> Displacements:
         """How the section moves at a reference angle; see the base class.
