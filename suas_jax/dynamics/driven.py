@@ -61,6 +61,7 @@ class Step(NamedTuple):
     past: Past  # what the material remembers at its begin
     length: Array  # [s]
     guessed: Bool[Array, ""]  # whether it starts at what is expected at its end
+    rtol: Float[Array, ""]  # wanted error of the state there, relative to its displacement
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,7 +108,7 @@ class AbstractDriven(abc.ABC):
         begin = level if self.touched else jnp.where(step.guessed, level, start.factor)
         # A membrane with a past has no equilibrium without loads at hand: paths that are
         # lost begin anew where they began.
-        path = problem, y, begin, level, LoadStepping()
+        path = problem, y, begin, level, LoadStepping(rtol=step.rtol)
         root = follow(*path, near=True, rest=y, rest_level=begin)
         return Equilibrium.of(problem, root), travels
 

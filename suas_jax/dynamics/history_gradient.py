@@ -135,7 +135,7 @@ def record(
     for i in range(len(rows.end)):
         row = jax.tree.map(lambda x, i=i: np.asarray(x[i]), rows)
         last = np.zeros(()) if row.end <= row.begin else now.last
-        now = now._replace(steps=np.zeros((), np.int32), last=last)
+        now = now._replace(steps=np.zeros((), np.int32), last=last, smooth=np.zeros(()))
         more = bool(unfinished(now, row))
         while more:
             after, more = COMPILED.run(_attempt, *known, row, now, tolerance, **effort)

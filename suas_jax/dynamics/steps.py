@@ -48,6 +48,8 @@ MOST_STEPS = 5_000
 """Steps between two rows before the history is given up."""
 _FIRST_STEP = 0.02  # after a jump, over the shortest relaxation time
 _LONGER, _SHORTER = 2.0, 0.2  # of the next step, at most
+# Error of a state between rows, relative to its displacement, over that of a step's stress.
+_ROUGH = 1e-2
 _RUNAWAY = 1e-9  # step that is still too long, over a row and the shortest relaxation time
 _SHORTEST = 1e-4  # step over a row, or share of a jump, at which the path counts as ended
 
@@ -64,9 +66,12 @@ class Moment(NamedTuple):
     # of the unknowns over the last step, and of the travels, per
     # second: what is expected of the next one
     pace: tuple[State, Float[Array, " body"]]
+    bend: State  # half of that pace's own change per second, within a row
     past: Past  # what the material remembers
     rate: Array  # of the instantaneous stress over the last step [Pa/s]
     last: Float[Array, ""]  # length of that step [s]; zero where a jump makes the rate unknown
+    smooth: Float[Array, ""]  # the same; zero before the first step of a row, where rates jump
+    made: Float[Array, ""]  # error of the stress in that step; zero where it is unknown
     error: Float[Array, ""]  # sum of the errors of the stress, relative to its largest so far
     largest: Float[Array, ""]  # instantaneous stress so far [Pa]
     iterations: Int[Array, " lane"]  # Newton corrections since the last row
@@ -132,9 +137,10 @@ def begun(skin: AbstractDriven, time: Array, values: Values) -> Moment:
         travels,
         state,
         jax.tree.map(jnp.zeros_like, (state, travels.length)),
+        jax.tree.map(jnp.zeros_like, state),
         past,
         jnp.zeros_like(past.stress),
-        *(none, none, jnp.max(jnp.abs(stress))),
+        *(none, none, none, none, jnp.max(jnp.abs(stress))),
         count,
         jnp.zeros((), jnp.int32),
         result,
@@ -195,7 +201,7 @@ def followed(
     def visit(now: Moment, row: Rows) -> tuple[Moment, Any]:
         now = now._replace(iterations=0 * now.iterations, steps=0 * now.steps)
         jumps = row.end <= row.begin
-        now = now._replace(last=jnp.where(jumps, 0.0, now.last))
+        now = now._replace(last=jnp.where(jumps, 0.0, now.last), smooth=0 * now.smooth)
 
         now = jax.lax.while_loop(
             lambda now: unfinished(now, row),
@@ -276,8 +282,13 @@ def attempt(skin: AbstractDriven, now: Moment, row: Rows, tolerance: Array) -> M
     here = now.state, now.travels.length
     ahead = jnp.minimum(step, _LONGER * now.last)  # further the pace says nothing
     expected, length = jax.tree.map(lambda a, b: a + ahead * b, here, now.pace)
+    curved = jnp.where(now.smooth > 0, ahead * (ahead + now.last), 0.0)
+    expected = jax.tree.map(lambda a, b: a + curved * b, expected, now.bend)
     guessed = (step > 0) & jnp.any(now.pace[0].q != 0)
-    way = Step(values, now.travels, now.past, step, guessed)
+    # The search for travels needs states as they are read at a row's end: exact ones.
+    exact = arrived | (now.travels.length.size > 0)
+    rtol = jnp.where(exact, LoadStepping.rtol, _ROUGH * tolerance)
+    way = Step(values, now.travels, now.past, step, guessed, rtol)
     found, travels = skin.balanced(expected, now.travels._replace(length=length), way)
     # A step that leads nowhere is tried again without a guess, and then made shorter.
     failed = jnp.any(found.result != 0)
@@ -295,21 +306,28 @@ def attempt(skin: AbstractDriven, now: Moment, row: Rows, tolerance: Array) -> M
     runaway = ~failed & (error > tolerance) & (step < _RUNAWAY * span)
     good = ends | runaway | ((error <= tolerance) & ~lost)
     ratio = jnp.sqrt(tolerance / jnp.maximum(error, 1e-300))
+    # Where errors grow from step to step, the next one allows for it: a third were too long.
+    known = good & (now.smooth > 0) & (now.made > 0) & (error > 0)
+    trend = jnp.sqrt(now.made / jnp.where(known, error, 1.0)) * step / now.last
+    ratio = jnp.where(known, jnp.minimum(trend, 1.0), 1.0) * ratio
     following = step * jnp.clip(0.9 * ratio, _SHORTER, _LONGER)
     following = jnp.where(fresh, _LONGER * wanted, following)
     # A step that a row cut short says little of the next one.
     following = jnp.where(good & arrived, jnp.maximum(following, wanted), following)
     following = jnp.where(jnp.isnan(following) | (step == 0), now.step, following)
-    stands = jax.tree.map(lambda x: jnp.where(lost, 0.0, x), now.pace)
+    stands, flat = jax.tree.map(lambda x: jnp.where(lost, 0.0, x), (now.pace, now.bend))
     shorter = jnp.where(guessed | jumps, now.step, _SHORTER * step)
     tried = now._replace(
         step=jnp.where(lost, shorter, following),
         stride=jnp.where(lost, now.stride / 2, now.stride),
         pace=stands,
+        bend=flat,
         iterations=now.iterations + found.iterations,
         steps=now.steps + 1,
     )
     result = jnp.where(ends, found.result, jnp.where(runaway, index_of("limit_point"), 0))
+    pace = _pace(here, (found.state, travels.length), step)
+    bent = jnp.where(now.smooth > 0, 1 / (step + now.smooth), 0.0)
     taken = Moment(
         time,
         following,
@@ -317,10 +335,13 @@ def attempt(skin: AbstractDriven, now: Moment, row: Rows, tolerance: Array) -> M
         values,
         travels,
         found.state,
-        _pace(here, (found.state, travels.length), step),
+        pace,
+        jax.tree.map(lambda a, b: bent * (b - a), now.pace[0], pace[0]),
         now.past.after(series, step, stress),
         rate,
         step,
+        step,
+        error,
         now.error + error,
         largest,
         tried.iterations,
