@@ -32,6 +32,9 @@ from suas_jax.scene.parts import SceneParts
 
 # Relative error from which a body's force is not an answer.
 _MEANINGLESS = 0.1
+# The same by the first-order effect, which is then several times the force that is left.
+_BEYOND = 1.0
+_SMALL = 0.01  # share of all forces below which one of a body is small
 _LEAST = 1e-300
 
 
@@ -125,12 +128,17 @@ def assess(
     report["discretisation_error"] = error
     floor = jnp.zeros_like(error)
     touched = touched_by_bodies(problem, state)
+    beyond = jnp.full(floor.shape, False)
     if change is not None:
-        floor += error_beyond_first_order(parts, problem, state, report, touched)
+        by_bodies = error_by_bodies(parts, problem, touched, report)
+        floor += error_beyond_first_order(parts, problem, state, report, touched) + by_bodies
+        beyond = by_bodies > _BEYOND
     report["model_error"] = relative_error(by_model, scales) + floor
     errors = {"values": scales, "errors": [*by_mesh, by_model], "by_mesh": parts_of_error}
     report["key_quantities"] = errors | {"floor": floor}
-    report["validity"] = _verdict(problem, state, forces, report, touched, wall=wall)
+    verdict = _verdict(problem, state, forces, report, touched, wall=wall)
+    verdict = jnp.where((verdict == 0) & beyond, index_of("beyond_model"), verdict)
+    report["validity"] = verdict
     return report, state, shown
 
 
@@ -212,7 +220,6 @@ def error_beyond_first_order(
         carried = report["wall"]["force_N"] / jnp.where(loads > 0, loads, 1.0)
         floor += mechanics.omitted_at_wall * jnp.minimum(carried, 1.0)
     if touched:
-        floor += mechanics.omitted_margin * body_change(parts, problem, touched, report)
         floor += error_by_squeezing(problem, state, touched)
     return floor
 
@@ -253,18 +260,27 @@ def _between(place: Array, of: Array, gap: Array, margin: Lanes) -> Bool[Array, 
     return (place >= low) & (place <= high)
 
 
-def body_change(
+def error_by_bodies(
     parts: SceneParts, problem: Problem, touched: list[BodyContact], report: dict[str, Any]
 ) -> Lanes:
-    """Largest relative change of a body's force by what is left out, as a report has it."""
+    """Largest relative error of a body's force by the change that the report gives it.
+
+    It is relative to the smaller force of both, as a change as large as that tells no more, but
+    to no less than a share of all that presses: other loads move the skin off a body.
+    """
     mechanics, largest = problem.mechanics, jnp.zeros_like(report["oil_pressure_Pa"])
     shown = [load["force_N"] for load in report["loads"] if "depth_m" in load]
     width = parts.skin.geometry.width if mechanics.per_width else 1.0
-    for body, at, force in zip(mechanics.bodies, touched, shown, strict=True):
-        own = width * jnp.einsum("c...l,cl->l", at.force, body.frame[-1])
-        apart = jnp.where(force == 0, 0.0, own / jnp.where(force == 0, 1.0, force) - 1)
-        largest = jnp.maximum(largest, jnp.abs(apart))
-    return largest
+    pairs = zip(mechanics.bodies, touched, strict=True)
+    own = [width * jnp.einsum("c...l,cl->l", at.force, b.frame[-1]) for b, at in pairs]
+    area = parts.skin.geometry.width * mechanics.section.size
+    pressed = area * jnp.abs(parts.external_pressure)
+    least = _SMALL * sum(map(jnp.abs, (*own, *(load.force for load in parts.forces))), pressed)
+    for force, there in zip(shown, own, strict=True):
+        smaller = jnp.maximum(jnp.minimum(jnp.abs(force), jnp.abs(there)), least)
+        apart = jnp.abs(there - force) / jnp.maximum(smaller, _LEAST)
+        largest = jnp.maximum(largest, apart)
+    return mechanics.omitted_margin * largest
 
 
 def error_beyond_wall(

@@ -188,6 +188,6 @@ def _blind(taxels: list[dict[str, Any]]) -> list[str]:
     if not blind:
         return []
     return [
-        f"{blind} of {len(taxels)} taxels touch the membrane: they have no capacitance, a "
-        "real converter saturates."
+        f"{blind} of {len(taxels)} taxels touch the membrane, or lie under a fold of it: they "
+        "have no capacitance, a real converter saturates."
     ]
