@@ -50,7 +50,12 @@ from suas_jax.mechanics.registry import MODELS
 from suas_jax.mesh.section import measures
 from suas_jax.numerics.lanes import number
 from suas_jax.scene import build, choice, clamps
-from suas_jax.scene.assessment import error_by_bodies, error_by_squeezing, touched_by_bodies
+from suas_jax.scene.assessment import (
+    error_by_bodies,
+    error_by_penetration,
+    error_by_squeezing,
+    touched_by_bodies,
+)
 from suas_jax.scene.build import plan_for
 from suas_jax.scene.contact_zone import _resolved, body_observables
 from suas_jax.scene.indentation import IndentationCurve, Point
@@ -848,6 +853,21 @@ def test_the_effect_of_what_a_shell_leaves_out_never_pulls_on_a_body() -> None:
         known: Any = SimpleNamespace(mechanics=mechanics)
         found = error_by_bodies(parts, known, [contact(root.q, own)], report)
         assert float(found[0]) == pytest.approx(error)
+
+
+def test_how_deep_a_skin_lies_in_a_body_is_part_of_the_error() -> None:
+    """By two points, of 1 N at 1 um and 3 N at 2 um, under a travel of 0.1 mm."""
+    deep, push = 1e-6 * jnp.array([1.0, 2.0]), jnp.array([1.0, 3.0])
+    none, gap, pressure = (x[:, None, None] for x in (0 * deep, -deep, push))
+    at = BodyContact(none, none, gap, pressure, none, jnp.ones((2, 1, 1)))
+    own = SimpleNamespace(travel=jnp.full(1, 2e-4))
+    mechanics = SimpleNamespace(bodies=(own,))
+    problem: Any = SimpleNamespace(mechanics=mechanics, prestressed=False)
+    state, moved = State(jnp.zeros(1), jnp.zeros(1), jnp.full(1, 0.5)), jnp.full(1, 1e-3)
+    for forces, size in (([], 1e-4), ([own], 1e-3)):
+        parts: Any = SimpleNamespace(forces=forces, pressures=[])
+        found = error_by_penetration(parts, problem, state, [at], moved)
+        assert float(found[0]) == pytest.approx(2 * 1.75e-6 / size)
 
 
 def test_a_force_that_no_travel_carries_is_given_up_soon() -> None:

@@ -134,6 +134,9 @@ def assess(
         floor += error_beyond_first_order(parts, problem, state, report, touched) + by_bodies
         beyond = by_bodies > _BEYOND
     report["model_error"] = relative_error(by_model, scales) + floor
+    if touched:
+        size = report["max_displacement_m"]
+        report["penetration_error"] = error_by_penetration(parts, problem, state, touched, size)
     errors = {"values": scales, "errors": [*by_mesh, by_model], "by_mesh": parts_of_error}
     report["key_quantities"] = errors | {"floor": floor}
     verdict = _verdict(problem, state, forces, report, touched, wall=wall)
@@ -281,6 +284,30 @@ def error_by_bodies(
         apart = jnp.abs(there - force) / jnp.maximum(smaller, _LEAST)
         largest = jnp.maximum(largest, apart)
     return mechanics.omitted_margin * largest
+
+
+def error_by_penetration(
+    parts: SceneParts,
+    problem: Problem,
+    state: State,
+    touched: list[BodyContact],  # see `touched_by_bodies`
+    displacement: Lanes,  # largest one [m]
+) -> Lanes:
+    """Relative error of a body's force by how deep its points lie in it, which no mesh changes.
+
+    A body is a stiff spring. As far as its points lie in it, by the mean over the force, a
+    rigid one has come less far: relative to its travel that counts twice, as forces grow with
+    up to its square. Where other loads press the skin on it, too, it is relative to the largest
+    displacement.
+    """
+    others = parts.forces or parts.pressures or len(touched) > 1 or problem.prestressed
+    largest = jnp.zeros_like(state.pressure)
+    for body, at in zip(problem.mechanics.bodies, touched, strict=True):
+        push = at.area * at.pressure
+        deep = jnp.sum(-push * at.gap, (0, 1)) / jnp.maximum(jnp.sum(push, (0, 1)), _LEAST)
+        size = displacement if others else jnp.abs(state.factor * body.travel)
+        largest = jnp.maximum(largest, BY_PENETRATION * deep / jnp.maximum(size, _LEAST))
+    return largest
 
 
 def error_beyond_wall(
