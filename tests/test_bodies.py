@@ -50,7 +50,7 @@ from suas_jax.mechanics.registry import MODELS
 from suas_jax.mesh.section import measures
 from suas_jax.numerics.lanes import number
 from suas_jax.scene import build, choice, clamps
-from suas_jax.scene.assessment import (
+from suas_jax.scene.body_errors import (
     error_by_bodies,
     error_by_penetration,
     error_by_squeezing,
