@@ -6,6 +6,7 @@ tests/data/indenter2d.csv: finite elements under a rigid cylinder; its header sa
 import dataclasses
 import functools
 from collections.abc import Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import equinox as eqx
@@ -39,6 +40,7 @@ from suas_jax.config import (
     with_solve,
 )
 from suas_jax.equilibrium.balance import Problem, State
+from suas_jax.equilibrium.correction import corrected_touch
 from suas_jax.equilibrium.equilibrium import differentiable
 from suas_jax.equilibrium.friction import equilibrium_with_friction
 from suas_jax.equilibrium.outcomes import index_of
@@ -48,7 +50,12 @@ from suas_jax.mechanics.registry import MODELS
 from suas_jax.mesh.section import measures
 from suas_jax.numerics.lanes import number
 from suas_jax.scene import build, choice, clamps
-from suas_jax.scene.assessment import error_by_squeezing, touched_by_bodies
+from suas_jax.scene.body_errors import (
+    error_by_bodies,
+    error_by_penetration,
+    error_by_squeezing,
+    touched_by_bodies,
+)
 from suas_jax.scene.build import plan_for
 from suas_jax.scene.contact_zone import _resolved, body_observables
 from suas_jax.scene.indentation import IndentationCurve, Point
@@ -699,6 +706,39 @@ def test_an_error_whose_comparison_fails_is_not_stated(
     assert not found.outcome["compared"]
 
 
+def test_a_mesh_that_hardly_helps_is_the_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a stand-in whose pressure goes on by as much from mesh to mesh; and one that ends."""
+
+    def meshes_of(order: float) -> list[int]:
+        tried: list[int] = []
+
+        def run(static: Any, meshes: Any, inputs: Any, start: Any, **options: Any) -> Any:
+            del static, inputs, options
+            tried.append(meshes.whole.counts[0])
+            one = np.ones(1)
+            named = {"force_N": one, "depth_m": one}
+            named |= {"contact_from_m": -one, "contact_to_m": one}
+            pressure = sum((0.5**order) ** k for k in range(int(np.log2(tried[-1]))))
+            report = {
+                "loads": [named],
+                "oil_pressure_Pa": pressure * one,
+                "max_displacement_m": one,
+                "discretisation_error": np.nan * one,
+                "model_error": 0 * one,
+                "wall_contact": np.zeros(1, bool),
+                "stable": np.ones(1, bool),
+            }
+            return report, start, start, start, {"result": np.array([0]), "level": one}
+
+        monkeypatch.setattr(choice, "run_program", run)
+        monkeypatch.setattr(choice, "carried", lambda *args: None)
+        choice.choose(with_solve(scene(body(20, 2.0)), model="shell"), once=True)
+        return tried
+
+    assert max(meshes_of(0.5)) == 64
+    assert max(meshes_of(1.0)) == 512
+
+
 def test_travels_are_found_from_forces() -> None:
     """Two bodies that feel each other, by a stand-in for the solve."""
     spec = scene(*(_by_force(angle, 1.0) for angle in (-30, 30)))
@@ -743,6 +783,91 @@ def test_a_body_that_the_skin_comes_out_to_meet_is_drawn_back(force: float) -> N
         assert report["loads"][0]["force_N"][0] == pytest.approx(force, rel=1e-9)
         inputs["load.0.depth"] = np.asarray(report["loads"][0]["depth_m"][0])
     assert len(runs) < 50, runs
+
+
+def test_a_travel_is_found_between_no_touch_and_too_far() -> None:
+    """By a stand-in that touches late and has no answer soon after: one step leads past."""
+    inputs, runs = {"load.0.force": np.asarray(0.01)}, []
+    touch, deepest = 0.5, 0.6  # mm
+
+    def run(inputs: Any, start: Any) -> Any:
+        depth = 1e3 * float(inputs["load.0.depth"])
+        runs.append(depth)
+        force, failure = 2 * max(depth - touch, 0.0), 0
+        if depth > deepest:
+            force, failure = 0.0, index_of("beyond_model")
+        loads = [{"force_N": np.array([force]), "depth_m": np.array([depth / 1e3])}]
+        return {"loads": loads}, start, start, start, {"result": np.array([failure])}
+
+    zero = np.zeros(1)
+    start = State(zero, zero, zero)
+    report, *_, outcome = under_forces(scene(_by_force(20, 0.01)), inputs, start, run)
+    assert outcome["result"][0] == 0
+    assert report["loads"][0]["force_N"][0] == pytest.approx(0.01, rel=1e-9)
+    assert len(runs) < 25, runs
+
+
+def test_a_refined_solve_whose_first_run_fails_is_given_up() -> None:
+    """Runs on the finest solid take minutes, and each of a dozen travels fails alike."""
+    inputs, runs = {"load.0.force": np.asarray(2.0)}, []
+    lost = index_of("no_convergence")
+
+    def run(inputs: Any, start: Any) -> Any:
+        runs.append(inputs)
+        loads = [{"force_N": np.zeros(1), "depth_m": np.zeros(1)}]
+        return {"loads": loads}, start, start, start, {"result": np.array([lost])}
+
+    zero = np.zeros(1)
+    start = State(zero, zero, zero)
+    spec = scene(_by_force(20, 2.0))
+    *_, outcome = under_forces(spec, inputs, start, run, refined=True)
+    assert outcome["result"][0] == lost
+    assert len(runs) == 1
+
+
+def test_the_effect_of_what_a_shell_leaves_out_never_pulls_on_a_body() -> None:
+    """A contact of 3 N of which the first order takes 1 N, 2 N, or 4 N away."""
+    out = jnp.array([[0.0], [1.0]])
+    frame, at = jnp.stack([out[::-1], out]), jnp.ones((1, 1, 1))
+
+    def contact(q: Array, body: object) -> BodyContact:
+        push = 3.0 - q[None, None]
+        return BodyContact(at, 0 * at, -at, push, push * out[:, None, None], at)
+
+    own: Any = SimpleNamespace(placed=lambda factor: own, friction=None, frame=frame)
+    mechanics: Any = SimpleNamespace(
+        corrected=True, touched=contact, gap_shift=lambda q, body: None, per_width=False
+    )
+    mechanics.bodies, mechanics.omitted_margin = (own,), 0.2
+    mechanics.section = SimpleNamespace(size=jnp.zeros(1))
+    skin = SimpleNamespace(geometry=SimpleNamespace(width=1.0))
+    parts: Any = SimpleNamespace(skin=skin, forces=[], external_pressure=jnp.zeros(1))
+    for taken, left, error in ((1.0, 2.0, 0.1), (2.0, 1.0, 0.4), (4.0, 0.0, 20.0)):
+        root, shown = (State(jnp.full(1, q), *[jnp.ones(1)] * 2) for q in (0.0, taken))
+        touch = corrected_touch(mechanics, own, shown, root)
+        assert float(touch.force[1].sum()) == pytest.approx(left)
+        report = {
+            "oil_pressure_Pa": jnp.ones(1),
+            "loads": [{"force_N": touch.force[1].sum((0, 1)), "depth_m": 1}],
+        }
+        known: Any = SimpleNamespace(mechanics=mechanics)
+        found = error_by_bodies(parts, known, [contact(root.q, own)], report)
+        assert float(found[0]) == pytest.approx(error)
+
+
+def test_how_deep_a_skin_lies_in_a_body_is_part_of_the_error() -> None:
+    """By two points, of 1 N at 1 um and 3 N at 2 um, under a travel of 0.1 mm."""
+    deep, push = 1e-6 * jnp.array([1.0, 2.0]), jnp.array([1.0, 3.0])
+    none, gap, pressure = (x[:, None, None] for x in (0 * deep, -deep, push))
+    at = BodyContact(none, none, gap, pressure, none, jnp.ones((2, 1, 1)))
+    own = SimpleNamespace(travel=jnp.full(1, 2e-4))
+    mechanics = SimpleNamespace(bodies=(own,))
+    problem: Any = SimpleNamespace(mechanics=mechanics, prestressed=False)
+    state, moved = State(jnp.zeros(1), jnp.zeros(1), jnp.full(1, 0.5)), jnp.full(1, 1e-3)
+    for forces, size in (([], 1e-4), ([own], 1e-3)):
+        parts: Any = SimpleNamespace(forces=forces, pressures=[])
+        found = error_by_penetration(parts, problem, state, [at], moved)
+        assert float(found[0]) == pytest.approx(2 * 1.75e-6 / size)
 
 
 def test_a_force_that_no_travel_carries_is_given_up_soon() -> None:

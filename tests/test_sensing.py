@@ -59,6 +59,7 @@ DATA = Path(__file__).parent / "data"
 SKINS = Path(__file__).parent.parent / "configs" / "skins"
 SKIN = half_cylinder()
 WALL = 0.0525  # its radius
+EVEN_FACE = np.array([[1e3], [-1e3]])  # that folds nowhere
 
 
 def electrodes(**more: object) -> dict[str, object]:
@@ -202,7 +203,7 @@ def face_of(height: object, count: int = 12) -> NormalFace:
     t = np.array([-1.0, -1 / 3, 1 / 3, 1.0])
     angle = (edges[:-1] + edges[1:]) / 2 + t[:, None] * np.diff(edges) / 2
     powers = np.linalg.solve(np.vander(t, increasing=True), height(angle))
-    return NormalFace(jnp.asarray(edges)[:, None], jnp.asarray(powers)[..., None], False)
+    return NormalFace(jnp.asarray(edges)[:, None], jnp.asarray(powers)[..., None], EVEN_FACE)
 
 
 def test_average_over_a_footprint() -> None:
@@ -264,6 +265,30 @@ def test_a_face_that_turns_back_has_no_gap(pressed: tuple) -> None:
     folded = quick(lambda m, q: m.face(q).folded)
     assert not folded(mechanics, q).any()
     assert folded(mechanics, 40 * q).all()
+
+
+def test_a_fold_hides_the_rays_that_meet_it_and_no_others(pressed: tuple) -> None:
+    """As a body's edge next to a clamp folds the face within one short element."""
+    mechanics, q = pressed
+
+    @quick
+    def heights(mechanics: Shell, q: jax.Array, size: float) -> tuple[jax.Array, jax.Array]:
+        shape = mechanics.profile(q, INTERVALS)
+        within = jnp.zeros_like(shape.angle).at[1:-1, 4].set(jnp.array([[1.0], [0.0], [-1.0]]))
+        along = jnp.stack([jnp.cos(shape.angle), -jnp.sin(shape.angle)])
+        moved = shape.inner_displacement + size * within * along
+        face = normal_face(shape._replace(inner_displacement=moved), mechanics.section)
+        rays = jnp.linspace(-1.5, 1.5, 301)[:, None]
+        zero = jnp.zeros_like(rays)
+        return face.height(rays, zero)[:, 0], jnp.stack([shape.angle[0, 4], shape.angle[-1, 4]])
+
+    (even, _), (folded, ends) = (heights(mechanics, q, size) for size in (0.0, 5e-3))
+    lost = np.isnan(folded)
+    rays = np.linspace(-1.5, 1.5, 301)
+    near = (rays > float(ends[0, 0]) - 0.1) & (rays < float(ends[1, 0]) + 0.1)
+    assert lost.any()
+    assert not (lost & ~near).any()
+    np.testing.assert_array_equal(folded[~lost & ~near], even[~lost & ~near])
 
 
 @pytest.mark.long  # a scene of its own; taxels that touch below and in test_contact
@@ -403,7 +428,7 @@ def test_the_field_under_a_flat_top_is_a_plate_s_and_round_its_corner_a_cylinder
     electrodes = skin_parts(spec, continuous_inputs(spec)).sensing()
     half = electrodes.geometry.half_angle
     edges, even = jnp.linspace(-1, 1, 3)[:, None] * half, jnp.zeros((5, 2, 1))
-    face = NormalFace(edges, even, jnp.zeros(1, bool))
+    face = NormalFace(edges, even, EVEN_FACE)
     find = quick(field_capacitance_under)
     own = np.asarray(find(electrodes, face, 360))[:, 0] / (VACUUM_PERMITTIVITY * 2.2)
     area = np.pi * 2e-3**2

@@ -29,7 +29,8 @@ from suas_jax.mechanics.registry import MODELS
 from suas_jax.mechanics.section import section_of
 from suas_jax.numerics.lanes import number
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.assessment import touched_by_bodies, under_bodies
+from suas_jax.scene.assessment import under_bodies
+from suas_jax.scene.body_errors import touched_by_bodies
 from suas_jax.scene.build import decay_angle, problem_of
 from suas_jax.scene.observables import load_observables
 from suas_jax.scene.parts import scene_parts

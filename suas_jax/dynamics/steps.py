@@ -40,7 +40,8 @@ from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.equilibrium.validity import validity
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.mechanics.pad.pad import Pad
-from suas_jax.scene.assessment import touched_by_bodies, under_bodies
+from suas_jax.scene.assessment import under_bodies
+from suas_jax.scene.body_errors import touched_by_bodies
 from suas_jax.scene.observables import observe
 from suas_jax.scene.structure import Inputs, Structure
 

@@ -120,7 +120,7 @@ def corrected_touch(
 
     To first order a zone far narrower than an element slides from point to point of the face,
     which turns the force by more than the change itself does. So the force keeps the
-    equilibrium's direction.
+    equilibrium's direction; it is zero where the change would turn it round.
 
     `shown`: the state to report. `root`: the equilibrium, where it is another.
     """
@@ -142,7 +142,8 @@ def corrected_touch(
     out = body.frame[-1][:, None, None]
     own = jnp.sum(at.force * out, (0, 1, 2))
     more = jnp.sum(jnp.where(at.gap < 0, along.force * out, 0.0), (0, 1, 2))
-    ratio = 1 + jnp.where(own == 0, 0.0, more / jnp.where(own == 0, 1.0, own))
+    share = jnp.where(own == 0, 0.0, more / jnp.where(own == 0, 1.0, own))
+    ratio = jnp.maximum(1 + share, 0.0)  # bodies push
     return at._replace(pressure=ratio * at.pressure, force=ratio * at.force)
 
 

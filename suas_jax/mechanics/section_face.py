@@ -9,6 +9,7 @@ values nor for derivatives, and one polynomial serves any number of rays.
 
 from typing import ClassVar
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -19,6 +20,7 @@ from suas_jax.skin.section import AbstractSection
 
 # Intervals an element is sampled in, the degree of its polynomial.
 INTERVALS = 4
+_NOWHERE = 1e3  # angle of no ray [rad]: finite, as weighted sums are made of faces
 
 
 class NormalFace(AbstractFace):
@@ -29,16 +31,22 @@ class NormalFace(AbstractFace):
     # coefficients of the height [m] in ascending powers of a coordinate that runs from -1 to 1
     # over the element's angle
     powers: Float[Array, "power element lane"]
-    # whether some ray meets the face more than once (the angle
-    # turns back along the arc): no gap can be told
-    folded: Bool[Array, " lane"]
+    # first and last angle of the elements along which it turns back [rad]: rays there meet the
+    # face more than once, and no gap can be told there; the first is larger where none does
+    fold: Float[Array, "2 lane"]
+
+    @property
+    def folded(self) -> Bool[Array, " lane"]:
+        """Whether some ray meets the face more than once."""
+        return self.fold[0] <= self.fold[1]
 
     def height(
         self, angle: Float[Array, "ray #lane"], axial: Float[Array, "ray #lane"]
     ) -> Float[Array, "ray lane"]:
         """Whatever the axial position; see the base class."""
         del axial
-        return jnp.where(self.folded, jnp.nan, height_at(self, angle))
+        known = (angle < self.fold[0]) | (angle > self.fold[1])
+        return jnp.where(known, height_at(self, angle), jnp.nan)
 
 
 def normal_face(shape: Profile, section: AbstractSection) -> NormalFace:
@@ -49,9 +57,14 @@ def normal_face(shape: Profile, section: AbstractSection) -> NormalFace:
     angle, height = section.foot(shape.rest + shape.inner_displacement, shape.angle)
     first, last = angle[0], angle[-1]
     t = (2 * angle - first - last) / (last - first)
-    folded = jnp.any(angle[1:] <= angle[:-1], (0, 1))
+    back = jnp.any(~(angle[1:] > angle[:-1]), 0)
+    ends = [
+        jnp.min(jnp.where(back, jnp.min(angle, 0), _NOWHERE), 0),
+        jnp.max(jnp.where(back, jnp.max(angle, 0), -_NOWHERE), 0),
+    ]
     edges = jnp.concatenate([first, last[-1:]])
-    return NormalFace(edges, power_coefficients(t, height), folded)
+    fold = jax.lax.stop_gradient(jnp.stack(ends))
+    return NormalFace(edges, power_coefficients(t, height), fold)
 
 
 def height_at(face: NormalFace, angle: Float[Array, "ray #lane"]) -> Float[Array, "ray lane"]:

@@ -15,6 +15,12 @@ from suas_jax.equilibrium.validity import force_balance, validity
 from suas_jax.mechanics.contact.face import BodyContact
 from suas_jax.mechanics.model import Meshes
 from suas_jax.numerics.array_types import Lanes
+from suas_jax.scene.body_errors import (
+    error_by_bodies,
+    error_by_penetration,
+    error_by_squeezing,
+    touched_by_bodies,
+)
 from suas_jax.scene.build import problem_of
 from suas_jax.scene.error_estimate import (
     BY_PENETRATION,
@@ -32,7 +38,8 @@ from suas_jax.scene.parts import SceneParts
 
 # Relative error from which a body's force is not an answer.
 _MEANINGLESS = 0.1
-_LEAST = 1e-300
+# The same by the first-order effect, which is then several times the force that is left.
+_BEYOND = 1.0
 
 
 def assess(
@@ -125,12 +132,20 @@ def assess(
     report["discretisation_error"] = error
     floor = jnp.zeros_like(error)
     touched = touched_by_bodies(problem, state)
+    beyond = jnp.full(floor.shape, False)
     if change is not None:
-        floor += error_beyond_first_order(parts, problem, state, report, touched)
+        by_bodies = error_by_bodies(parts, problem, touched, report)
+        floor += error_beyond_first_order(parts, problem, state, report, touched) + by_bodies
+        beyond = by_bodies > _BEYOND
     report["model_error"] = relative_error(by_model, scales) + floor
+    if touched:
+        size = report["max_displacement_m"]
+        report["penetration_error"] = error_by_penetration(parts, problem, state, touched, size)
     errors = {"values": scales, "errors": [*by_mesh, by_model], "by_mesh": parts_of_error}
     report["key_quantities"] = errors | {"floor": floor}
-    report["validity"] = _verdict(problem, state, forces, report, touched, wall=wall)
+    verdict = _verdict(problem, state, forces, report, touched, wall=wall)
+    verdict = jnp.where((verdict == 0) & beyond, index_of("beyond_model"), verdict)
+    report["validity"] = verdict
     return report, state, shown
 
 
@@ -173,12 +188,6 @@ def _stability(
     return check, None, force_balance(*part)
 
 
-def touched_by_bodies(problem: Problem, state: State) -> list[BodyContact]:
-    """Contact with each body."""
-    mechanics = problem.mechanics
-    return [mechanics.touched(state.q, b.placed(state.factor)) for b in mechanics.bodies]
-
-
 def under_bodies(
     problem: Problem,
     state: State,
@@ -212,59 +221,8 @@ def error_beyond_first_order(
         carried = report["wall"]["force_N"] / jnp.where(loads > 0, loads, 1.0)
         floor += mechanics.omitted_at_wall * jnp.minimum(carried, 1.0)
     if touched:
-        floor += mechanics.omitted_margin * body_change(parts, problem, touched, report)
         floor += error_by_squeezing(problem, state, touched)
     return floor
-
-
-def error_by_squeezing(problem: Problem, state: State, touched: list[BodyContact]) -> Lanes:
-    """Largest relative error of a body's force by what no shell knows: how thin it is squeezed.
-
-    Between a body and the wall beneath it the membrane is thinner by f / (2 pi G), with the
-    force f per length that passes through it. The wall's own law says what that much travel
-    is worth: nothing on a soft layer, everything on a rigid wall.
-    """
-    mechanics, largest = problem.mechanics, jnp.zeros_like(state.pressure)
-    if mechanics.wall is None:
-        return largest
-    held = mechanics.contact(state.q, mechanics.wall)
-    push, depth = held.area * held.pressure, jnp.max(-held.gap, (0, 1))
-    thickness = mechanics.section.mean_thickness
-    margin = thickness / mechanics.section.size
-    for at in touched:
-        near = _between(held.angle, at.angle, at.gap, margin)
-        length = jnp.ones_like(thickness)
-        if at.axial is not None and held.axial is not None:
-            near &= _between(held.axial, at.axial, at.gap, thickness)
-            length = 2 * thickness
-        through = jnp.sum(jnp.where(near, push, 0.0), (0, 1))
-        thinner = through / (2 * jnp.pi * mechanics.law.shear_modulus * length)
-        whole = jnp.sqrt(jnp.sum(jnp.sum(at.force, (1, 2)) ** 2, 0))
-        share = through / jnp.maximum(whole, _LEAST)
-        largest = jnp.maximum(largest, share * thinner / jnp.maximum(depth, _LEAST))
-    return largest
-
-
-def _between(place: Array, of: Array, gap: Array, margin: Lanes) -> Bool[Array, "..."]:
-    """Whether places lie within a margin of those where a gap is closed."""
-    of = jnp.broadcast_to(of, gap.shape)
-    low = jnp.min(jnp.where(gap < 0, of, jnp.inf), (0, 1)) - margin
-    high = jnp.max(jnp.where(gap < 0, of, -jnp.inf), (0, 1)) + margin
-    return (place >= low) & (place <= high)
-
-
-def body_change(
-    parts: SceneParts, problem: Problem, touched: list[BodyContact], report: dict[str, Any]
-) -> Lanes:
-    """Largest relative change of a body's force by what is left out, as a report has it."""
-    mechanics, largest = problem.mechanics, jnp.zeros_like(report["oil_pressure_Pa"])
-    shown = [load["force_N"] for load in report["loads"] if "depth_m" in load]
-    width = parts.skin.geometry.width if mechanics.per_width else 1.0
-    for body, at, force in zip(mechanics.bodies, touched, shown, strict=True):
-        own = width * jnp.einsum("c...l,cl->l", at.force, body.frame[-1])
-        apart = jnp.where(force == 0, 0.0, own / jnp.where(force == 0, 1.0, force) - 1)
-        largest = jnp.maximum(largest, jnp.abs(apart))
-    return largest
 
 
 def error_beyond_wall(

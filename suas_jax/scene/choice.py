@@ -33,13 +33,18 @@ _NOTHING = 1e-15  # of a pressure, a force, a displacement [SI]: rounding at res
 _MODEL_SHARE = 0.9
 # A coarse mesh's estimate so many times that part stays above it on finer meshes.
 _HOPELESS = 1.3
+# With which errors under bodies have to fall for a finer mesh to be of use: where the zone of
+# contact meets the field of a clamp, they hardly do.
+_LEAST_ORDER = 0.75
 # Failures of the shell that need not be the solid's: its few fibres may leave the faces
 # beyond a limit that more layers keep to; it does not know how thin a membrane is squeezed,
-# nor how it shears within a thickness of a clamp, which turns a force found there around.
+# nor how it shears within a thickness of a clamp, which turns a force found there around or
+# leaves nothing of it.
 _SOLID_KNOWS = {
     "outside_material_domain": "the shell's faces lie beyond the material's limit",
     "squeezed": "a body presses the membrane against the wall",
     "body_on_clamp": "the shell lies on a body up to a clamped edge",
+    "beyond_model": "what the shell leaves out changes a body's force more than it can tell",
 }
 
 
@@ -213,6 +218,7 @@ def _attempt(
     coarsest: Tried | None = None
     coarser: Attempt | None = None
     wanted: Counts | None = None
+    last = 0.0  # error of the mesh before, times its elements to the power of the least order
     wall = wall or (scene.wall.contact and _deeper_than_film(scene))
     if scene.bodies:  # whose error is that between two meshes
         wanted, counts = counts, model.coarser(counts)
@@ -231,8 +237,11 @@ def _attempt(
         if aside and start is None:
             moved = shifted(scene, inputs)
             start = run_program(static, meshes, moved, rest, once=once, judged=False)[3]
+        refined = coarser is not None and coarser.converged and coarser.wall == wall
         until_wall = scene.wall.contact and not wall
-        run = functools.partial(run_program, static, meshes, once=once, until_wall=until_wall)
+        run = functools.partial(
+            run_program, static, meshes, once=once, until_wall=until_wall, refined=refined
+        )
         solved = run(inputs, start or rest)
         failed = number(solved[-1]["result"]) != 0 and scene.solve.oil_pressure is None
         if failed and start is None and is_prestressed(scene) and not scene.bodies:
@@ -271,9 +280,10 @@ def _attempt(
         if given or other_next or not found.converged or excess <= 1:
             return found
         finer = model.finer(counts, found.parts_of_excess(rtol))
-        if finer is None:
+        wasted = scene.bodies and 0 < last / counts[0] ** _LEAST_ORDER < excess < np.inf
+        if finer is None or wasted:
             return found
-        counts = finer
+        last, counts = excess * counts[0] ** _LEAST_ORDER, finer
 
 
 def _slid(scene: SceneSpec, found: Attempt | None) -> tuple[float, ...]:

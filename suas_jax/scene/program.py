@@ -85,12 +85,14 @@ def run_program(
     judged: bool = True,
     travels_given: bool = False,
     until_wall: bool = False,
+    refined: bool = False,
 ) -> tuple[dict[str, Any], State, State, State, dict[str, Any]]:
     """The program of a scene from a start; from rest where that leads nowhere.
 
     Where nothing acts on the skin the report is that of the undeformed skin. Bodies that are
     pressed by a force take the travel at which they carry it, unless the inputs give it;
-    `until_wall` says that a state in a wall that is left out will do.
+    `until_wall` says that a state in a wall that is left out will do; `refined`, that start and
+    travels are those of a solution on another mesh: where they lead nowhere, nothing else does.
 
     Returns what is observed; the equilibrium, the state to report and that of the part solved;
     how it was found.
@@ -104,17 +106,23 @@ def run_program(
         outcome = {"result": 0, "level": 1.0, "iterations": 0, "unknowns": 0}
         return report, state, state, at_rest(meshes.solved), outcome
     flag, effort = np.asarray(judged), {"once": once, "long": meshes.whole.solves_long}
-    free = static.scene.solve.oil_pressure is None  # a wanted pressure is sought from rest
+    # A wanted pressure is sought from rest; paths of contact begin anew there by themselves.
+    contact = bool(static.scene.bodies) or static.wall
+    rubbed = any(load.friction for load in static.scene.bodies)
+    itself = contact and not rubbed and not is_prestressed(static.scene)
+    again = static.scene.solve.oil_pressure is None and not itself
 
     def run(inputs: Inputs, start: State) -> Any:
         found: Any = COMPILED.run(_program, static, meshes, inputs, start, flag, **effort)
-        if free and number(start.factor) != 0 and number(found[-1]["result"]) != 0:
+        if again and number(start.factor) != 0 and number(found[-1]["result"]) != 0:
             rest = at_rest(meshes.solved)
             found = COMPILED.run(_program, static, meshes, inputs, rest, flag, **effort)
         return found
 
     if driven_by_force(static.scene) and not travels_given:
-        return under_forces(static.scene, inputs, start, run, until_wall=until_wall)
+        return under_forces(
+            static.scene, inputs, start, run, until_wall=until_wall, refined=refined
+        )
     return run(inputs, start)
 
 

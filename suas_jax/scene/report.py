@@ -72,6 +72,8 @@ def _header(
     """Status, message and error estimate, ahead of the observables."""
     status = NAMES[outcome["result"]]
     mesh_error, model_error = report.pop("discretisation_error"), report.pop("model_error")
+    # Told apart from the model's own, as no other model knows better.
+    model_error += report.pop("penetration_error", 0.0)
     error = mesh_error + model_error
     known = bool(np.isfinite(error)) and status == "converged"
     if report["wall"] is not None:
@@ -188,6 +190,6 @@ def _blind(taxels: list[dict[str, Any]]) -> list[str]:
     if not blind:
         return []
     return [
-        f"{blind} of {len(taxels)} taxels touch the membrane: they have no capacitance, a "
-        "real converter saturates."
+        f"{blind} of {len(taxels)} taxels touch the membrane, or lie under a fold of it: they "
+        "have no capacitance, a real converter saturates."
     ]

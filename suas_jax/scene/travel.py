@@ -176,6 +176,8 @@ def under_forces(
     *,
     # end with a run whose face lies in a wall that is left out before bodies carry their forces
     until_wall: bool = False,
+    # end with a first run that fails: its travels are those of a solution on another mesh
+    refined: bool = False,
 ) -> Solved:
     """Solve a scene whose bodies carry given forces, by runs with given travels."""
     every = driven_by_force(scene)
@@ -189,6 +191,7 @@ def under_forces(
     slope, idle = np.diag(np.where(across, 0.0, POWER)), 0
     unknown = [k for k, d in enumerate(loaded) if d.across]
     low, high = np.full(len(x), -np.inf), np.full(len(x), np.inf)
+    pace = 0.0  # of the first steps, until some travel leads to a force
     blocked = index_of("no_convergence")
     alone = len(every) == len(scene.bodies) == 1 and not across.any()
     for _ in range(_MOST_RUNS):
@@ -204,12 +207,15 @@ def under_forces(
         failure = int(number(found[-1]["result"]))
         if failure != 0 or y is None:
             blocked = failure or blocked
+            if failure and refined and best is None:
+                return found
             idle += best is not None
             if idle > _PATIENCE:
                 break
-            # Not touched yet, or too far at once.
-            away = np.where(across, 0.0, 1.0)
-            x = x + (-away if failure else away) if before is None else (x + before[0]) / 2
+            # Not touched yet, or too far at once; once both are known, between the two.
+            way = -1.0 if failure else 1.0
+            pace = way * (abs(pace) or 1.0) * (0.5 if way * pace < 0 else 1.0)
+            x = np.where(across, x, x + pace) if before is None else (x + before[0]) / 2
             continue
         if until_wall and number(found[0]["wall_contact"]) and (y[~across] < 0).all():
             return found

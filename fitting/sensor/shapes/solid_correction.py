@@ -208,7 +208,7 @@ def corrected(
                 np.einsum("ps,sel->pel", inverse, spline(np.clip(rays, c.grid[0], c.grid[-1])))
                 * powers[:, j]
             )
-    face = NormalFace(shape.face.edges, jnp.asarray(height), shape.face.folded)
+    face = NormalFace(shape.face.edges, jnp.asarray(height), shape.face.fold)
     return dataclasses.replace(shape, face=face, displacement=total)
 
 
