@@ -241,6 +241,16 @@ def test_signs_opposite_to_the_strain_are_named() -> None:
     assert warnings_of(dropped) == ["a.csv: rows left out: 2 (no number), 1 (below zero)"]
 
 
+def test_compression_listed_as_positive_is_named() -> None:
+    strain = np.linspace(0.0, 0.4, 20)
+    listed = tension(1 + strain, -neo_hookean(1 - strain))
+    (text,) = warnings_of(listed)
+    assert "reads as compression" in text
+    assert "compressive strain=NAME" in text
+    for sound in (tension(1 + strain), tension(1 - strain), tension(1 + 5 * strain)):
+        assert warnings_of(sound) == []
+
+
 def test_strains_that_would_stretch_a_specimen_too_far_are_in_percent() -> None:
     for longest, kinds in ((19.9, []), (20.1, ["percent"])):
         x = np.linspace(1.0, longest, 12)

@@ -468,9 +468,10 @@ class OnAPad(DimpleNodes):
 
 
 class Fitter(DimpleFitter):
-    """A skin whose wall is reached at 20 N (1 + angle)."""
+    """A skin whose wall is reached at 20 N (1 + angle), and may be with 0.1 mm left."""
 
     edge = np.array([0.5])
+    wall_gap = 1e-4
 
 
 def assessed(
@@ -538,7 +539,8 @@ MODE = Alternative(15.0, np.array([-0.3, 4.0]), np.diag([1e4, 100.0]), 1)
         ("wall_contact", [0.0, 19.61], {"chi2": 99.1}),
         ("model_mismatch", [0.0, 5.0], {"chi2": 705.0, "deviation": 1.0}),  # at least 0 N
         ("wall_contact", [0.2, 5.0], {"full_scale": True}),
-        ("wall_contact", [0.2, 5.0], {"min_gap": np.zeros(1)}),
+        ("wall_contact", [0.2, 5.0], {"min_gap": np.full(1, 0.9e-4)}),
+        ("ok", [0.2, 5.0], {"min_gap": np.full(1, 1.1e-4)}),
         ("wall_contact", [0.0, 19.61], {}),  # within 2 deviations and 1 % of 20 N
         ("ok", [0.0, 19.59], {}),
         ("at_edge", [0.5, 5.0], {}),

@@ -170,7 +170,8 @@ def test_every_press_has_its_own_place_and_force() -> None:
     """Readings of press k move with the errors and with its own quantities alone."""
     rng = np.random.default_rng(3)
     by_press, by_error = rng.normal(size=(2, 3, 5)), rng.normal(size=(2, 4, 5))
-    jacobian = update._jacobian(update._Model(np.zeros((2, 5)), by_press, by_error))
+    none = np.zeros(5), np.zeros((4, 5))
+    jacobian = update._jacobian(update._Model(np.zeros((2, 5)), by_press, by_error, *none))
     e, x = rng.normal(size=4), rng.normal(size=(2, 3))
     moved = [e @ by_error[k] + x[k] @ by_press[k] for k in range(2)]
     np.testing.assert_allclose(jacobian @ np.concatenate([e, x.ravel()]), np.ravel(moved))
@@ -184,11 +185,14 @@ class Linear:
         self.by_error = 30 * rng.normal(size=(2, 3, 8))
         self.by_press = np.array([300.0, 20.0])[:, None] * rng.normal(size=(2, 2, 8))
         self.known = np.array([press.quantities for press in presses])
+        # At rest all taxels move alike, by what the first two errors do together.
+        self.rest_by_error = np.array([4.0, 3.0, 0.0])[:, None] * np.ones(8)
 
     def at(self, e: Any, x: Any) -> Any:  # noqa: D102
         change = np.einsum("e,pet->pt", e, self.by_error)
         change = change + np.einsum("pq,pqt->pt", x, self.by_press)
-        return update._Model(change, self.by_press, self.by_error)
+        rest = 100 + e @ self.rest_by_error
+        return update._Model(change, self.by_press, self.by_error, rest, self.rest_by_error)
 
 
 @pytest.mark.parametrize(("misfit", "status"), [(0.0, "ok"), (3.5, "poor_fit"), (40.0, "")])
@@ -237,6 +241,35 @@ def test_a_zero_is_the_posterior_of_its_presses(
             information[:3, :3] += np.linalg.inv(covariance)
             deviation = np.linalg.inv(information)[-1, -1] ** 0.5
             assert told[k] == pytest.approx(deviation / force)
+
+
+def test_readings_at_rest_count_where_the_inputs_explain_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """They hold the errors that changes do not show; an offset of one taxel says nothing.
+
+    The errors leave 5 counts open there, a scale that wanders until the zero is used 1.
+    """
+    monkeypatch.setattr(update, "PressModel", Linear)
+    presses = (known_press("5 N at 10 deg", GEOMETRY), known_press("9 N at 0 deg", GEOMETRY))
+    errors: Any = [None] * 3
+    model, true = Linear(errors, presses, 1.0), np.array([0.6, -0.8, 0.3])
+    change = model.at(true, model.known).change
+
+    def zero_at(rest: Any) -> Zero:
+        given = change, np.full((2, 8), 1e8), np.ones(2), np.zeros(2)  # presses tell nothing
+        return update.zero_of(errors, presses, update.PressReadings(*given, rest, 0.01), 1e-4)
+
+    for rest, told in ((np.full(8, 110.0), 10.0), (100 + 8.0 * np.eye(8)[3], 0.0), (None, 0.0)):
+        zero = zero_at(rest)
+        assert zero.at_rest == (told > 0)
+        mean = zero.posterior.mean @ model.rest_by_error[:, 0]
+        walked = 1200 * (3e-4 * 100) ** 2  # of a gain of 3e-4 / sqrt(s) in 20 minutes
+        assert mean == pytest.approx(told * 25 / (25 + walked), abs=0.02)
+    missing = zero_at(np.array([110.0, np.nan] * 4))
+    assert missing.posterior.mean == pytest.approx(
+        zero_at(np.full(8, 110.0)).posterior.mean, abs=0.02
+    )
 
 
 def test_a_step_beyond_all_states_is_halved() -> None:
@@ -289,6 +322,8 @@ def test_means_of_presses_know_their_frames_and_their_creep() -> None:
     assert spec.electrodes is not None
     noise = spec.electrodes.noise**2 + 1 / 12
     assert found.variance[0] == pytest.approx(noise * (1 / np.array([4, 3, 4]) + 1 / 4))
+    assert found.rest == pytest.approx(so[:4].mean(0))
+    assert found.rest_variance == pytest.approx(np.full(3, noise / 4))
 
     def share(g: float) -> float:
         return float((1 - g * np.exp(-np.arange(2.0, 6.0) * (1 - g) / tau)).mean())

@@ -143,7 +143,7 @@ def _tell(log: "SimulatedLog", file: Path, rate: float, *, written: bool) -> Non
         note += f"; {int(log.sample.saturated.sum())} counts saturated"
     touching = int((log.capacitance != log.capacitance).any(1).sum())
     if touching:
-        note += f"; {touching} frames touch the wall"
+        note += f"; the membrane touches taxels in {touching} frames"
     if log.untold and written:
         note += f"; without its true loads ({log.untold}): suas fit sensor needs --inputs"
     say(note, err=True)

@@ -77,6 +77,7 @@ def _report(found: "Zero", target: Path) -> dict[str, Any]:
         "status": found.status,
         "zero_file": str(target),
         "chi2_per_dof": found.chi2_per_dof,
+        "readings_at_rest_used": found.at_rest,
         "presses": [
             {
                 "known": press.text,
@@ -122,4 +123,10 @@ def _print(found: "Zero", target: Path) -> None:
     causes = ", ".join(cause.text for cause in found.causes)
     say(f"what moved, the likeliest first (± one standard deviation): {causes}")
     say(f"chi2 per degree of freedom {found.chi2_per_dof:.2f}, {found.status}")
+    if not found.at_rest:
+        say(
+            "readings at rest are not what the skin file leaves open, as with offsets of the "
+            "taxels: only changes counted. Give suas invert a --baseline",
+            err=True,
+        )
     say(f"written: {target}", err=True)

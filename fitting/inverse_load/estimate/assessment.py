@@ -113,7 +113,7 @@ class LoadAssessment:
         spread = covariance * (max(ratio, 1.0) if poor else 1.0)
         own, more = best.parameters[i], best.beside[i]
         bound, near = self._bound(own, count, spread, systematic, more)
-        wall = bool(best.min_gap[i] <= 0) or near
+        wall = bool(best.min_gap[i] <= self._fitter.wall_gap) or near
         blind, distance = self._places[full_scale], self._nodes.distance
         wall = wall or any(
             (distance(blind, place) < self._nodes.separate).any() for place in places

@@ -181,6 +181,8 @@ class AbstractLoadFitter(abc.ABC):
     limit_error: float  # of the force of first contact, relative
     # that a membrane near the wall leaves [m]; nothing is told by it where zero
     little_gap: float = 0.0
+    # up to which the wall may hold up the membrane, and readings would hardly show it [m]
+    wall_gap: float = 0.0
     beside: tuple[str, ...]  # names of `Explanations.beside`
 
     @property

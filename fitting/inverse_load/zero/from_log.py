@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.inverse_load.drift import ROUNDING
+from fitting.inverse_load.drift import ROUNDING, zero_of_readings
 from fitting.inverse_load.estimator import MODEL_ERROR, PAD_MODEL_ERROR
 from fitting.inverse_load.memory.series import LoadMemory, creeping_load
 from fitting.inverse_load.readings import LogReadings, noise_of_readings, readings_of
@@ -135,9 +135,11 @@ def _told_in_columns(
 
 
 def _averaged(spec: SkinSpec, so: Floats, time: Floats, frames: PressedFrames) -> PressReadings:
-    """Means of the presses' frames, less the mean at rest."""
+    """Means of the presses' frames, less the mean at rest, and that mean."""
     noise = noise_of_readings(spec, None) ** 2 + ROUNDING
     rest, rest_variance = _mean(so[frames.rest], noise)
+    # Of the offsets only: without a baseline there is nothing of the model in the zero.
+    offset, unsure_offset = zero_of_readings(spec, rest, None, 0.0)
     changes, variances, shares, unsure = [], [], [], []
     memory = LoadMemory.of(spec)
     for began, pressed in zip(frames.began, frames.pressed, strict=True):
@@ -148,7 +150,12 @@ def _averaged(spec: SkinSpec, so: Floats, time: Floats, frames: PressedFrames) -
         shares.append(share)
         unsure.append(deviation)
     return PressReadings(
-        np.array(changes), np.array(variances), np.array(shares), np.array(unsure)
+        np.array(changes),
+        np.array(variances),
+        np.array(shares),
+        np.array(unsure),
+        rest - offset,
+        rest_variance + unsure_offset,
     )
 
 

@@ -6,8 +6,10 @@ with forces x that are known to within deviations of their own give readings::
 
     y = h(x, e) + noise,    e ~ N(0, 1),    x ~ N(x_known, s^2)
 
-counted from the readings at rest. All of (e, x) is updated together (`conditioned`), about its
-own mean until that stays where it is; what is left of e is the zero.
+counted from the readings at rest. Those themselves tell gap, permittivity and scale, which
+changes hardly do: they count to within what they wander by, where the errors can explain them.
+All of (e, x) is updated together (`conditioned`), about its own mean until that stays where it
+is; what is left of e is the zero.
 """
 
 import dataclasses
@@ -24,6 +26,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from fitting.arrays import Floats
+from fitting.inverse_load.drift import DriftDensities
 from fitting.inverse_load.estimate.assessment import POOR
 from fitting.inverse_load.fit.section_errors import changed_skin, skin_tangents
 from fitting.inverse_load.zero.gaussian import Gaussian, conditioned
@@ -44,6 +47,7 @@ _UNSETTLED = (
     "the update by the known presses does not settle: more than the tolerances allow would be "
     "needed to explain them; check forces, places and the skin file"
 )
+_WALK = DriftDensities()  # of readings at rest, until the zero is used
 _QUANTITIES = ("angle", "axial", "force")  # of a press; a line load has no axial position
 
 
@@ -56,14 +60,20 @@ class PressReadings(NamedTuple):
     # membrane that relaxes still creeps
     share: Floats
     share_deviation: Floats | float = 0.0  # of the share, relative [press]
+    # means at rest, less a calibration's offsets, and their variances [taxel] [counts],
+    # [counts^2]; the former NaN where missing, None where only changes are known
+    rest: Floats | None = None
+    rest_variance: Floats | float = 0.0
 
 
 class _Model(NamedTuple):
-    """Change of readings from rest under all presses, with derivatives."""
+    """Readings at rest and their change under all presses, with derivatives."""
 
     change: Floats  # [press, taxel]
     by_press: Floats  # by place and force of the press [press, quantity, taxel]
     by_error: Floats  # [press, error, taxel]
+    rest: Floats  # [taxel]
+    rest_by_error: Floats  # [error, taxel]
 
 
 class PressModel:
@@ -147,6 +157,8 @@ class PressModel:
             readings[:-1] - readings[-1],
             by_press * self._scale[..., None],
             by_error[:-1] - by_error[-1],
+            readings[-1],
+            by_error[-1],
         )
 
 
@@ -201,11 +213,14 @@ def zero_of(
     weight = np.where(used, 1 / variance, 0.0)
     at, size_of = prior.mean.copy(), np.sqrt(np.diag(prior.covariance))
     now = model.at(at[:count], at[count:].reshape(model.known.shape))
+    rest = _Rest.of(readings, now, model_error)
+    all_weights = np.append(weight, np.ones(len(rest.so)))
     for _ in range(_ROUNDS):
         residual = np.where(used, readings.change - now.change, 0.0)
-        jacobian = _jacobian(now)
+        jacobian = np.concatenate([_jacobian(now), rest.jacobian(now, len(at))])
+        both = np.append(residual, rest.residual(now))
         try:
-            found = conditioned(prior, at, jacobian, residual.ravel(), weight.ravel())
+            found = conditioned(prior, at, jacobian, both, all_weights)
         except np.linalg.LinAlgError as error:  # taxels that all but touch the membrane
             raise ValueError(_UNSETTLED) from error
         if np.abs((found.mean - at) / size_of).max() < _ENDED:
@@ -229,7 +244,46 @@ def zero_of(
     )
     posterior = Gaussian(found.mean[:count], own)
     status = "poor_fit" if poor else "ok"
-    return Zero(errors, posterior, presses, before, after, ratio, status)
+    at_rest = bool(len(rest.so))
+    return Zero(errors, posterior, presses, before, after, ratio, status, at_rest=at_rest)
+
+
+class _Rest(NamedTuple):
+    """Readings at rest that count, with what makes their errors independent and of size one."""
+
+    so: Floats  # [row]
+    taxels: NDArray[np.intp]  # whose they are [row]
+    whiten: Floats  # [row, row]
+
+    @classmethod
+    def of(cls, readings: PressReadings, model: _Model, model_error: float) -> "_Rest":
+        """Those of readings, none where the errors of the inputs can't explain them.
+
+        An offset or another wiring is in them alone: changes say what the skin is without them.
+        """
+        so = np.full_like(model.rest, np.nan) if readings.rest is None else readings.rest
+        taxels = np.flatnonzero(np.isfinite(so))
+        own = (
+            np.broadcast_to(readings.rest_variance, so.shape) + (model_error * model.rest) ** 2
+        )
+        gain = _WALK.walk(model.rest, _WALK.before).shared[taxels, 1:]
+        covariance = np.diag(own[taxels]) + gain @ gain.T
+        slopes = model.rest_by_error[:, taxels]
+        away = (so - model.rest)[taxels]
+        chi2 = float(away @ np.linalg.solve(covariance + slopes.T @ slopes, away))
+        if chdtrc(max(len(taxels), 1), chi2) < POOR:
+            taxels = taxels[:0]
+        rows = covariance[: len(taxels), : len(taxels)]
+        return cls(so[taxels], taxels, np.linalg.inv(np.linalg.cholesky(rows)))
+
+    def residual(self, model: _Model) -> Floats:
+        """What a model leaves of them [row]."""
+        return np.asarray(self.whiten @ (self.so - model.rest[self.taxels]))
+
+    def jacobian(self, model: _Model, parameters: int) -> Floats:
+        """Their derivatives, by errors, which come first, and presses [row, parameter]."""
+        by_error = self.whiten @ model.rest_by_error[:, self.taxels].T
+        return np.pad(by_error, ((0, 0), (0, parameters - by_error.shape[1])))
 
 
 def _moved(model: PressModel, at: Floats, wanted: Floats, count: int) -> tuple[Floats, _Model]:

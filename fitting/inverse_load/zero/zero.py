@@ -82,6 +82,7 @@ class Zero:
     chi2_per_dof: float  # of the presses' readings; about 1 where the model holds
     status: str  # "ok", or "poor_fit" where the covariance is scaled up by chi2
     taken: str = ""  # when the log began, as its header says
+    at_rest: bool = False  # whether the readings at rest counted, too, as they are
 
     @property
     def values(self) -> Floats:

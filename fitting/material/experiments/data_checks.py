@@ -19,6 +19,10 @@ _STIFF, _LONG = 3e6, 2.0
 _SOFTEST = 100.0
 _AT_REST = 1e-9
 _JUMP = 6.0
+# Of compression that is listed as positive: readings and strains that show it, the share of the
+# largest stress that a tensile curve misses by, and how many times better the other sign is.
+_FEWEST, _CLEARLY, _SHORTEST = 8, 0.1, 0.9
+_MISSED, _BETTER = 0.02, 5.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,10 +104,39 @@ def warnings_of(data: Dataset) -> list[str]:
             f"{data.file}: most stresses have the sign opposite to their strain; compression "
             f"is a stretch below one (negative strain) with negative stress"
         )
+    if _reads_as_compression(data):
+        found.append(
+            f"{data.file}: reads as compression with strains and stresses listed as positive: "
+            f"if it is, name its columns so (--columns "
+            f'"compressive strain=NAME, compressive stress=NAME")'
+        )
     if data.dropped:
         what = ", ".join(f"{count} ({reason})" for reason, count in data.dropped.items())
         found.append(f"{data.file}: rows left out: {what}")
     return found
+
+
+def _reads_as_compression(data: StressTest) -> bool:
+    """Whether rubber under strains of the other sign follows a tensile curve far better.
+
+    Mooney and Rivlin's law, nominal: S = 2 (l - l^-2) (C1 + C2 / l).
+    """
+    if (data.mode, data.measure) != ("uniaxial", "nominal") or data.size < _FEWEST:
+        return False
+    strain = data.stretch_1 - 1
+    if np.min(strain) < -_AT_REST or not _CLEARLY < np.max(strain) < _SHORTEST:
+        return False
+
+    def left(side: float) -> float:
+        """Root-mean-square stress that the law leaves, over the largest."""
+        stretch = 1 + side * strain
+        unit = side * (stretch - stretch**-2)
+        terms = np.stack([unit, unit / stretch], 1)
+        constants = np.linalg.lstsq(terms, data.value, rcond=None)[0]
+        away = data.value - terms @ constants
+        return float(np.sqrt(np.mean(away**2)) / np.max(np.abs(data.value)))
+
+    return left(1.0) > max(_MISSED, _BETTER * left(-1.0))
 
 
 def _unit_doubts(data: StressTest) -> list[str]:
