@@ -866,8 +866,9 @@ def test_how_deep_a_skin_lies_in_a_body_is_part_of_the_error() -> None:
     state, moved = State(jnp.zeros(1), jnp.zeros(1), jnp.full(1, 0.5)), jnp.full(1, 1e-3)
     for forces, size in (([], 1e-4), ([own], 1e-3)):
         parts: Any = SimpleNamespace(forces=forces, pressures=[])
-        found = error_by_penetration(parts, problem, state, [at], moved)
-        assert float(found[0]) == pytest.approx(2 * 1.75e-6 / size)
+        report = {"max_displacement_m": moved}
+        found = error_by_penetration(parts, problem, state, [at], report)
+        assert float(found["penetration_error"][0]) == pytest.approx(2 * 1.75e-6 / size)
 
 
 def test_a_force_that_no_travel_carries_is_given_up_soon() -> None:

@@ -280,11 +280,7 @@ def attempt(skin: AbstractDriven, now: Moment, row: Rows, tolerance: Array) -> M
         )
 
     values = jax.tree.map(between, now.values, row.first, row.final)
-    here = now.state, now.travels.length
-    ahead = jnp.minimum(step, _LONGER * now.last)  # further the pace says nothing
-    expected, length = jax.tree.map(lambda a, b: a + ahead * b, here, now.pace)
-    curved = jnp.where(now.smooth > 0, ahead * (ahead + now.last), 0.0)
-    expected = jax.tree.map(lambda a, b: a + curved * b, expected, now.bend)
+    expected, length = _expected(now, step)
     guessed = (step > 0) & jnp.any(now.pace[0].q != 0)
     # The search for travels needs states as they are read at a row's end: exact ones.
     exact = arrived | (now.travels.length.size > 0)
@@ -306,12 +302,7 @@ def attempt(skin: AbstractDriven, now: Moment, row: Rows, tolerance: Array) -> M
     span = jnp.minimum(row.end - row.begin, fastest)
     runaway = ~failed & (error > tolerance) & (step < _RUNAWAY * span)
     good = ends | runaway | ((error <= tolerance) & ~lost)
-    ratio = jnp.sqrt(tolerance / jnp.maximum(error, 1e-300))
-    # Where errors grow from step to step, the next one allows for it: a third were too long.
-    known = good & (now.smooth > 0) & (now.made > 0) & (error > 0)
-    trend = jnp.sqrt(now.made / jnp.where(known, error, 1.0)) * step / now.last
-    ratio = jnp.where(known, jnp.minimum(trend, 1.0), 1.0) * ratio
-    following = step * jnp.clip(0.9 * ratio, _SHORTER, _LONGER)
+    following = step * _growth(now, step, error, tolerance)
     following = jnp.where(fresh, _LONGER * wanted, following)
     # A step that a row cut short says little of the next one.
     following = jnp.where(good & arrived, jnp.maximum(following, wanted), following)
@@ -327,8 +318,7 @@ def attempt(skin: AbstractDriven, now: Moment, row: Rows, tolerance: Array) -> M
         steps=now.steps + 1,
     )
     result = jnp.where(ends, found.result, jnp.where(runaway, index_of("limit_point"), 0))
-    pace = _pace(here, (found.state, travels.length), step)
-    bent = jnp.where(now.smooth > 0, 1 / (step + now.smooth), 0.0)
+    pace = _pace((now.state, now.travels.length), (found.state, travels.length), step)
     taken = Moment(
         time,
         following,
@@ -337,7 +327,7 @@ def attempt(skin: AbstractDriven, now: Moment, row: Rows, tolerance: Array) -> M
         travels,
         found.state,
         pace,
-        jax.tree.map(lambda a, b: bent * (b - a), now.pace[0], pace[0]),
+        _bend(now, pace[0], step),
         now.past.after(series, step, stress),
         rate,
         step,
@@ -350,6 +340,31 @@ def attempt(skin: AbstractDriven, now: Moment, row: Rows, tolerance: Array) -> M
         result.astype(now.result.dtype),
     )
     return jax.tree.map(lambda a, b: jnp.where(good, a, b), taken, tried)
+
+
+def _expected(now: Moment, step: Array) -> tuple[State, Array]:
+    """State and travels at the end of a step."""
+    ahead = jnp.minimum(step, _LONGER * now.last)  # further the pace says nothing
+    here = now.state, now.travels.length
+    state, length = jax.tree.map(lambda a, b: a + ahead * b, here, now.pace)
+    curved = jnp.where(now.smooth > 0, ahead * (ahead + now.smooth), 0.0)
+    return jax.tree.map(lambda a, b: a + curved * b, state, now.bend), length
+
+
+def _growth(now: Moment, step: Array, error: Array, tolerance: Array) -> Array:
+    """How much longer than a step the next one is, by the errors of this and the last one."""
+    ratio = jnp.sqrt(tolerance / jnp.maximum(error, 1e-300))
+    # Where errors grow from step to step, the next one allows for it: a third were too long.
+    known = (error <= tolerance) & (now.smooth > 0) & (now.made > 0) & (error > 0)
+    trend = jnp.sqrt(now.made / jnp.where(known, error, 1.0)) * step / now.last
+    ratio = jnp.where(known, jnp.minimum(trend, 1.0), 1.0) * ratio
+    return jnp.clip(0.9 * ratio, _SHORTER, _LONGER)
+
+
+def _bend(now: Moment, pace: State, step: Array) -> State:
+    """Half of a pace's change over the last two steps; none before the second one of a row."""
+    by = jnp.where(now.smooth > 0, 1 / (step + now.smooth), 0.0)
+    return jax.tree.map(lambda a, b: by * (b - a), now.pace[0], pace)
 
 
 def _pace(before: Any, after: Any, step: Array) -> Any:

@@ -128,24 +128,19 @@ def assess(
     by_mesh, parts_of_error, error, stable = (
         compared() if judged is True and meshes.compared else judge(judged, compared, left_out)
     )
-    report["stable"] = stable if check is None else check.stable
-    report["discretisation_error"] = error
-    floor = jnp.zeros_like(error)
+    stable = stable if check is None else check.stable
+    report |= {"stable": stable, "discretisation_error": error}
     touched = touched_by_bodies(problem, state)
-    beyond = jnp.full(floor.shape, False)
+    floor = by_bodies = jnp.zeros_like(error)
     if change is not None:
         by_bodies = error_by_bodies(parts, problem, touched, report)
-        floor += error_beyond_first_order(parts, problem, state, report, touched) + by_bodies
-        beyond = by_bodies > _BEYOND
+        floor = error_beyond_first_order(parts, problem, state, report, touched) + by_bodies
     report["model_error"] = relative_error(by_model, scales) + floor
-    if touched:
-        size = report["max_displacement_m"]
-        report["penetration_error"] = error_by_penetration(parts, problem, state, touched, size)
+    report |= error_by_penetration(parts, problem, state, touched, report)
     errors = {"values": scales, "errors": [*by_mesh, by_model], "by_mesh": parts_of_error}
     report["key_quantities"] = errors | {"floor": floor}
-    verdict = _verdict(problem, state, forces, report, touched, wall=wall)
-    verdict = jnp.where((verdict == 0) & beyond, index_of("beyond_model"), verdict)
-    report["validity"] = verdict
+    bodies = touched, by_bodies
+    report["validity"] = _verdict(problem, state, forces, report, bodies, wall=wall)
     return report, state, shown
 
 
@@ -154,11 +149,12 @@ def _verdict(
     state: State,
     forces: tuple[Lanes, Lanes],
     report: dict[str, Any],
-    touched: list[BodyContact],
+    bodies: tuple[list[BodyContact], Lanes],  # contact with them, and their forces' error
     *,
     wall: bool,
 ) -> Int[Array, " lane"]:
     """Whether a state is an answer, and why it is none."""
+    touched, by_bodies = bodies
     stretch, energy = report["stretch_min"], report["strain_energy_J"]
     verdict = validity(problem, state, forces, stretch, energy, report.pop("in_domain"))
     verdict = under_bodies(problem, state, verdict, touched)
@@ -167,7 +163,8 @@ def _verdict(
         # solver finds states of a membrane crushed on the wall, which no growing load leads to.
         lost = (verdict == 0) & report["wall_contact"] & ~report["stable"]
         verdict = jnp.where(lost, index_of("unreachable_pressure"), verdict)
-    return verdict
+    beyond = (verdict == 0) & (by_bodies > _BEYOND)
+    return jnp.where(beyond, index_of("beyond_model"), verdict)
 
 
 def _stability(

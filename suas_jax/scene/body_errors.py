@@ -49,8 +49,8 @@ def error_by_penetration(
     problem: Problem,
     state: State,
     touched: list[BodyContact],  # see `touched_by_bodies`
-    displacement: Lanes,  # largest one [m]
-) -> Lanes:
+    report: dict[str, Any],
+) -> dict[str, Lanes]:
     """Relative error of a body's force by how deep its points lie in it, which no mesh changes.
 
     A body is a stiff spring. As far as its points lie in it, by the mean over the force, a
@@ -58,14 +58,17 @@ def error_by_penetration(
     up to its square. Where other loads press the skin on it, too, it is relative to the largest
     displacement.
     """
+    if not touched:
+        return {}
     others = parts.forces or parts.pressures or len(touched) > 1 or problem.prestressed
     largest = jnp.zeros_like(state.pressure)
     for body, at in zip(problem.mechanics.bodies, touched, strict=True):
         push = at.area * at.pressure
         deep = jnp.sum(-push * at.gap, (0, 1)) / jnp.maximum(jnp.sum(push, (0, 1)), _LEAST)
-        size = displacement if others else jnp.abs(state.factor * body.travel)
+        own = jnp.abs(state.factor * body.travel)
+        size = report["max_displacement_m"] if others else own
         largest = jnp.maximum(largest, BY_PENETRATION * deep / jnp.maximum(size, _LEAST))
-    return largest
+    return {"penetration_error": largest}
 
 
 def error_by_squeezing(problem: Problem, state: State, touched: list[BodyContact]) -> Lanes:
