@@ -4,6 +4,7 @@ import csv
 import itertools
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import equinox as eqx
@@ -190,6 +191,46 @@ def test_stiffness_of_a_held_material_relaxes_and_that_of_a_released_one_does_no
 def test_weight_of_a_bend(x: float) -> None:
     wanted = quad(lambda v: np.exp(-x * (1 - v)) * (v - 0.5), 0, 1)[0]
     assert float(steps.bend_weight(jnp.asarray(x))) == pytest.approx(wanted, rel=2e-3)
+
+
+def test_a_step_starts_where_a_parabola_leads() -> None:
+    """Through three states at uneven times; in a row's first step along a line."""
+
+    def at(time: float) -> State:
+        return State(
+            *(jnp.array([x + y * time - time**2]) for x, y in ((1, 2), (3, -1), (0, 5)))
+        )
+
+    def after(smooth: float) -> Any:
+        first, second = (
+            steps._pace((at(a), None), (at(b), None), jnp.asarray(b - a))
+            for a, b in ((0.2, 0.5), (0.5, 0.6))
+        )
+        before: Any = SimpleNamespace(pace=first, smooth=jnp.asarray(smooth))
+        bend = steps._bend(before, second[0], jnp.asarray(0.1))
+        own = {"last": jnp.asarray(0.1), "smooth": jnp.asarray(smooth and 0.1)}
+        length = jnp.zeros(0)
+        pace, travels = (second[0], length), Travels(length, jnp.zeros((0, 0)))
+        now: Any = SimpleNamespace(state=at(0.6), travels=travels, pace=pace, bend=bend, **own)
+        return steps._expected(now, jnp.asarray(0.15))[0]
+
+    for found, exact, line in zip(after(0.3), at(0.75), after(0.0), strict=True):
+        assert float(found[0]) == pytest.approx(float(exact[0]), rel=1e-12)
+        assert float(line[0]) == pytest.approx(float(exact[0]) + 0.15 * 0.25, rel=1e-12)
+
+
+def test_the_next_step_allows_for_errors_that_grow() -> None:
+    """Errors go with the square of steps: four times one allows for half the step."""
+
+    def growth(made: float, smooth: float = 0.1, error: float = 1e-6) -> float:
+        own = {"smooth": jnp.asarray(smooth), "made": jnp.asarray(made)}
+        now: Any = SimpleNamespace(last=jnp.asarray(0.1), **own)
+        return float(steps._growth(now, *map(jnp.asarray, (0.1, error, 1e-6))))
+
+    assert growth(1e-6) == pytest.approx(0.9)
+    assert growth(1e-6 / 4) == pytest.approx(0.45)
+    assert growth(4e-6) == growth(0.0) == growth(1e-6 / 4, smooth=0.0) == pytest.approx(0.9)
+    assert growth(1e-8, error=4e-6) == pytest.approx(0.45)  # too long as it is
 
 
 def table(file: Path) -> list[dict[str, float]]:
