@@ -28,7 +28,7 @@ from jaxtyping import Array, Float
 from suas_jax.config import SceneSpec
 from suas_jax.constitutive.relaxation import Past, Response
 from suas_jax.dynamics.driven import FACTOR, DrivenSkin, Values, answering, membrane_of
-from suas_jax.dynamics.steps import Moment, Rows, at_rest, attempt, unfinished
+from suas_jax.dynamics.steps import Moment, Rows, at_rest, attempt, entered, unfinished
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import differentiable
@@ -134,8 +134,7 @@ def record(
     taken: list[Any] = []
     for i in range(len(rows.end)):
         row = jax.tree.map(lambda x, i=i: np.asarray(x[i]), rows)
-        last = np.zeros(()) if row.end <= row.begin else now.last
-        now = now._replace(steps=np.zeros((), np.int32), last=last, smooth=np.zeros(()))
+        now = entered(now, row)
         more = bool(unfinished(now, row))
         while more:
             after, more = COMPILED.run(_attempt, *known, row, now, tolerance, **effort)

@@ -200,14 +200,10 @@ def followed(
     """
 
     def visit(now: Moment, row: Rows) -> tuple[Moment, Any]:
-        now = now._replace(iterations=0 * now.iterations, steps=0 * now.steps)
-        jumps = row.end <= row.begin
-        now = now._replace(last=jnp.where(jumps, 0.0, now.last), smooth=0 * now.smooth)
-
         now = jax.lax.while_loop(
             lambda now: unfinished(now, row),
             lambda now: attempt(skin, now, row, tolerance),
-            now,
+            entered(now, row),
         )
         late = (now.time < row.end) & (now.steps >= MOST_STEPS)
         result = jnp.where(late & (now.result == 0), index_of("max_steps"), now.result)
@@ -215,6 +211,13 @@ def followed(
         return now, read(now)
 
     return jax.lax.scan(visit, start, rows)
+
+
+def entered(now: Moment, row: Rows) -> Moment:
+    """A moment at the begin of a row, where rates may jump; a row without length is a jump."""
+    last = jnp.where(row.end <= row.begin, 0.0, now.last)
+    smooth, *counts = map(jnp.zeros_like, (now.smooth, now.iterations, now.steps))
+    return now._replace(last=last, smooth=smooth, iterations=counts[0], steps=counts[1])
 
 
 def unfinished(now: Moment, row: Rows) -> Bool[Array, ""]:

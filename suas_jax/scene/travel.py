@@ -191,7 +191,7 @@ def under_forces(
     slope, idle = np.diag(np.where(across, 0.0, POWER)), 0
     unknown = [k for k, d in enumerate(loaded) if d.across]
     low, high = np.full(len(x), -np.inf), np.full(len(x), np.inf)
-    pace, blocked = 0.0, index_of("no_convergence")  # of first steps; why none leads on
+    pace, blocked = 0.0, index_of("no_convergence")  # of steps before a force; last failure
     alone = len(every) == len(scene.bodies) == 1 and not across.any()
     for _ in range(_MOST_RUNS):
         near = start

@@ -26,9 +26,9 @@ _LANES = 32
 # A few lanes need more steps than most: together they fill fewer batches.
 _FIRST_STEPS, _MORE_STEPS = 2, 30
 _LITTLE_GAP = 0.05  # share of the film
-# The same where one contact explains a frame. A membrane that the wall holds up under two or
-# three times the force of first contact reads as a lighter contact beside it does that leaves
-# 1 % of the film.
+# The same where one contact explains a frame. Under two or three times the force of first
+# contact the wall holds up the membrane, which then reads like a lighter contact beside it; the
+# fit of that one leaves about 1 % of the film.
 _WALL_GAP = 0.02
 _NEVER = 1e9  # stands for an infinite force of first contact [N]
 
