@@ -128,24 +128,20 @@ class Tables:
     # of the Bernstein polynomials by kind of derivative [kind * gauss * gauss, 16]
     values: np.ndarray
     long: np.ndarray  # by order of differentiation [order, gauss, 4]
-    across: np.ndarray  # weighed products by pair of kinds [pair, gauss, 16]
+    # weighed products across by the orders of both [order, order, gauss, 16]
+    across: np.ndarray
 
 
 @functools.cache
-def tables(
-    gauss: int, kinds: tuple[tuple[int, int], ...], pairs: tuple[tuple[int, int], ...]
-) -> Tables:
+def tables(gauss: int, kinds: tuple[tuple[int, int], ...]) -> Tables:
     """Tables for a number of quadrature points.
 
     `gauss`: points in each direction. `kinds`: orders of differentiation (long, across).
-    `pairs`: pairs of kinds, row and column.
     """
     xi, w = gauss_legendre(gauss)
     shapes = np.stack([np.stack(bernstein(xi, order), 1) for order in range(3)])
     values = np.stack([np.einsum("ga,hb->ghab", shapes[k], shapes[m]) for k, m in kinds])
-    orders = np.array([m for _, m in kinds])
-    rows, columns = (shapes[orders[[pair[side] for pair in pairs]]] for side in (0, 1))
-    across = np.einsum("g,pga,pgb->pgab", w, rows, columns).reshape(len(pairs), gauss, 16)
+    across = np.einsum("g,mga,ngb->mngab", w, shapes, shapes).reshape(3, 3, gauss, 16)
     return Tables(xi, w, values.reshape(-1, 16), shapes, across)
 
 

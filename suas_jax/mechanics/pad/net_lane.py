@@ -14,7 +14,7 @@ from suas_jax.mechanics.pad.contact import ContactFace
 from suas_jax.mechanics.pad.faces import Faces
 from suas_jax.mechanics.pad.mid_surface import Vector
 from suas_jax.mechanics.pad.net import ElementVector, Net, tables
-from suas_jax.mechanics.pad.stiffness import Upper, both_ways, dense_bands, upper_bands
+from suas_jax.mechanics.pad.stiffness import Upper, dense_bands, upper_bands
 from suas_jax.skin.along import Sheet
 from suas_jax.skin.body import Body
 from suas_jax.skin.geometry import thickness_beyond_mean
@@ -102,7 +102,7 @@ class AbstractLane(abc.ABC):
         net, order = self.net, self.net.topology.ordered
         self.topology = net.topology
         self.kinds = tuple(order(*kind) for kind in self.kinds_of_derivative)
-        self.tables = tables(self.gauss, self.kinds, tuple(both_ways(self.pairs)))
+        self.tables = tables(self.gauss, self.kinds)
         arc, axial = self.section.size * jnp.diff(net.angles), jnp.diff(net.axial)
         long, across = order(arc, axial)
         self.lengths = long[:, None], across[None]
@@ -344,9 +344,8 @@ class AbstractLane(abc.ABC):
         blocks = (
             blocks.reshape(len(self.pairs), *blocks.shape[1:3], g, g, *self.elements) * scale
         )
-        orders = [kind[0] for kind in self.kinds]
         lengths = self.lengths[0][:, 0]
-        return upper_bands(self.net, self.tables, self.pairs, orders, blocks, lengths)
+        return upper_bands(self.net, self.tables, self.pairs, self.kinds, blocks, lengths)
 
     def _forces(self, by_kind: dict[int, Float[Array, "width point"]]) -> ElementVector:
         """Element vectors from derivatives of a density by the kinds of derivative."""

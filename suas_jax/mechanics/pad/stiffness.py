@@ -34,9 +34,9 @@ _ACROSS = range(-REACH, REACH + 1)
 
 def upper_bands(
     net: Net,
-    tables: Tables,  # constants, those of `both_ways` of the pairs
+    tables: Tables,
     pairs: Sequence[tuple[int, int]],  # of kinds of derivatives
-    orders: Sequence[int],  # of differentiation along the stations, by kind
+    kinds: Sequence[tuple[int, int]],  # orders of differentiation along the stations, across
     # second derivatives of a density by each pair, times powers of the lengths across
     blocks: Float[Array, "pair width width gauss gauss long across"],
     lengths: Float[Array, " long"],  # of the elements along the stations [m]
@@ -44,38 +44,49 @@ def upper_bands(
     """Sum the elements."""
     topology = net.topology
     mixed = np.array([k for k, (left, right) in enumerate(pairs) if left != right])
-    every = both_ways(pairs)
-    across = net.across
+    every = [*pairs, *(pairs[k][::-1] for k in mixed)]
+    # By the orders across, a group with the same ones after the other.
+    across_of = [(kinds[left][1], kinds[right][1]) for left, right in every]
+    by_group = sorted(range(len(every)), key=across_of.__getitem__)
+    groups = sorted(set(across_of))
+    ends = np.cumsum([across_of.count(group) for group in groups])[:-1]
     splines = jnp.einsum("oga,iae->ogie", tables.long, net.along)
     powers = jnp.stack([lengths**-order for order in range(3)])
     splines = splines * powers[:, None, None]
-    left, right = (np.array([orders[pair[side]] for pair in every]) for side in (0, 1))
+    left, right = (np.array([kinds[every[k][side]][0] for k in by_group]) for side in (0, 1))
     table = splines[left][:, :, ROWS] * splines[right][:, :, COLUMNS]
     table = table * (tables.weights[:, None, None] * lengths)
     table = jnp.transpose(table, (3, 2, 0, 1))  # [element, slots, pair, gauss]
-    bernstein = jnp.asarray(np.transpose(tables.across, (2, 0, 1)))  # [16, pair, gauss]
-    count = topology.across.elements
+    bernstein = np.stack([tables.across[group] for group in groups])  # [group, gauss, 16]
+    bernstein = jnp.asarray(bernstein.reshape(-1, 16).T)
+    count, gauss = topology.across.elements, len(tables.weights)
     # Extraction across for the components of rows and of columns.
     width = topology.width
     shape = (4, 4, width, width, count)
-    by_slot = jnp.moveaxis(across, 0, 2)  # [control, Bernstein, component, element]
-    of_rows = jnp.broadcast_to(by_slot[:, :, :, None], shape).reshape(4, 4, -1)
-    of_columns = jnp.broadcast_to(by_slot[:, :, None], shape).reshape(4, 4, -1)
+    by_slot = jnp.moveaxis(net.across, 0, 2)  # [control, Bernstein, component, element]
+    of_rows = jnp.broadcast_to(by_slot[:, :, :, None], shape).reshape(4, 4, 1, 1, -1)
+    of_columns = jnp.broadcast_to(by_slot[:, :, None], shape).reshape(4, 4, 1, -1)
 
     def row(_: None, at: tuple[Array, Array]) -> tuple[None, Array]:
-        element, mine = at
-        block = jax.lax.dynamic_index_in_dim(blocks, element, 5, keepdims=False)
-        block = jnp.concatenate([block, jnp.swapaxes(block[mixed], 1, 2)])
-        block = jnp.transpose(block, (0, 3, 4, 1, 2, 5)).reshape(-1, width**2 * count)
-        product = mine[:, None, :, :, None] * bernstein[:, :, None]
-        k = product.reshape(len(SLOTS) * 16, -1) @ block
-        k = k.reshape(len(SLOTS), 4, 4, width**2 * count)
-        k = total(k[:, a, None] * of_rows[:, a, None] for a in range(4))
-        k = total(k[:, :, a, None] * of_columns[:, a] for a in range(4))
-        k = k.reshape(len(SLOTS), 4, 4, width, width, count)
+        block, mine = at
+        block = jnp.concatenate([block, jnp.swapaxes(block[mixed], 3, 4)])[np.array(by_group)]
+        parts = zip(jnp.split(mine, ends, 1), jnp.split(block, ends), strict=True)
+        along = jnp.stack(
+            [
+                own.reshape(len(SLOTS), -1) @ values.reshape(own[0].size, -1)
+                for own, values in parts
+            ]
+        )
+        along = along.reshape(len(groups), len(SLOTS), gauss, -1)
+        k = bernstein @ jnp.swapaxes(along, 1, 2).reshape(len(groups) * gauss, -1)
+        k = k.reshape(4, 4, len(SLOTS), width**2 * count)
+        k = total(k[a] * of_rows[:, a] for a in range(4))
+        k = total(k[:, a, None] * of_columns[:, a] for a in range(4))
+        k = k.reshape(4, 4, len(SLOTS), width, width, count)
         return None, jnp.stack([_by_diagonal(k, o, topology.across) for o in _ACROSS], 1)
 
-    _, found = jax.lax.scan(row, None, (jnp.arange(len(lengths)), table))
+    rows = jnp.transpose(blocks, (5, 0, 3, 4, 1, 2, 6))
+    _, found = jax.lax.scan(row, None, (rows, table))
     bands, first = [], 0
     for o in range(REACH + 1):
         slots = range(4 - o)
@@ -84,11 +95,6 @@ def upper_bands(
         controls = topology.long.first[:, None] + np.arange(4)
         bands.append(_summed(parts, slots, 0, controls, topology.long.stations + 2))
     return jnp.stack(bands)
-
-
-def both_ways(pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Pairs, then those of different kinds the other way round."""
-    return [*pairs, *((b, a) for a, b in pairs if a != b)]
 
 
 def no_blocks(net: Net) -> Blocks:
@@ -136,7 +142,7 @@ def dense_bands(net: Net, upper: Upper) -> Float[Array, "station 4 dof dof"]:
 def _by_diagonal(k: Array, offset: int, across: SplineAxis) -> Array:
     """Sum elements across, on the diagonal with an offset."""
     slots = range(max(0, -offset), min(4, 4 - offset))
-    parts = [k[:, i, i + offset] for i in slots]
+    parts = [k[i, i + offset] for i in slots]
     return _summed(parts, slots, -1, across.station_of, across.stations)
 
 
