@@ -16,7 +16,6 @@ from fitting.datasheet.figures import (
     Cases,
     Figures,
     figures_at,
-    rated_force,
     told,
     two_point,
     unlike,
@@ -27,6 +26,7 @@ from fitting.datasheet.readings import Readings
 from fitting.datasheet.sheet import _worst
 from fitting.datasheet.variants import STEP, named, variants_of
 from fitting.datasheet.words import PLACED
+from fitting.force_range.bound import rated_force
 from suas_jax import Loads
 from suas_jax.config import continuous_inputs, load_skin
 from suas_jax.config.inelastic import RelaxationSpec

@@ -10,9 +10,10 @@ from concurrent.futures import Executor
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.datasheet.figures import Accuracy, Cases, Measured, rated_force
+from fitting.datasheet.figures import Accuracy, Cases, Measured
 from fitting.datasheet.readings import Readings, far_taxels
 from fitting.datasheet.variants import DEEPER, STEP, WARMER, Variants, why_constant
+from fitting.force_range.bound import rated_force
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
 from fitting.inverse_load.fit.explanation import Explanations

@@ -19,12 +19,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from fitting.arrays import Floats, Rows
-from fitting.datasheet.figures import Accuracy, Cases, figures_at, rated_force
+from fitting.datasheet.figures import Accuracy, Cases, figures_at
 from fitting.datasheet.pad import ELEMENTS
 from fitting.datasheet.readings import Readings, far_taxels, read
 from fitting.datasheet.words import PLACED
 from fitting.design.problem import STEP, Outcome, Problem
 from fitting.design.want import Want
+from fitting.force_range.bound import rated_force
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
 from fitting.inverse_load.pad.mirror import mirror_images
 from fitting.inverse_load.pad.rest import film_readings

@@ -18,7 +18,7 @@ from jaxtyping import Array
 from scipy.stats import norm
 
 from fitting.arrays import Floats
-from fitting.datasheet.figures import Accuracy, Cases, figures_at, rated_force
+from fitting.datasheet.figures import Accuracy, Cases, figures_at
 from fitting.datasheet.readings import (
     Readings,
     far_taxels,
@@ -30,7 +30,7 @@ from fitting.datasheet.variants import Variants, by_changes, variants_of
 from fitting.datasheet.words import PLACED
 from fitting.design.problem import STEP, Outcome, Problem
 from fitting.design.want import Limit, Variable, Want
-from fitting.force_range.bound import angles_over, first_contacts
+from fitting.force_range.bound import angles_over, first_contacts, rated_force
 from fitting.inverse_load.estimator import MODEL_ERROR
 from suas_jax import Loads, Skin, skin_of
 from suas_jax.config import SkinSpec, continuous_inputs, structure

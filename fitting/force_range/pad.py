@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.arrays import Floats
-from fitting.force_range.bound import LADDER, TOLD, least_errors, smallest_told
+from fitting.force_range.bound import LADDER, TOLD, least_errors, rated_force, smallest_told
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
 from fitting.inverse_load.pad.interpolant import MOST, PadInterpolant
@@ -23,7 +23,6 @@ from suas_jax.config import SkinSpec
 from suas_jax.sensing.converter import Converter
 
 _NEVER = 1e8  # stands for a force of first contact that the table doesn't know [N]
-_REFERENCE = 0.3  # force of the map of errors in terms of the smallest first contact
 
 
 @dataclass(frozen=True)
@@ -158,7 +157,7 @@ def range_from_table(
     touch = table.first_contact_at(*at.T)
     known = touch < _NEVER
     end = np.minimum(touch, most)
-    reference = np.minimum(_rounded(_REFERENCE * end.min()), most)
+    reference = np.minimum(rated_force(end), most)
     force = np.column_stack([end[:, None] * np.array(LADDER), reference])
     loads = np.concatenate([np.repeat(at, force.shape[1], 0), force.reshape(-1, 1)], 1)
     reading = noise**2 + 1 / 12
@@ -188,8 +187,3 @@ def range_from_table(
         float(np.sqrt(reading)),
         taxels,
     )
-
-
-def _rounded(value: float) -> float:
-    """To one significant digit."""
-    return float(f"{value:.0e}")
