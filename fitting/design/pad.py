@@ -76,7 +76,6 @@ class PadProblem(Problem):
         super().__init__(want)
         self.elements, self._tell, self._designs = elements, progress, 0
         spec = want.spec
-        assert spec.electrodes is not None  # or there would be no skin
         skin = skin_of(spec, elements=elements, contact=False)
         taxels, edge = skin.electrodes.taxels.places, np.array(PadShape.of(skin).edge(DIAMETER))
         first, last = taxels.min(0), taxels.max(0)
@@ -122,7 +121,7 @@ class PadProblem(Problem):
                 self._tell(f"design {self._designs}: {len(found)} of {count} places")
         cases = self._cases(found, plain, where)
         result = (cases.rest.result, cases.half.result, cases.rated.result)
-        accuracy = Accuracy(self.want.spec.electrodes.noise, PAD_MODEL_ERROR)  # type: ignore[union-attr]
+        accuracy = Accuracy(self.want.spec.sensing.noise, PAD_MODEL_ERROR)
         figures = jax.tree.map(np.asarray, figures_at(cases, accuracy, self._far))
         values = {key: getattr(figures, PLACED[key].field) for key in self.keys}
         good = all(np.isfinite(value).all() for value in values.values())

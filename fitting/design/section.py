@@ -180,7 +180,6 @@ class SectionProblem(Problem):
         variants = None if want.units is None else variants_of(want.spec)
         spec = want.spec if variants is None else variants.spec
         skin = skin_of(spec, contact=False, elements=self.elements)
-        assert spec.electrodes is not None  # or there would be no skin
         edge = angles_over(skin, 2)[1]
         low, high = np.clip(want.angles or (-edge, edge), -edge, edge)
         self.angle = np.linspace(low, high, want.places)  # that count [rad]
@@ -193,7 +192,7 @@ class SectionProblem(Problem):
             np.array([v.high for v in want.variables]),
             self.angle,
             np.float64(self.rated),
-            np.float64(spec.electrodes.noise),
+            np.float64(spec.sensing.noise),
             far_taxels(skin, self.angle[:, None]),
             {} if variants is None else _moved(variants),
             np.float64(norm.ppf(want.units or 0.5)),

@@ -120,10 +120,6 @@ def pad_force_range(
     The table of a new skin takes minutes; it is kept. Raises ValueError: the skin has no
     electrodes, or an argument makes no sense.
     """
-    if spec.electrodes is None:
-        raise ValueError(
-            "the skin has no [electrodes], so it has no readings to find loads from"
-        )
     if min(places) < 1:
         raise ValueError(f"{places[0]} by {places[1]} places: at least one is needed")
     if not 0 < diameter < spec.geometry.width / 4:

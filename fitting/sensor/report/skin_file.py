@@ -91,8 +91,7 @@ def _text(value: float, unit: str) -> Any:
 
 def _layers(spec: SkinSpec, total: float) -> list[dict[str, Any]]:
     """Layers with a given sum of thickness over permittivity [m]."""
-    assert spec.electrodes is not None
-    layers = spec.electrodes.layers
+    layers = spec.sensing.layers
     now = sum(layer.thickness / layer.relative_permittivity for layer in layers)
     if total <= 0.0:
         return []
@@ -141,8 +140,7 @@ def _set_as_built(document: Any, spec: SkinSpec, found: dict[str, float]) -> Non
 def _set_heights(document: Any, fit: SensorFit) -> None:
     """Write the gaps of single taxels or modules as heights of their electrodes."""
     assert fit.problem.model.gap_of is not None
-    electrodes = fit.data.spec.electrodes
-    assert electrodes is not None
+    electrodes = fit.data.spec.sensing
     gaps = fit.constants[list(fit.problem.model.gap_of)]
     heights = [_text((fit.data.spec.geometry.oil_gap - gap) / 1e-3, "mm") for gap in gaps]
     if electrodes.layout == "list":
