@@ -1,6 +1,5 @@
 """Write a calibrated skin file: the original with new numbers and the record of the fit."""
 
-import hashlib
 import platform
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -34,7 +33,7 @@ from suas_jax.config.geometry import SheetSpec
 from suas_jax.config.input_errors import stresses_of
 from suas_jax.config.schema_skin import MODULE_TAXELS
 from suas_jax.config.toml_file import MOST_BYTES
-from suas_jax.files.reading import read_bytes
+from suas_jax.files.reading import read_bytes, sha256_of
 
 _PLACES = {
     GAP: ("geometry", "oil_gap", "mm", 1e-3),
@@ -207,7 +206,7 @@ def _record(skin: Path, fit: SensorFit) -> Any:
         table["force_scatter"] = float(f"{fit.force_scatter:.6g}")
     if fit.discrepancy is not None:
         table["discrepancy"] = _discrepancy(fit.discrepancy)
-    table["skin"] = _file(str(skin), hashlib.sha256(read_bytes(skin, MOST_BYTES)).hexdigest())
+    table["skin"] = _file(str(skin), sha256_of(skin, MOST_BYTES))
     logs = tomlkit.array()
     for file in fit.data.files:
         logs.append(_file(file.path, file.sha256))
