@@ -64,7 +64,7 @@ def skin_of_taxels(count: int = 40) -> SkinSpec:
     """The paper's skin with so many taxels, evenly over 160 degrees."""
     taxels = [{"angle": angle} for angle in np.deg2rad(np.linspace(-80, 80, count)).tolist()]
     spec = load_skin(SKIN)
-    electrodes = ElectrodesSpec(taxels=taxels, noise=NOISE, lsb=spec.electrodes.lsb)  # type: ignore[union-attr]
+    electrodes = ElectrodesSpec(taxels=taxels, noise=NOISE, lsb=spec.sensing.lsb)
     return spec.model_copy(update={"electrodes": electrodes})
 
 

@@ -20,8 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.pad_estimation import SKIN, measured
-from benchmarks.random_pads import FINE
+from benchmarks.inverse_load import measured
 from fitting.inverse_load.estimator import LoadEstimate, LoadEstimator
 from suas_jax import configure
 from suas_jax.config import load_skin
@@ -29,6 +28,8 @@ from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import skin_of
 
+SKIN = Path(__file__).parent.parent / "configs/skins/suas-pad.toml"
+_FINE = (36, 30)
 _SLOTS = 5  # discs of a touch: one program for all
 _KINDS = ("poke", "palm", "drag", "two", "strip", "edge", "pull", "faint", "light pull")
 _OF_TWO = ("two", "faint")
@@ -85,7 +86,7 @@ def touches(random: np.random.Generator, radius: float) -> list[tuple[str, np.nd
 
 def solved(found: list[tuple[str, np.ndarray]]) -> tuple[list[tuple[str, np.ndarray]], Any]:
     """The touches off the wall that have a state, and their readings [touch, taxel]."""
-    skin = skin_of(load_skin(SKIN), elements=FINE, contact=False)
+    skin = skin_of(load_skin(SKIN), elements=_FINE, contact=False)
     kept, so = [], []
     for kind, rows in found:
         unused = np.tile(rows[:1] * [1, 1, 0, 1, 1, 1], (_SLOTS - len(rows), 1))

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.pad_estimation import measured
+from benchmarks.inverse_load import measured
 from fitting.arrays import Floats
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.pad.table import PadResolution

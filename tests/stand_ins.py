@@ -7,11 +7,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
-from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations, widened
+from fitting.inverse_load.fit.explanation import (
+    AbstractLoadFitter,
+    Attempt,
+    Explanations,
+    widened,
+)
 from fitting.inverse_load.model.contact_parameters import SECTION
 from fitting.inverse_load.search.base import AbstractNodeSearch, PairSearch
 from fitting.material.experiments.measurements import Origin, StressTest
 from fitting.material.experiments.prediction import mode_factors
+from fitting.steps import Steps
 from suas_jax.equilibrium.equilibrium import State
 
 
@@ -98,17 +104,10 @@ class DimpleFitter(AbstractLoadFitter):
     def __init__(self, *, live: bool = False, most_contacts: int = 3) -> None:
         self.live, self._most, self.fits = live, most_contacts, 0
 
-    def fit(
-        self,
-        y: Any,
-        weight: Any,
-        start: Any,
-        state: Any,
-        contacts: int,
-        *,
-        pull: bool = False,
-    ) -> Explanations:
+    def steps(self, asked: Attempt) -> Steps[Explanations]:
         """Fit frames one by one."""
+        y, weight, start, _, contacts, pull = asked
+        yield f"fit of {contacts}"
         self.fits += 1
         assert np.shape(start) == (len(y), 2 * contacts)
         rows = []

@@ -16,7 +16,6 @@ from fitting.datasheet.figures import (
     Cases,
     Figures,
     figures_at,
-    rated_force,
     told,
     two_point,
     unlike,
@@ -27,6 +26,7 @@ from fitting.datasheet.readings import Readings
 from fitting.datasheet.sheet import _worst
 from fitting.datasheet.variants import STEP, named, variants_of
 from fitting.datasheet.words import PLACED
+from fitting.force_range.bound import rated_force
 from suas_jax import Loads
 from suas_jax.config import continuous_inputs, load_skin
 from suas_jax.config.inelastic import RelaxationSpec
@@ -227,7 +227,7 @@ def test_pads_readings_move_with_their_tolerances() -> None:
     def interpolant(*_: Any) -> Any:
         return SimpleNamespace(readings=so, jacobian=jacobian)
 
-    errors: Any = SimpleNamespace(slopes=lambda *_: moved, rest=rest)
+    errors: Any = SimpleNamespace(under=lambda *_: moved, rest=rest)
     at, force = rng.normal(size=(5, 2)), np.full(5, 3.0)
     rate = np.linspace(0.04, 0.06, 5)  # of the outer face, where a section is no circle
     found = _readings(interpolant, errors, at, force, rate)  # type: ignore[arg-type]
@@ -293,7 +293,7 @@ def test_a_pads_sheet_tells_places_as_its_scenes_do(monkeypatch: pytest.MonkeyPa
 
     angles = np.linspace(-1.4, 1.4, 20001)[:, None]
     none = SimpleNamespace(
-        slopes=lambda best, *_: np.zeros((len(best.parameters), 0, taxels + 1)),
+        under=lambda angle, *_: np.zeros((len(angle), 0, taxels + 1)),
         rest=np.zeros((0, taxels + 1)),
     )
     monkeypatch.setattr(pad, "pad_table_of", lambda *_, **__: table)

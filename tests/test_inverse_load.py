@@ -26,6 +26,7 @@ from fitting.inverse_load.check.section_log import section_verdict
 from fitting.inverse_load.check.verdict import WIDTH
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate, load_array
 from fitting.inverse_load.estimator import FULL_SCALE, LoadEstimator
+from fitting.inverse_load.fit.explanation import Attempt
 from fitting.inverse_load.fit.section_errors import SectionErrors
 from fitting.inverse_load.frame_posterior import frame_posterior, likely_modes
 from fitting.inverse_load.live.filter import LoadFilter
@@ -247,7 +248,7 @@ def test_a_contact_without_a_force_to_speak_of_is_taken_out_again(
     node, _ = selection.nodes.nearest(y, weight)
     state = selection.fitter.table.start(node)
     start = np.array([[0.3, 0.9, 11.8, 0.05]])
-    two = finished(selection.several.fit(y, weight, start, state, 2))
+    two = finished(selection.several.fit(Attempt(y, weight, start, state, 2)))
     lost = dataclasses.replace(two, chi2=two.chi2 + 1e6, score=two.chi2 + 1e6)
     one = finished(selection.several.without_weakest(y, weight, np.zeros(1, int), two, lost))
     assert (two.score[0], one.contacts[0]) == (np.inf, 1)

@@ -32,7 +32,7 @@ from fitting.inverse_load.fit.doubts import (
     _inliers,
     _least_trimmed,
 )
-from fitting.inverse_load.fit.explanation import PLAUSIBLE, Explanations, widened
+from fitting.inverse_load.fit.explanation import PLAUSIBLE, Attempt, widened
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors, _best
 from fitting.inverse_load.fit.other_stiffness import beyond_first_order, less_told
 from fitting.inverse_load.fit.section_errors import (
@@ -399,7 +399,9 @@ def test_loads_and_errors_end_where_fitted_at_once() -> None:
     weight = np.full((1, 13), 25.0)
     fitter = DimpleFitter()
     plain = fitter.fit(y, weight, truth[None], None, 1)
-    found = finished(LoadsAndErrors(fitter, errors).fit(y, weight, truth[None], None, 1))  # type: ignore[arg-type]
+    found = finished(
+        LoadsAndErrors(fitter, errors).fit(Attempt(y, weight, truth[None], None, 1))
+    )  # type: ignore[arg-type]
     assert plain.chi2[0] > 100.0
     assert found.absorbed[0]
     assert not plain.absorbed[0]
@@ -417,11 +419,15 @@ def test_loads_and_errors_end_where_fitted_at_once() -> None:
     # What noise explains is left alone, and so is what errors don't explain.
     fits = fitter.fits
     own = dimple_readings(truth)
-    good = finished(LoadsAndErrors(fitter, errors).fit(own, weight, truth[None], None, 1))  # type: ignore[arg-type]
+    good = finished(
+        LoadsAndErrors(fitter, errors).fit(Attempt(own, weight, truth[None], None, 1))
+    )  # type: ignore[arg-type]
     assert not good.absorbed[0]
     assert fitter.fits == fits + 1
     other = dimple_readings(truth) + 20.0 * (np.arange(13) == 3)
-    bad = finished(LoadsAndErrors(fitter, errors).fit(other, weight, truth[None], None, 1))  # type: ignore[arg-type]
+    bad = finished(
+        LoadsAndErrors(fitter, errors).fit(Attempt(other, weight, truth[None], None, 1))
+    )  # type: ignore[arg-type]
     assert not bad.absorbed[0]
 
 
@@ -453,9 +459,9 @@ def test_least_trimmed_squares_finds_the_node_behind_an_outlier() -> None:
 def test_a_faulty_taxel_is_left_out_for_its_price() -> None:
     nodes, fitter = DimpleNodes(), DimpleFitter()
 
-    def fit(y: Any, weight: Any, start: Any, states: Any, count: int) -> Any:
-        yield "fit"
-        return fitter.fit(y, weight, start, states, count).penalised(12.0 * (count - 1))
+    def fit(asked: Attempt) -> Any:
+        found = yield from fitter.steps(asked)
+        return found.penalised(12.0 * (asked.contacts - 1))
 
     faulty = FaultyTaxels(nodes, fit, 2, 2)
     truth = np.array([[0.1, 8.0], [-0.2, 6.0]])
@@ -594,10 +600,10 @@ class FilmFitter(DimpleFitter):
 
     little_gap = 5e-5
 
-    def fit(self, *given: Any, **named: Any) -> Explanations:
+    def steps(self, asked: Attempt) -> Any:
         """Fit frames, and tell their gaps."""
-        found = super().fit(*given, **named)
-        force = np.nanmax(found.parameters[:, given[4] : 2 * given[4]], 1)
+        found = yield from super().steps(asked)
+        force = np.nanmax(found.parameters[:, asked.contacts : 2 * asked.contacts], 1)
         return dataclasses.replace(found, min_gap=1e-3 * (1 - force / 20))
 
 
@@ -647,9 +653,9 @@ class Wide(DimpleFitter):
         super().__init__()
         self._decrease = decrease
 
-    def fit(self, *given: Any, **options: Any) -> Any:
+    def steps(self, asked: Attempt) -> Any:
         """What one contact leaves is put down to its width."""
-        found = super().fit(*given, **options)
+        found = yield from super().steps(asked)
         none = np.zeros(len(found))
         beside = found.beside.copy()
         beside[:, 0, 0] = 0.01, 1e-3
@@ -708,7 +714,7 @@ def test_what_a_wrong_model_leaves_is_no_contact_that_readings_do_not_determine(
     y = dimple_readings([[place, 6.0]])
     monkeypatch.undo()
     start = np.array([[place - 0.05, place + 0.05, 3.0, 3.0]])
-    two = finished(selection._loads.fit(y, weight, start, None, 2))
+    two = finished(selection._loads.fit(Attempt(y, weight, start, None, 2)))
     best, _ = selection.explain(y, weight)
     assert best.chi2[0] > two.chi2[0] + selection.penalty
     assert best.contacts.tolist() == [1]
@@ -742,9 +748,8 @@ def test_a_light_contact_is_found_beside_errors_of_the_inputs() -> None:
 
 def test_a_fit_with_a_contact_too_much_leads_to_the_others() -> None:
     selection, y, weight = selected([[-0.25, 8.0]])
-    two = finished(
-        selection.several.fit(y, weight, np.array([[0.3, -0.25, 0.3, 8.0]]), None, 2)
-    )
+    start = np.array([[0.3, -0.25, 0.3, 8.0]])
+    two = finished(selection.several.fit(Attempt(y, weight, start, None, 2)))
     assert two.score.tolist() == [np.inf]
     lost = dataclasses.replace(two, chi2=two.chi2 + 1e6, score=two.chi2 + 1e6)
     found = finished(selection.several.without_weakest(y, weight, np.zeros(1, int), two, lost))
@@ -918,10 +923,11 @@ class Slow(DimpleFitter):
 
     clock: Clock
 
-    def fit(self, *given: Any, **options: Any) -> Any:
+    def steps(self, asked: Attempt) -> Any:
         """Fit, and let time pass."""
+        found = yield from super().steps(asked)
         self.clock.now += 5e-3
-        return super().fit(*given, **options)
+        return found
 
 
 def bounded(budget: float) -> tuple[Any, Clock]:

@@ -439,7 +439,8 @@ def test_pairs_are_sought_with_forces_between_those_tabulated(
             [s for s, _ in finished(estimator.selection.several.pairs.of_two(y[k], weight[k]))]
         )
         rows = [np.tile(x[k], (len(starts), 1)) for x in (y, weight)]
-        left.append(fitter.squares.fitted(*rows, starts, 2, None, False).chi2.min())
+        fit = finished(fitter.squares.steps(*rows, starts, 2, None, False))
+        left.append(fit.chi2.min())
     np.testing.assert_allclose(left, 0, atol=1e-3)
 
 
@@ -622,7 +623,7 @@ def test_a_strap_is_told_by_a_solved_state_and_many_fingers_are_not_sure(
     fitter = estimator._parts.fitter
     assert isinstance(fitter, PadFitter)
     y, weight = estimator.weigh(strap)
-    alone = fitter.squares.fitted(y, weight, told[None], 1, None, False)
+    alone = finished(fitter.squares.steps(y, weight, told[None], 1, None, False))
     solved = found.chi2_per_dof * (len(y[0]) - 1 - fitter.per_contact)
     assert alone.chi2[0] > solved + 15
     discs = [[-0.5, -0.025], [0.5, -0.02], [0.0, 0.0], [-0.4, 0.03], [0.45, 0.028]]

@@ -42,6 +42,7 @@ from fitting.inverse_load.pad.uneven import (
     contacts_alike,
     force_shares,
 )
+from fitting.steps import finished
 from suas_jax.config import InputErrors, SkinSpec, load_skin, scene_from_dict
 from suas_jax.config.geometry import SheetSpec
 from suas_jax.config.input_errors import scaled_input, value_of
@@ -853,7 +854,7 @@ def test_fit_of_exact_readings_finds_the_loads_and_chi2_their_misfit() -> None:
     y = interpolant(truth, 1).readings
     # Without the pressure, force and place could not be told apart in a table so plain.
     weight = np.array([[1.0, 1.0, 0.0, 1e-2]])
-    found = fitter.fitted(y, weight, np.array([[0.0, 0.01, 2.0]]), 1, None, False)
+    found = finished(fitter.steps(y, weight, np.array([[0.0, 0.01, 2.0]]), 1, None, False))
     assert found.chi2[0] < 1e-4
     assert found.parameters[0, 2] == pytest.approx(4.0, rel=1e-4)
     assert found.parameters[0, 0] + 20 * found.parameters[0, 1] == pytest.approx(0.3, rel=1e-3)

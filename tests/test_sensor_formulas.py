@@ -299,9 +299,7 @@ def test_noise_is_that_of_all_taxels_unless_one_s_is_clearly_another() -> None:
 
 def test_noise_to_start_from_is_stated_or_that_of_second_differences() -> None:
     def first(noise: float, so: np.ndarray) -> np.ndarray:
-        data: Any = SimpleNamespace(
-            spec=SimpleNamespace(electrodes=SimpleNamespace(noise=noise))
-        )
+        data: Any = SimpleNamespace(spec=SimpleNamespace(sensing=SimpleNamespace(noise=noise)))
         return _first_noise(data, so)
 
     so = np.cumsum(np.ones((2, 5000)), 1) + 3.0 * RNG.normal(size=(2, 5000))
@@ -336,7 +334,7 @@ def test_outliers_are_beyond_five_deviations_of_the_spread() -> None:
 # --- checks -------------------------------------------------------------------------------
 
 SPEC: Any = SimpleNamespace(
-    oil=SimpleNamespace(relative_permittivity=2.0), electrodes=SimpleNamespace(noise=2.0)
+    oil=SimpleNamespace(relative_permittivity=2.0), sensing=SimpleNamespace(noise=2.0)
 )
 DATA: Any = SimpleNamespace(paths="log.csv", spec=SPEC)
 
@@ -477,7 +475,7 @@ def test_what_a_fit_leaves_out_is_listed_taxel_by_taxel() -> None:
     here.present[0] = here.used[0] = False
     here.used[1] = False
     here.used[2, :2] = False
-    data: Any = SimpleNamespace(spec=SimpleNamespace(electrodes=electrodes))
+    data: Any = SimpleNamespace(spec=SimpleNamespace(sensing=electrodes))
     found = checks.masked_taxels(one, touching, data)
     assert [(m.taxel, m.frames, m.whole) for m in found] == [
         (1, 3, True),
@@ -541,7 +539,7 @@ def test_constants_are_exponentials_of_what_is_positive() -> None:
 def test_layers_keep_their_shares_of_thickness_over_permittivity() -> None:
     layer = SimpleNamespace
     spec: Any = SimpleNamespace(
-        electrodes=SimpleNamespace(
+        sensing=SimpleNamespace(
             layers=[
                 layer(thickness=100e-6, relative_permittivity=4.0),
                 layer(thickness=50e-6, relative_permittivity=2.0),
@@ -551,7 +549,7 @@ def test_layers_keep_their_shares_of_thickness_over_permittivity() -> None:
     found = _layers(spec, 100e-6)  # twice what there is
     assert [row["thickness"] for row in found] == ["200 um", "100 um"]
     assert _layers(spec, 0.0) == []
-    spec.electrodes.layers = []
+    spec.sensing.layers = []
     assert _layers(spec, 3e-6) == [{"thickness": "3 um", "relative_permittivity": 1.0}]
     assert _text(1.23456789012345, "mm") == "1.23456789012 mm"
     assert _text(2.5, "") == 2.5

@@ -159,7 +159,6 @@ def candidates_of(
     Raises Float64Error: float64 is off.
     """
     require_float64()
-    assert spec.electrodes is not None
     presses = _places(spec, force)
     own = as_built(spec)
     pad = spec.geometry.dimension == 3
@@ -178,7 +177,7 @@ def candidates_of(
     count = len(presses)
     at = len(names) + np.arange(len(errors)).reshape(-1, count)  # [kind, press]
     by_press = slope[:, np.arange(count), at].transpose(2, 0, 1)
-    reading = spec.electrodes.noise**2 + 1 / 12
+    reading = spec.sensing.noise**2 + 1 / 12
     share = MODEL_ERROR[spec.geometry.dimension] ** 2 + pad * GAIN_ERROR**2
     shared = share * change**2
     known = np.isfinite(so[:, :-1].T)

@@ -70,7 +70,6 @@ def _fitted(
     spec: SkinSpec, folder: CalibrationFolder, options: CalibrationOptions
 ) -> dict[str, Any]:
     """Fit and verify what is recorded, and write the skin and the page."""
-    assert spec.electrodes is not None
     baseline, health = _at_rest(folder, options)
     fitted = [step for step in options.steps if not step.verifies]
     data = load_sensor_data(spec, [folder.log(step) for step in fitted])
@@ -90,7 +89,7 @@ def _fitted(
     )
     report["verification"] = [_check_json(check) for check in checks]
     report["verified"] = all(check.passed for check in checks) if checks else None
-    places = [*taxel_places(spec.electrodes, spec.geometry).values()]
+    places = [*taxel_places(spec.sensing, spec.geometry).values()]
     page = html_report(spec, places, report, options.steps, checks, health)
     write_text(options.page, page)
     return report
@@ -102,14 +101,13 @@ def _record(
     options: CalibrationOptions,
     say: Callable[[str], None],
 ) -> None:
-    assert spec.electrodes is not None
     decode = decoder(options.format_name)
     source = open_source(options.port, options.format_name, options.baud)
-    taxels = spec.electrodes.taxels_by_module
+    taxels = spec.sensing.taxels_by_module
     stream = Stream(source, decode, options.format_name, report=say, taxels=taxels)
     header = log_header(
         skin=str(options.skin),
-        scale=f"{1e15 * spec.electrodes.lsb:.9g} fF",
+        scale=f"{1e15 * spec.sensing.lsb:.9g} fF",
         port=options.port,
         frame_format=options.format_name,
     )

@@ -1,7 +1,6 @@
 """Folder of a guided calibration: the steps recorded so far, whole after an interruption."""
 
 import contextlib
-import hashlib
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,7 +14,7 @@ from suas_jax.acquisition.log.record import FLAG_COLUMNS, write_reading
 from suas_jax.acquisition.stream import Judged
 from suas_jax.config.toml_file import MOST_BYTES
 from suas_jax.files.ownership import owned
-from suas_jax.files.reading import MEGABYTE, read_bytes
+from suas_jax.files.reading import MEGABYTE, read_bytes, sha256_of
 from suas_jax.files.writing import write_text, written
 
 _PLAN = "plan.json"
@@ -32,7 +31,7 @@ class CalibrationFolder:
         self.folder = folder
         self._steps = tuple(steps)
         plan = {
-            "skin_sha256": hashlib.sha256(read_bytes(skin, MOST_BYTES)).hexdigest(),
+            "skin_sha256": sha256_of(skin, MOST_BYTES),
             "steps": [asdict(step) for step in steps],
         }
         file = folder / _PLAN

@@ -80,9 +80,7 @@ def _places(skin: Path) -> dict[tuple[int, int], tuple[float, float]]:
     from suas_jax.sensing.taxels import taxel_places
 
     spec = load_skin(skin)
-    if spec.electrodes is None:
-        raise ValueError(f"{skin}: no [electrodes]: the skin senses nothing")
-    return taxel_places(spec.electrodes, spec.geometry)
+    return taxel_places(spec.sensing, spec.geometry)
 
 
 def _print(found: "Health") -> None:

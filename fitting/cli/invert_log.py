@@ -6,7 +6,7 @@ import numpy as np
 import typer
 
 from fitting.cli.contract import BAD_INPUT
-from fitting.cli.options import check_figures
+from fitting.cli.options import check_figures, remark
 from fitting.cli.progress import bar, spinner
 from fitting.inverse_load.check.verdict import ModelVerdict
 from fitting.inverse_load.estimate.estimate import LoadEstimate
@@ -52,10 +52,10 @@ def read_for(
         if as_json:
             nothing = LoadEstimate(None, status=status)
             say(json_text(frame_json(float("nan"), None, nothing)))
-        _say(str(error))
+        remark(str(error))
         raise typer.Exit(BAD_INPUT) from None
     for note in readings.notes:
-        _say(f"{log}: {note}")
+        remark(f"{log}: {note}")
     if posterior is not None and posterior not in readings.seq:
         raise ValueError(
             f"--posterior {posterior}: no such frame; the log has {readings.seq.min()} to "
@@ -85,13 +85,13 @@ def invert_log(
     with spinner("comparing the log with the skin file"):
         verdict = _verdict(estimator, estimates)
     if verdict is not None and not (verdict.right and as_json):
-        _say(f"{log}: {verdict.text}")
+        remark(f"{log}: {verdict.text}")
         main = estimator.main
         record = main.spec.calibration
         zeroed = main.rest is None and record is not None and bool(record.taken)
         command = verdict.command(str(skin), str(log), zeroed=zeroed)
         if command:
-            _say(f"to set it right: {command}")
+            remark(f"to set it right: {command}")
     filtered = None
     if smooth:
         from fitting.inverse_load.live.filter import LoadFilter
@@ -163,12 +163,8 @@ def _modes(log: LogEstimator, seq: int) -> list[LoadMode]:
             estimator,
             so,
             readings.stuck[i],
-            progress=_say,
+            progress=remark,
             pressure=float("nan") if readings.pressure is None else readings.pressure[i],
         )
     except ValueError as error:
         raise ValueError(f"--posterior {seq}: {error}") from None
-
-
-def _say(text: str) -> None:
-    say(f"suas: {text}", err=True)

@@ -139,9 +139,7 @@ def _skin_header(skin: Path | None) -> tuple[dict[str, str], dict[int, int]]:
         return {}, {}
     from suas_jax.config import load_skin
 
-    electrodes = load_skin(skin).electrodes
-    if electrodes is None:
-        raise ValueError(f"{skin}: no [electrodes]: the skin senses nothing")
+    electrodes = load_skin(skin).sensing
     header = {"skin": str(skin), "scale": f"{1e15 * electrodes.lsb:.6g} fF"}
     return header, electrodes.taxels_by_module
 

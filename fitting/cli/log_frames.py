@@ -41,7 +41,7 @@ def log_frames(
         raise ValueError("--loads and --taxels-only: give one of them")
     from fitting.inverse_load.log.log_estimator import LogEstimator
     from fitting.inverse_load.log.skin_states import skin_states
-    from fitting.inverse_load.readings import Layout, readings_of
+    from fitting.inverse_load.readings import readings_of
     from fitting.inverse_load.report.read_back import read_estimates
     from fitting.inverse_load.zero.skin_estimator import estimator_of, rest_of
     from fitting.inverse_load.zero.zero_file import skin_with_zero, zero_file_of
@@ -58,8 +58,6 @@ def log_frames(
         skin_with_zero(file) if zero_file_of(file).is_file() else (skin_behind(file), "")
     )
     rest, _ = rest_of(spec, baseline)
-    Layout(spec)  # or there are no electrodes, which is said here
-    assert spec.electrodes is not None
     readings = readings_of(read, spec, options.get("noise"))
     estimator = None
     if loads is None and not taxels_only:

@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from fitting.cli.contract import Overwrite, bad_input
-from fitting.cli.options import AsJson, Plot, check_figures
+from fitting.cli.options import AsJson, Plot, check_files
 from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import new_console, say
-from suas_jax.files.writing import check_outputs
 
 STATES = Path(__file__).with_name("tour.json")
 """Solved scenes; `python -m benchmarks.tour_states` writes them."""
@@ -44,8 +43,7 @@ def tour(as_json: AsJson = False, plot: Plot = None, overwrite: Overwrite = Fals
     """
     states = json.loads(STATES.read_text(encoding="utf-8"))
     with bad_input():
-        check_figures(plot)
-        check_outputs([plot], overwrite=overwrite)
+        check_files(plot, overwrite=overwrite)
         if plot is not None:
             _plot(states, plot)
     if as_json:

@@ -27,6 +27,7 @@ from fitting.cli.options import (
 from fitting.cli.progress import spinner
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_outputs
+from suas_jax.runtime.optional import optional
 
 if TYPE_CHECKING:
     from fitting.inverse_load.estimator import LoadEstimator
@@ -79,7 +80,7 @@ def view(
         from fitting.inverse_load.live.serve import host_and_port
 
         host, port = host_and_port(address, "--address")
-        _require_aiohttp()
+        optional("aiohttp", "suas view needs", "view")
         from suas_jax.runtime.settings import configure
 
         configure()
@@ -190,12 +191,3 @@ def _ended_by_signal(duration: float | None) -> Iterator[Callable[[], bool]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def _require_aiohttp() -> None:
-    import importlib.util
-
-    if importlib.util.find_spec("aiohttp") is None:
-        raise ValueError(
-            'suas view needs aiohttp, which is not installed: pip install "suas-jax[view]"'
-        )

@@ -32,7 +32,6 @@ from suas_jax.sensing.converter import Converter
 CURRIE = 3.29
 """Standard deviations at which false alarms and misses are 5 % each, one-sided."""
 _DISTANCES = 60  # of two contacts that are tried
-_RATED = 0.3  # of the smallest first contact
 
 
 class Cases(NamedTuple):
@@ -182,9 +181,3 @@ class Measured(NamedTuple):
     grid: tuple[int, int]  # places along the arc and along the axis
     # why figures have no value on such a skin, by key
     missing: Mapping[str, str] = MappingProxyType({})
-
-
-def rated_force(first_contact: Floats) -> float:
-    """30 % of the smallest first contact, to one significant digit [N]; 1 N where none is."""
-    known = first_contact[np.isfinite(first_contact)]
-    return float(f"{_RATED * known.min():.0e}") if known.size else 1.0

@@ -10,12 +10,12 @@ from concurrent.futures import Executor
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.datasheet.figures import Accuracy, Cases, Measured, rated_force
+from fitting.datasheet.figures import Accuracy, Cases, Measured
 from fitting.datasheet.readings import Readings, far_taxels
 from fitting.datasheet.variants import DEEPER, STEP, WARMER, Variants, why_constant
+from fitting.force_range.bound import rated_force
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
-from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.pad.effects import effects_of
 from fitting.inverse_load.pad.input_errors import PadErrors
 from fitting.inverse_load.pad.interpolant import MOST, PadInterpolant
@@ -117,25 +117,9 @@ def _readings(
     loads = np.column_stack([at, force])
     found = interpolant(loads, 1)
     so, jacobian = found.readings, found.jacobian
-    count, none = len(loads), np.zeros(len(loads))
-    best = Explanations(
-        score=none,
-        chi2=none,
-        contacts=np.ones(count, np.int64),
-        parameters=loads,
-        jacobian=jacobian,
-        information=np.zeros((count, 3, 3)),
-        predicted_decrease=none,
-        pressure=so[:, -1],
-        min_gap=none,
-        so=so,
-        q=np.zeros((count, 0, 0)),
-        weight=np.ones_like(so),
-        shift=np.zeros_like(so),
-        beside=np.full((count, 1, 0, 2), np.nan),
-        eliminated=np.zeros((count, 0, so.shape[1])),
-    )
-    moved = np.moveaxis(errors.slopes(best, 3, 1)[..., :-1], 0, -1)  # change, taxel, place
+    angle, axial, push = loads.T[..., None]
+    changed = errors.under(angle, axial, push, jacobian[:, 2:3], so[:, :-1], so[:, -1])
+    moved = np.moveaxis(changed[..., :-1], 0, -1)  # change, taxel, place
     per_metre = np.stack([rate, *np.ones((2, len(rate)))])[:, None]
     own = np.moveaxis(jacobian[..., :-1], 0, -1) / per_metre
     skins = 1 + 2 * len(moved)
@@ -144,7 +128,7 @@ def _readings(
     by_force = (moved - errors.rest[:, :-1, None]) / force
     slope[-1] = _moved(own[-1], np.swapaxes(by_force, 0, 1))
     readings = _moved(so[:, :-1].T, np.swapaxes(moved, 0, 1))
-    zero = np.zeros((skins, count))
+    zero = np.zeros((skins, len(loads)))
     return Readings(readings, slope, zero, zero, zero + so[:, -1], zero.astype(int))
 
 

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.datasheet.figures import Accuracy, Cases, Measured, rated_force
+from fitting.datasheet.figures import Accuracy, Cases, Measured
 from fitting.datasheet.readings import (
     Readings,
     far_taxels,
@@ -14,7 +14,12 @@ from fitting.datasheet.readings import (
     skins_in_lanes,
 )
 from fitting.datasheet.variants import Variants
-from fitting.force_range.bound import angles_over, first_contacts, readings_at_rest
+from fitting.force_range.bound import (
+    angles_over,
+    first_contacts,
+    rated_force,
+    readings_at_rest,
+)
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import MODEL_ERROR
 from suas_jax import Skin, skin_of

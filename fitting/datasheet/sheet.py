@@ -175,8 +175,6 @@ def data_sheet(
     Raises:
         ValueError: the skin has no electrodes, or an argument makes no sense.
     """
-    if spec.electrodes is None:
-        raise ValueError("the skin has no [electrodes], so there is nothing to sense")
     deviation = noise_of_readings(spec, noise)
     if force is not None and not (np.isfinite(force) and force > 0):
         raise ValueError(f"force = {force}: a force above zero is needed")

@@ -93,8 +93,7 @@ class Choice(NamedTuple):
 
     @property
     def _names(self) -> list[tuple[int, int]]:
-        assert self.want.spec.electrodes is not None
-        return list(zip(*self.want.spec.electrodes.taxel_names, strict=True))
+        return list(zip(*self.want.spec.sensing.taxel_names, strict=True))
 
     def _place(self, i: int) -> dict[str, float]:
         own = self.measured.coordinates
@@ -117,9 +116,7 @@ def choose_taxels(
         ValueError: the skin has no electrodes, or as many taxels can't be chosen.
     """
     spec = want.spec
-    if spec.electrodes is None:
-        raise ValueError("the skin has no [electrodes], so there are no taxels to choose")
-    variants, noise, between = variants_of(spec), spec.electrodes.noise, want.angles
+    noise, variants, between = spec.sensing.noise, variants_of(spec), want.angles
     if spec.geometry.dimension == 3:
         measured = measure_pad(
             variants, (want.places, _AXIALS), noise, want.force, progress, workers

@@ -19,12 +19,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from fitting.arrays import Floats, Rows
-from fitting.datasheet.figures import Accuracy, Cases, figures_at, rated_force
+from fitting.datasheet.figures import Accuracy, Cases, figures_at
 from fitting.datasheet.pad import ELEMENTS
 from fitting.datasheet.readings import Readings, far_taxels, read
 from fitting.datasheet.words import PLACED
 from fitting.design.problem import STEP, Outcome, Problem
 from fitting.design.want import Want
+from fitting.force_range.bound import rated_force
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
 from fitting.inverse_load.pad.mirror import mirror_images
 from fitting.inverse_load.pad.rest import film_readings
@@ -75,7 +76,6 @@ class PadProblem(Problem):
         super().__init__(want)
         self.elements, self._tell, self._designs = elements, progress, 0
         spec = want.spec
-        assert spec.electrodes is not None  # or there would be no skin
         skin = skin_of(spec, elements=elements, contact=False)
         taxels, edge = skin.electrodes.taxels.places, np.array(PadShape.of(skin).edge(DIAMETER))
         first, last = taxels.min(0), taxels.max(0)
@@ -121,7 +121,7 @@ class PadProblem(Problem):
                 self._tell(f"design {self._designs}: {len(found)} of {count} places")
         cases = self._cases(found, plain, where)
         result = (cases.rest.result, cases.half.result, cases.rated.result)
-        accuracy = Accuracy(self.want.spec.electrodes.noise, PAD_MODEL_ERROR)  # type: ignore[union-attr]
+        accuracy = Accuracy(self.want.spec.sensing.noise, PAD_MODEL_ERROR)
         figures = jax.tree.map(np.asarray, figures_at(cases, accuracy, self._far))
         values = {key: getattr(figures, PLACED[key].field) for key in self.keys}
         good = all(np.isfinite(value).all() for value in values.values())

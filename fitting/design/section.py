@@ -18,7 +18,7 @@ from jaxtyping import Array
 from scipy.stats import norm
 
 from fitting.arrays import Floats
-from fitting.datasheet.figures import Accuracy, Cases, figures_at, rated_force
+from fitting.datasheet.figures import Accuracy, Cases, figures_at
 from fitting.datasheet.readings import (
     Readings,
     far_taxels,
@@ -30,7 +30,7 @@ from fitting.datasheet.variants import Variants, by_changes, variants_of
 from fitting.datasheet.words import PLACED
 from fitting.design.problem import STEP, Outcome, Problem
 from fitting.design.want import Limit, Variable, Want
-from fitting.force_range.bound import angles_over, first_contacts
+from fitting.force_range.bound import angles_over, first_contacts, rated_force
 from fitting.inverse_load.estimator import MODEL_ERROR
 from suas_jax import Loads, Skin, skin_of
 from suas_jax.config import SkinSpec, continuous_inputs, structure
@@ -180,7 +180,6 @@ class SectionProblem(Problem):
         variants = None if want.units is None else variants_of(want.spec)
         spec = want.spec if variants is None else variants.spec
         skin = skin_of(spec, contact=False, elements=self.elements)
-        assert spec.electrodes is not None  # or there would be no skin
         edge = angles_over(skin, 2)[1]
         low, high = np.clip(want.angles or (-edge, edge), -edge, edge)
         self.angle = np.linspace(low, high, want.places)  # that count [rad]
@@ -193,7 +192,7 @@ class SectionProblem(Problem):
             np.array([v.high for v in want.variables]),
             self.angle,
             np.float64(self.rated),
-            np.float64(spec.electrodes.noise),
+            np.float64(spec.sensing.noise),
             far_taxels(skin, self.angle[:, None]),
             {} if variants is None else _moved(variants),
             np.float64(norm.ppf(want.units or 0.5)),

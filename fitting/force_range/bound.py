@@ -41,6 +41,7 @@ _SMALLEST = 1e-3  # force at which the search for first contact starts [N]
 _LARGEST = 1e6  # and where it is given up [N]
 
 _95 = 1.96  # standard deviations
+_RATED = 0.3  # of the smallest first contact
 
 
 @dataclass(frozen=True)
@@ -282,6 +283,12 @@ def first_contacts(skin: Skin, angle: Floats) -> tuple[Floats, Floats]:
         if (lost | (high < 1.0001 * low)).all():
             break
     return np.where(lost, np.nan, high), np.where(lost, np.nan, pressure)
+
+
+def rated_force(first_contact: Floats) -> float:
+    """30 % of the smallest first contact, to one significant digit [N]; 1 N where none is."""
+    known = first_contact[np.isfinite(first_contact)]
+    return float(f"{_RATED * known.min():.0e}") if known.size else 1.0
 
 
 def least_errors(jacobian: Floats, weight: Floats) -> Floats:

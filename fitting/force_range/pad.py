@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.arrays import Floats
-from fitting.force_range.bound import LADDER, TOLD, least_errors, smallest_told
+from fitting.force_range.bound import LADDER, TOLD, least_errors, rated_force, smallest_told
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
 from fitting.inverse_load.pad.interpolant import MOST, PadInterpolant
@@ -23,7 +23,6 @@ from suas_jax.config import SkinSpec
 from suas_jax.sensing.converter import Converter
 
 _NEVER = 1e8  # stands for a force of first contact that the table doesn't know [N]
-_REFERENCE = 0.3  # force of the map of errors in terms of the smallest first contact
 
 
 @dataclass(frozen=True)
@@ -121,10 +120,6 @@ def pad_force_range(
     The table of a new skin takes minutes; it is kept. Raises ValueError: the skin has no
     electrodes, or an argument makes no sense.
     """
-    if spec.electrodes is None:
-        raise ValueError(
-            "the skin has no [electrodes], so it has no readings to find loads from"
-        )
     if min(places) < 1:
         raise ValueError(f"{places[0]} by {places[1]} places: at least one is needed")
     if not 0 < diameter < spec.geometry.width / 4:
@@ -158,7 +153,7 @@ def range_from_table(
     touch = table.first_contact_at(*at.T)
     known = touch < _NEVER
     end = np.minimum(touch, most)
-    reference = np.minimum(_rounded(_REFERENCE * end.min()), most)
+    reference = np.minimum(rated_force(end), most)
     force = np.column_stack([end[:, None] * np.array(LADDER), reference])
     loads = np.concatenate([np.repeat(at, force.shape[1], 0), force.reshape(-1, 1)], 1)
     reading = noise**2 + 1 / 12
@@ -188,8 +183,3 @@ def range_from_table(
         float(np.sqrt(reading)),
         taxels,
     )
-
-
-def _rounded(value: float) -> float:
-    """To one significant digit."""
-    return float(f"{value:.0e}")

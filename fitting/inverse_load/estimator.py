@@ -275,10 +275,6 @@ class LoadEstimator:
             raise ValueError(
                 f"false_alarm = {self.false_alarm:g}: a rate above 0 and below 0.5 is needed"
             )
-        if self.spec.electrodes is None:
-            raise ValueError(
-                "the skin has no [electrodes], so there is nothing to estimate loads from"
-            )
         if not self.pressure_noise > 0:
             raise ValueError(
                 f"pressure_noise = {self.pressure_noise:g} Pa: more than zero is needed"

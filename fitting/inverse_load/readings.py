@@ -44,11 +44,7 @@ class Layout:
     """Where each taxel of a skin stands in a log."""
 
     def __init__(self, spec: SkinSpec) -> None:
-        if spec.electrodes is None:
-            raise ValueError(
-                "the skin has no [electrodes], so there is nothing to estimate loads from"
-            )
-        module, number = spec.electrodes.taxel_names
+        module, number = spec.sensing.taxel_names
         self.module, self.number = np.array(module), np.array(number)
         self._places: dict[tuple[int, ...], _Places] = {}
 
@@ -176,8 +172,8 @@ def noise_of_readings(spec: SkinSpec, noise: float | None) -> float:
 
     Raises ValueError: it is not a number of counts.
     """
-    assert spec.electrodes is not None
-    found = spec.electrodes.noise if noise is None else noise
+    stated = spec.sensing.noise
+    found = stated if noise is None else noise
     if not (np.isfinite(found) and found >= 0):
         raise ValueError(f"noise = {found}: zero or more counts are needed")
     return float(found)
@@ -235,12 +231,11 @@ def _scale_note(header: Mapping[str, str], spec: SkinSpec) -> list[str]:
     from suas_jax.config.quantities import parse_quantity
 
     text = header.get("scale")
-    assert spec.electrodes is not None
     try:
         scale = parse_quantity(text, "capacitance") if text else None
     except ValueError:
         return [f'scale "{text}" in the header is not a capacitance; the skin\'s lsb is used']
-    lsb, record = spec.electrodes.lsb, spec.calibration
+    lsb, record = spec.sensing.lsb, spec.calibration
     found = record is not None and not {"lsb", "electrodes.lsb"}.isdisjoint(record.parameters)
     if scale is None or abs(scale / lsb - 1) < (_FOUND_AGREES if found else _SCALE_AGREES):
         return []

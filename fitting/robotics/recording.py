@@ -23,6 +23,7 @@ from suas_jax.acquisition.log.format import MAX_COUNT
 from suas_jax.config import SkinSpec
 from suas_jax.files.reading import read_bytes
 from suas_jax.files.writing import written
+from suas_jax.runtime.optional import optional
 from suas_jax.scene.taxel_film import TaxelFilm
 
 _CONVENTIONS = {
@@ -148,13 +149,7 @@ class Recording:
 
 def require_mcap() -> None:
     """Make sure that the libraries are there. Raises ValueError: one is missing."""
-    import importlib.util
-
-    if importlib.util.find_spec("mcap_ros2") is None:
-        raise ValueError(
-            "MCAP files need mcap-ros2-support, which is not installed: pip install "
-            '"suas-jax[robotics]"'
-        )
+    optional("mcap_ros2", "MCAP files need", "robotics")
 
 
 def start_stamp(header: Mapping[str, str]) -> int:

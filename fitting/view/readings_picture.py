@@ -30,11 +30,10 @@ class ReadingsPictures:
     """
 
     def __init__(self, spec: SkinSpec, rest: Floats | None) -> None:
-        assert spec.electrodes is not None
         self._spec, self._grid = spec, Grid.of(spec.geometry)
         self.film = TaxelFilm(spec, rest)
         self._membrane = InterpolatedMembrane(
-            spec.geometry, self.film, spec.electrodes.noise, self._grid
+            spec.geometry, self.film, spec.sensing.noise, self._grid
         )
 
     def description(self, title: str, **more: Any) -> dict[str, Any]:

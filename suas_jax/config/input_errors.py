@@ -302,8 +302,7 @@ def _paths_of(spec: SkinSpec, name: str, value: float) -> dict[str, float]:
     if name == "stiffness":
         return {path: x / value for path, x in stresses_of(spec).items()}
     if name == "layers":
-        assert spec.electrodes is not None
-        layers = spec.electrodes.layers
+        layers = spec.sensing.layers
         if not layers:
             return {}
         total = sum(layer.thickness / layer.relative_permittivity for layer in layers)
@@ -312,11 +311,10 @@ def _paths_of(spec: SkinSpec, name: str, value: float) -> dict[str, float]:
             for i, layer in enumerate(layers)
         }
     if name.startswith("oil_gap."):
-        assert spec.electrodes is not None
         where = [int(text) for text in name.split(".")[1:]]
         taxels = where[1:] or None
-        if spec.electrodes.layout == "list":
-            numbers = taxels or range(1, len(spec.electrodes.taxels) + 1)
+        if spec.sensing.layout == "list":
+            numbers = taxels or range(1, len(spec.sensing.taxels) + 1)
             return {f"electrodes.taxels.{k - 1}.height": -1.0 for k in numbers}
         numbers = taxels or range(1, MODULE_TAXELS + 1)
         return {f"electrodes.modules.{where[0]}.heights.{k - 1}": -1.0 for k in numbers}

@@ -79,6 +79,16 @@ class SkinSpec(Spec):
     calibration: CalibrationSpec | None = None
 
     @property
+    def sensing(self) -> ElectrodesSpec:
+        """The electrodes; ValueError where the skin has none."""
+        if self.electrodes is None:
+            raise ValueError(
+                "the skin has no [electrodes], so there is nothing to sense: add them to the "
+                "skin file"
+            )
+        return self.electrodes
+
+    @property
     def unloaded(self) -> "SceneSpec":
         """The scene in which nothing presses it."""
         return SceneSpec(**{name: getattr(self, name) for name in self.model_fields_set})

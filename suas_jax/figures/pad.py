@@ -47,11 +47,8 @@ def plot_pad(
     Raises:
         ValueError: the skin has no electrodes, or values don't match its taxels.
     """
-    if skin.electrodes is None:
-        raise ValueError("the skin has no [electrodes]: there is no pad to draw")
     parts = skin_parts(skin, continuous_inputs(skin))
-    assert parts.electrodes is not None
-    wall, taxels = parts.geometry.wall_size, parts.electrodes.taxels
+    wall, taxels = parts.geometry.wall_size, parts.sensing().taxels
     value = np.asarray(values, float)
     if value.shape != (len(taxels.number),):
         raise ValueError(f"{value.size} values for {len(taxels.number)} taxels")

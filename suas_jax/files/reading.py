@@ -3,6 +3,7 @@
 import contextlib
 import csv
 import errno
+import hashlib
 import os
 import stat
 from collections.abc import Iterator
@@ -53,6 +54,11 @@ def read_bytes(
     if len(content) > most_bytes:  # it grew meanwhile, or its file system doesn't say
         raise OSError(errno.EFBIG, _too_large(len(content), most_bytes), os.fspath(path))
     return content
+
+
+def sha256_of(path: str | os.PathLike[str], most_bytes: int) -> str:
+    """Digest of a file, read as by `read_bytes`."""
+    return hashlib.sha256(read_bytes(path, most_bytes)).hexdigest()
 
 
 def check_readable(

@@ -31,10 +31,8 @@ class TaxelFilm:
     ) -> None:
         require_float64()
         parts = skin_parts(spec, continuous_inputs(spec))
-        if parts.electrodes is None:
-            raise ValueError("the skin has no [electrodes], so there are no taxels")
-        self._electrodes = parts.electrodes
-        taxels, geometry = parts.electrodes.taxels, parts.geometry
+        self._electrodes = parts.sensing()
+        taxels, geometry = self._electrodes.taxels, parts.geometry
         # which module carries a taxel, and its number there, from 1 [taxel]
         self.module, self.number = list(taxels.module), list(taxels.number)
         angle = geometry.section.given_angle(taxels.angle)
@@ -43,7 +41,7 @@ class TaxelFilm:
         self.angle, self.section_angle, self.axial, self.diameter = (
             np.asarray(x)[:, 0] for x in (angle, taxels.angle, taxels.axial, taxels.diameter)
         )
-        height = parts.electrodes.height
+        height = self._electrodes.height
         # x towards growing angles, y to the crown, z along the axis [taxel, 3] [m]
         self.positions = np.asarray(taxels.positions(geometry, height))
         # of the film at rest [taxel] [m]

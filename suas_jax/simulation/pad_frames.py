@@ -109,8 +109,7 @@ def _frame(
     problem = problem_of(parts, plan, wall=scene.wall)
     found = equilibrium(problem, start)
     shown = corrected(problem, found.state).state
-    assert parts.skin.electrodes is not None
-    readings = parts.skin.electrodes.read(problem.mechanics, shown.q)
+    readings = parts.skin.sensing().read(problem.mechanics, shown.q)
     gap = problem.mechanics.shape(shown.q).smallest_gap(parts.skin.geometry).value
     return readings.capacitance, found.state, found.outcome, gap
 

@@ -175,8 +175,7 @@ def simulate_log(
         untold = str(error)
     columns = loads | {name: moved[name] for name in SURROUNDINGS if name in moved}
     # A channel's gain is the converter's: the film's capacitance is without it.
-    assert scene.electrodes is not None  # or there would be no converter
-    given = by_taxel(scene.electrodes, continuous_inputs(scene), "gain", 1.0)
+    given = by_taxel(scene.sensing, continuous_inputs(scene), "gain", 1.0)
     gain = np.asarray(given).reshape(-1)
     # What a unit's channels have beside the model, where a calibration found it.
     record = scene.calibration
@@ -197,8 +196,7 @@ def write_simulated_log(log: SimulatedLog, output: Path, source: Path) -> None:
         simulated=log.origin,
         **({"true_loads": f"not written: {log.untold}"} if log.untold else {}),
     )
-    assert log.scene.electrodes is not None  # or there would be no converter
-    taxels = max(log.scene.electrodes.taxel_names[1])
+    taxels = max(log.scene.sensing.taxel_names[1])
     with (
         written(output) as draft,
         LogWriter(draft, header, taxels=taxels, flags=(*Flags._fields, *log.known)) as writer,
@@ -218,8 +216,7 @@ def readings(
     random: np.random.Generator,  # source of the faults
 ) -> Iterator[Reading]:
     """Frames as a device would send them: module after module, frame after frame."""
-    assert scene.electrodes is not None
-    module, number = (np.array(x) for x in scene.electrodes.taxel_names)
+    module, number = (np.array(x) for x in scene.sensing.taxel_names)
     counts = sample.counts.copy()
     for (m, k), since in faults.stuck.items():
         taxel = np.flatnonzero((module == m) & (number == k))
@@ -244,11 +241,6 @@ def converter_of(scene: SceneSpec, **changes: float | None) -> Converter:
 
     Raises ValueError: the scene has no electrodes, or a setting makes no sense.
     """
-    if scene.electrodes is None:
-        raise ValueError("the scene's skin has no [electrodes]: there is nothing to simulate")
-    own: dict[str, float | None] = {
-        "lsb": scene.electrodes.lsb,
-        "noise": scene.electrodes.noise,
-    }
+    own: dict[str, float | None] = {"lsb": scene.sensing.lsb, "noise": scene.sensing.noise}
     own |= {key: value for key, value in changes.items() if value is not None}
     return Converter(**own)  # type: ignore[arg-type]

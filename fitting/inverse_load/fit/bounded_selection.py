@@ -16,6 +16,7 @@ from fitting.inverse_load.fit.explanation import (
     PLAUSIBLE,
     UNSETTLED,
     Alternative,
+    Attempt,
     Explanations,
 )
 from fitting.inverse_load.fit.selection import Selection
@@ -83,7 +84,7 @@ class BoundedSelection(Selection):
             start, state = self.nodes.near(y, weight, node), self.nodes.states(node)
         else:
             start, state = self._predicted(y, weight, earlier), earlier.state
-        return self.fitter.roughly(y, weight, start, state, count)
+        return self.fitter.roughly(Attempt(y, weight, start, state, count))
 
     def _sure(self, y: Any, weight: Any, known: Explanations) -> bool:
         """Whether loads alone explain a frame, and nothing hints at others."""
@@ -107,13 +108,13 @@ class BoundedSelection(Selection):
             return (yield from super()._followed(y, weight))
         used = np.where(last.weight > 0, weight, 0.0)
         start = self._predicted(y, used, last)
-        given = y, used, start, last.state, 1
+        asked = Attempt(y, used, start, last.state, 1)
         if last.absorbed[0]:
-            found = yield from self._loads.beside_errors(*given, last.shift)
+            found = yield from self._loads.beside_errors(asked, last.shift)
         else:
             wide = self.wide_fitter
             fitter = wide if wide is not None and wide.made(last) else self.fitter
             pull = bool(last.parameters[0, self.fitter.parameters.rows("force", 1)][0] < 0)
-            found = yield from fitter.steps(*given, pull=pull)
+            found = yield from fitter.steps(asked._replace(pull=pull))
         settled = max(self._left, float(found.used()[0]))
         return found if found.chi2[0] < _AS_GOOD * settled else None

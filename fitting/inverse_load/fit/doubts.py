@@ -16,7 +16,7 @@ import numpy as np
 
 from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.fit.covariance import whitened
-from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
+from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Attempt, Explanations
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT
 from fitting.inverse_load.search.base import AbstractNodeSearch
 from fitting.steps import Steps
@@ -110,9 +110,8 @@ class FaultyTaxels:
     """Explains frames without their faulty taxels."""
 
     nodes: AbstractNodeSearch  # states of one contact
-    # fits frames by a number of contacts, from readings, weights, starting points, states and
-    # that number, each contact beyond the first with its penalty
-    fit: Callable[[Any, Any, Any, Any, int], Steps[Explanations]]
+    # fits frames, each contact beyond the first with its penalty
+    fit: Callable[[Attempt], Steps[Explanations]]
     per_contact: int  # parameters of a contact
     most_contacts: int  # to tell apart
 
@@ -132,7 +131,7 @@ class FaultyTaxels:
         node, trimmed = _least_trimmed(self.nodes, y, weight, most)
         start, states = self.nodes.loads[node], self.nodes.states(node)
         for _ in range(_TRIMMED_FITS):
-            found = yield from self.fit(y, trimmed, start, states, 1)
+            found = yield from self.fit(Attempt(y, trimmed, start, states, 1))
             trimmed = _inliers(y, weight, found.so)
             better = found.parameters[:, : start.shape[1]]
             start = np.where(np.isfinite(found.chi2)[:, None], better, start)
@@ -149,7 +148,7 @@ class FaultyTaxels:
                 start = best.parameters[frames[rows]][:, :width]
                 states = self.nodes.states(self.nodes.nearest_to(start, count))
                 kept = _inliers(y[rows], weight[rows], so)
-                found = yield from self.fit(y[rows], kept, start, states, count)
+                found = yield from self.fit(Attempt(y[rows], kept, start, states, count))
                 best = self._if_cheaper(frames[rows], weight[rows], best, found, most[rows])
         return best
 

@@ -16,7 +16,7 @@ from scipy.special import chdtrc
 
 from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.model.contact_parameters import ContactParameters
-from fitting.steps import Steps
+from fitting.steps import Steps, finished
 from suas_jax.equilibrium.state import State
 
 PLAUSIBLE = 0.05
@@ -171,6 +171,23 @@ class Alternative(NamedTuple):
         return known
 
 
+class Attempt(NamedTuple):
+    """Frames to fit, and where from."""
+
+    y: Floats  # readings [frame, taxel] [counts]
+    weight: Floats  # inverse variances [frame, taxel]
+    start: Floats  # parameters [frame, parameter]; those after the forces may be left out
+    state: State  # equilibria near there, a lane a frame
+    contacts: int  # their number
+    pull: bool = False  # seek forces that pull outwards instead of those that push
+
+    def rows(self, frames: Rows) -> "Attempt":
+        """Some of the frames."""
+        y, weight, start = (x[frames] for x in self[:3])
+        state = State(*(x[..., frames] for x in self.state))
+        return Attempt(y, weight, start, state, self.contacts, self.pull)
+
+
 class AbstractLoadFitter(abc.ABC):
     """Least squares for any number of frames, on one skin."""
 
@@ -191,37 +208,18 @@ class AbstractLoadFitter(abc.ABC):
         return self.parameters.per_contact
 
     @abc.abstractmethod
+    def steps(self, asked: Attempt) -> Steps[Explanations]:
+        """Fit frames, in steps."""
+
     def fit(
-        self,
-        y: Floats,  # readings [frame, taxel] [counts]
-        weight: Floats,  # inverse variances [frame, taxel]
-        start: Floats,  # parameters [frame, parameter]; those after the forces may be left out
-        state: State,  # equilibria near there, a lane a frame
-        contacts: int,  # their number
-        *,
-        pull: bool = False,  # seek forces that pull outwards instead of those that push
-    ) -> Explanations:
-        """Fit frames."""
-
-    def steps(
-        self,
-        y: Floats,
-        weight: Floats,
-        start: Floats,
-        state: State,
-        contacts: int,
-        *,
-        pull: bool = False,
-    ) -> Steps[Explanations]:
-        """`fit`, in steps."""
-        yield f"fit of {contacts}"
-        return self.fit(y, weight, start, state, contacts, pull=pull)
-
-    def roughly(
         self, y: Floats, weight: Floats, start: Floats, state: State, contacts: int
     ) -> Explanations:
-        """`fit` by what is at hand; less right, where that is quicker."""
-        return self.fit(y, weight, start, state, contacts)
+        """Fit frames at once, by forces that push; see `Attempt`."""
+        return finished(self.steps(Attempt(y, weight, start, state, contacts)))
+
+    def roughly(self, asked: Attempt) -> Explanations:
+        """Fit by what is at hand; less right, where that is quicker."""
+        return finished(self.steps(asked))
 
     def made(self, best: Explanations) -> bool:
         """Whether single contacts were fitted by this one, where another serves most."""

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from fitting.arrays import Floats, Rows
-from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
+from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Attempt, Explanations
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.steps import Steps
-from suas_jax.equilibrium.state import State
 
 SUSPECT = 2e-3
 """p-value of chi2 below which other explanations are tried."""
@@ -32,20 +31,16 @@ class LoadsAndErrors:
 
     def fit(
         self,
-        y: Any,
-        weight: Any,
-        start: Floats,
-        state: State,
-        count: int,
+        asked: Attempt,
         *,
-        pull: bool = False,
         fitter: AbstractLoadFitter | None = None,
         frame: Rows | None = None,  # that a row is of, where a frame has several
     ) -> Steps[Explanations]:
         """Fit loads, and errors of the inputs where loads alone leave more than noise."""
         fitter = fitter or self.fitter
-        found = yield from fitter.steps(y, weight, start, state, count, pull=pull)
-        return (yield from self.or_errors(y, weight, found, fitter, pull=pull, frame=frame))
+        found = yield from fitter.steps(asked)
+        own = asked.y, asked.weight, found, fitter
+        return (yield from self.or_errors(*own, pull=asked.pull, frame=frame))
 
     def or_errors(
         self,
@@ -82,16 +77,13 @@ class LoadsAndErrors:
 
     def beside_errors(
         self,
-        y: Any,
-        weight: Any,
-        start: Floats,
-        state: State,
-        count: int,
+        asked: Attempt,
         shift: Floats,  # of the readings by errors that are about right [frame, taxel]
         frame: Rows | None = None,  # that a row is of, where a frame has several
     ) -> Steps[Explanations]:
         """Fit loads and errors of the inputs, whatever loads alone would leave."""
-        begin = yield from self.fitter.steps(y - shift, weight, start, state, count)
+        y, weight = asked.y, asked.weight
+        begin = yield from self.fitter.steps(asked._replace(y=y - shift))
         found = replace(begin, score=np.full(len(y), np.inf), chi2=np.full(len(y), np.inf))
         rows = _best(np.flatnonzero(np.isfinite(begin.chi2)), begin, frame)
         if self.errors is None or not self.errors.names or not rows.size:
@@ -122,9 +114,9 @@ class LoadsAndErrors:
         slopes = self.errors.of(begin, y - begin.so, per_contact).slopes
         for _ in range(_ERROR_FITS):
             shift = np.einsum("fe,fet->ft", errors, slopes)
-            fit = yield from fitter.steps(
-                y - shift, weight, now.parameters[:, :width], now.state, count, pull=pull
-            )
+            start = now.parameters[:, :width]
+            own = Attempt(y - shift, weight, start, now.state, count, pull)
+            fit = yield from fitter.steps(own)
             cost = fit.chi2 + (errors**2).sum(1)
             fit = replace(
                 fit,

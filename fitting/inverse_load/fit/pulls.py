@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.inverse_load.fit.explanation import Alternative, Explanations
+from fitting.inverse_load.fit.explanation import Alternative, Attempt, Explanations
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors
 from fitting.inverse_load.search.base import AbstractNodeSearch
 from fitting.steps import Steps
@@ -36,7 +36,7 @@ class Pulls:
         force = -np.maximum(along[frame, place] / size[frame, place], 0.0)
         start = np.concatenate([self.nodes.places[place], force[:, None]], 1)
         rest = self.nodes.rest_states(len(y))
-        return (yield from self.loads.fit(y, weight, start, rest, 1, pull=True))
+        return (yield from self.loads.fit(Attempt(y, weight, start, rest, 1, pull=True)))
 
     def or_light(
         self, y: Any, weight: Any, best: Explanations, others: list[Alternative | None]

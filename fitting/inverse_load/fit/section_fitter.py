@@ -12,11 +12,16 @@ import jax
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations, widened
+from fitting.inverse_load.fit.explanation import (
+    AbstractLoadFitter,
+    Attempt,
+    Explanations,
+    widened,
+)
 from fitting.inverse_load.fit.section_least_squares import FIT_PROGRAMS, SETTLED, Fit, Target
 from fitting.inverse_load.model.contact_parameters import SECTION, SECTION_WITH_DIRECTION
 from fitting.inverse_load.search.table import LoadTable, edge_margin
-from suas_jax.equilibrium.state import State
+from fitting.steps import Steps
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.skin import Skin
 
@@ -60,37 +65,26 @@ class SectionFitter(AbstractLoadFitter):
         bounds = [(-edge, edge), (0.0, cap), (-np.pi / 2, np.pi / 2)]
         self._bounds = np.array(bounds[: self.per_contact])
 
-    def fit(
-        self,
-        y: Floats,
-        weight: Floats,
-        start: Floats,
-        state: State,
-        contacts: int,
-        *,
-        pull: bool = False,
-    ) -> Explanations:
+    def steps(self, asked: Attempt) -> Steps[Explanations]:
         """See the base class."""
-        missing = self.per_contact * contacts - start.shape[1]
+        yield f"fit of {asked.contacts}"
+        missing = self.per_contact * asked.contacts - asked.start.shape[1]
         if missing > 0:
-            start = np.concatenate([start, np.zeros((len(y), missing))], 1)
-        if self.live and len(y) == 1:
+            more = np.zeros((len(asked.y), missing))
+            asked = asked._replace(start=np.concatenate([asked.start, more], 1))
+        if self.live and len(asked.y) == 1:
             # The steps of one lane delay no other.
-            steps = _FIRST_STEPS + _MORE_STEPS
-            limits = self.limits(contacts, 1, pull)
-            fit = self._run(y, weight, start, state, steps, contacts, limits)
-            return self._gathered(fit, weight, contacts)
-        everything = np.arange(len(y))
-        limits = self.limits(contacts, self._lanes(contacts), pull)
-        fit = self._batches(y, weight, start, state, _FIRST_STEPS, contacts, everything, limits)
+            fit = self._run(asked, _FIRST_STEPS + _MORE_STEPS)
+            return self._gathered(fit, asked)
+        fit = self._batches(asked, _FIRST_STEPS)
         again = np.flatnonzero(np.isfinite(fit.chi2) & ~(fit.predicted_decrease < SETTLED))
         if again.size:
-            states = jax.tree.map(lambda x: x[..., again], fit.evaluation.state)
-            begin = np.asarray(fit.parameters).T[again]
-            more = self._batches(y, weight, begin, states, _MORE_STEPS, contacts, again, limits)
-            for whole, part in zip(jax.tree.leaves(fit), jax.tree.leaves(more), strict=True):
+            begin, state = np.asarray(fit.parameters).T, fit.evaluation.state
+            own = asked._replace(start=begin, state=state).rows(again)
+            parts = jax.tree.leaves(self._batches(own, _MORE_STEPS))
+            for whole, part in zip(jax.tree.leaves(fit), parts, strict=True):
                 whole[..., again] = part
-        return self._gathered(fit, weight, contacts)
+        return self._gathered(fit, asked)
 
     def inside(self, parameters: Floats, contacts: int) -> Floats:
         """See the base class."""
@@ -113,59 +107,40 @@ class SectionFitter(AbstractLoadFitter):
         sides = np.repeat(bounds, contacts, 0).T
         return np.repeat(sides[..., None], lanes, -1)
 
-    def _batches(
-        self,
-        y: Any,
-        weight: Any,
-        start: Any,
-        state: State,
-        steps: int,
-        contacts: int,
-        rows: Any,
-        limits: Any,
-    ) -> Fit:
-        """Fit some rows of y, a batch of lanes after the other, the last one filled up."""
-        lanes, states = self._lanes(contacts), jax.tree.map(np.asarray, state)
+    def _batches(self, asked: Attempt, steps: int) -> Fit:
+        """Fit frames, a batch of lanes after the other, the last one filled up."""
+        lanes, count = self._lanes(asked.contacts), len(asked.y)
+        asked = asked._replace(state=jax.tree.map(np.asarray, asked.state))
 
         def batch(begin: int) -> Fit:
-            pick = np.minimum(np.arange(begin, begin + lanes), len(rows) - 1)
-            there = jax.tree.map(lambda x: x[..., pick], states)
-            index = rows[pick]
-            return self._run(
-                y[index], weight[index], start[pick], there, steps, contacts, limits
-            )
+            pick = np.minimum(np.arange(begin, begin + lanes), count - 1)
+            return self._run(asked.rows(pick), steps)
 
         parts = [batch(0)]  # compiles
-        if len(rows) > lanes:
+        if count > lanes:
             # A program keeps one core busy: batches share out the others.
             with ThreadPoolExecutor(os.cpu_count()) as pool:
-                parts += pool.map(batch, range(lanes, len(rows), lanes))
-        return jax.tree.map(lambda *x: np.concatenate(x, -1)[..., : len(rows)].copy(), *parts)
+                parts += pool.map(batch, range(lanes, count, lanes))
+        return jax.tree.map(lambda *x: np.concatenate(x, -1)[..., :count].copy(), *parts)
 
-    def _run(
-        self,
-        y: Any,
-        weight: Any,
-        start: Any,
-        state: State,
-        steps: int,
-        contacts: int,
-        limits: Any,
-    ) -> Fit:
-        target = Target(y.T, weight.T, *limits)
+    def _run(self, asked: Attempt, steps: int) -> Fit:
+        """Fit frames, a lane each."""
+        y, weight, start, state, contacts, pull = asked
+        read: Any = y.T, weight.T
+        target = Target(*read, *self.limits(contacts, len(y), pull))
         program = self.program(contacts)
         fit = COMPILED.run(program, self.skin, target, start.T, state, np.array(steps))
         found: Fit = jax.tree.map(np.asarray, fit)
         return found
 
-    def _gathered(self, fit: Fit, weight: Any, contacts: int) -> Explanations:
+    def _gathered(self, fit: Fit, asked: Attempt) -> Explanations:
         wide = self._width
         jacobian = np.asarray(fit.evaluation.jacobian).transpose(2, 0, 1)
         information = np.asarray(fit.information).transpose(2, 0, 1)
         return Explanations(
             score=np.array(fit.chi2),
             chi2=np.array(fit.chi2),
-            contacts=np.full(len(fit.chi2), contacts),
+            contacts=np.full(len(fit.chi2), asked.contacts),
             parameters=widened(np.asarray(fit.parameters).T, wide),
             jacobian=widened(jacobian, wide),
             information=widened(information, wide, wide),
@@ -174,7 +149,7 @@ class SectionFitter(AbstractLoadFitter):
             min_gap=np.array(fit.evaluation.min_gap),
             so=np.array(fit.evaluation.so.T),
             q=np.asarray(fit.evaluation.state.q).transpose(2, 0, 1).copy(),
-            weight=weight.copy(),
+            weight=asked.weight.copy(),
             shift=np.zeros(fit.evaluation.so.T.shape),
             beside=np.full((len(fit.chi2), wide // self.per_contact, 1, 2), np.nan),
             eliminated=np.zeros((len(fit.chi2), 1, fit.evaluation.so.shape[0])),

@@ -23,6 +23,7 @@ from fitting.inverse_load.fit.explanation import (
     UNUSUAL,
     AbstractLoadFitter,
     Alternative,
+    Attempt,
     Explanations,
 )
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors
@@ -205,8 +206,8 @@ class Selection:
             return best
         own = best.rows(rows)
         start = own.parameters[:, : self.fitter.per_contact]
-        how = start, own.state, 1, own.shift
-        found = yield from self._loads.beside_errors(y[rows], weight[rows], *how)
+        asked = Attempt(y[rows], weight[rows], start, own.state, 1)
+        found = yield from self._loads.beside_errors(asked, own.shift)
         return best.cheapest(rows, found)[0]
 
     def _single(self, y: Any, weight: Any, node: Any) -> Steps[Explanations]:
@@ -233,7 +234,7 @@ class Selection:
 
     def _one(self, y: Any, weight: Any, start: Any, state: State) -> Steps[Explanations]:
         """One contact, from somewhere; the first thing that is known of a frame."""
-        found = yield from self.fitter.steps(y, weight, start, state, 1)
+        found = yield from self.fitter.steps(Attempt(y, weight, start, state, 1))
         self._past = (found.min_gap <= 0) & (self._p_value(found) < SUSPECT)
         self.known = self.known or found
         return (yield from self._loads.or_errors(y, weight, found, self.fitter))
@@ -263,7 +264,8 @@ class Selection:
         node = second[frames]
         start = self.nodes.near(y[frames], weight[frames], node)
         state = self.nodes.states(node)
-        found = yield from self._loads.fit(y[frames], weight[frames], start, state, 1)
+        asked = Attempt(y[frames], weight[frames], start, state, 1)
+        found = yield from self._loads.fit(asked)
         apart = self.nodes.apart(found.parameters, best.parameters[frames])
         rows = np.flatnonzero(apart & np.isfinite(found.chi2))
         better = found.chi2[rows] < best.chi2[frames[rows]]
@@ -287,9 +289,8 @@ class Selection:
             return best, frames
         own = best.rows(frames)
         start = own.parameters[:, : self.fitter.per_contact]
-        found = yield from self._loads.fit(
-            y[frames], weight[frames], start, own.state, 1, fitter=self.wide_fitter
-        )
+        asked = Attempt(y[frames], weight[frames], start, own.state, 1)
+        found = yield from self._loads.fit(asked, fitter=self.wide_fitter)
         cost = np.log(np.maximum((weight[frames] > 0).sum(1), 2))
         settled = found.predicted_decrease <= UNSETTLED
         found = found.penalised(np.where(settled, cost, np.inf))
@@ -312,7 +313,8 @@ class Selection:
             return None
         count = int(last.contacts[0])
         start = self._predicted(y, weight, last)
-        found = yield from self.several.fit(y, weight, start, last.state, count, last.shift)
+        asked = Attempt(y, weight, start, last.state, count)
+        found = yield from self.several.fit(asked, last.shift)
         new_errors = found.absorbed[0] and not last.absorbed[0]
         if self._p_value(found)[0] < PLAUSIBLE or new_errors:
             return None
@@ -336,8 +338,8 @@ class Selection:
         assert self.last is not None
         count = int(self.last.contacts[0])
         start = self._predicted(y, weight, self.last)
-        given = y, weight, start, self.last.state, count, best.shift
-        found = yield from self.several.fit(*given)
+        asked = Attempt(y, weight, start, self.last.state, count)
+        found = yield from self.several.fit(asked, best.shift)
         best, improved = best.cheapest(frames, found)
         if improved.size:
             frames = improved[self._p_value(best) < SUSPECT]

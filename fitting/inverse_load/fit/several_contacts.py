@@ -13,7 +13,12 @@ import numpy as np
 
 from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.fit.covariance import covariance_of
-from fitting.inverse_load.fit.explanation import PLAUSIBLE, AbstractLoadFitter, Explanations
+from fitting.inverse_load.fit.explanation import (
+    PLAUSIBLE,
+    AbstractLoadFitter,
+    Attempt,
+    Explanations,
+)
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors
 from fitting.inverse_load.search.base import AbstractNodeSearch, PairSearch, Start
 from fitting.steps import Steps
@@ -67,22 +72,15 @@ class SeveralContacts:
                 break
             at, parameters = at[kept], parameters[kept]
             state = State(*(x[..., kept] for x in state))
-            begin = parameters, state, count, best.shift[at]
-            found = yield from self.fit(y[at], weight[at], *begin, frame=at)
+            asked = Attempt(y[at], weight[at], parameters, state, count)
+            found = yield from self.fit(asked, best.shift[at], at)
             best, improved = best.cheapest(at, found)
             best = yield from self.without_weakest(y, weight, at, found, best)
             frames = improved[best.p_value(self.fitter.per_contact)[improved] < PLAUSIBLE]
         return best
 
     def fit(
-        self,
-        y: Any,
-        weight: Any,
-        start: Any,
-        state: State,
-        count: int,
-        shift: Floats | None = None,
-        frame: Rows | None = None,
+        self, asked: Attempt, shift: Floats | None = None, frame: Rows | None = None
     ) -> Steps[Explanations]:
         """Fits by some contacts, each beyond the first with its penalty, all of them told.
 
@@ -91,17 +89,16 @@ class SeveralContacts:
         [frame, taxel], they are fitted, too, unless loads alone do. `frame` says which frame a
         row is of, where a frame has several.
         """
-        found = yield from self.loads.fit(y, weight, start, state, count, frame=frame)
+        found = yield from self.loads.fit(asked, frame=frame)
         if shift is not None:
             unsure = ~self._told(found) | (found.p_value(self.fitter.per_contact) < PLAUSIBLE)
             rows = np.flatnonzero(shift.any(1) & unsure)
             if rows.size:
-                near = State(*(x[..., rows] for x in state))
-                given = y[rows], weight[rows], start[rows], near, count, shift[rows]
                 own = None if frame is None else frame[rows]
-                other = yield from self.loads.beside_errors(*given, own)
+                given = asked.rows(rows), shift[rows], own
+                other = yield from self.loads.beside_errors(*given)
                 found, _ = found.cheapest(rows, other)
-        cost = (count - 1) * self.penalty
+        cost = (asked.contacts - 1) * self.penalty
         return found.penalised(np.where(self._told(found), cost, np.inf))
 
     def _told(self, found: Explanations) -> Flags:
@@ -148,6 +145,6 @@ class SeveralContacts:
         start = columns.reshape(len(rows), -1, count).transpose(0, 2, 1)[kept]
         start = start.reshape(len(rows), count - 1, -1).transpose(0, 2, 1)
         start = start.reshape(len(rows), -1)
-        begin = start, found.state, count - 1, found.shift
-        fewer = yield from self.fit(y[at], weight[at], *begin)
+        asked = Attempt(y[at], weight[at], start, found.state, count - 1)
+        fewer = yield from self.fit(asked, found.shift)
         return best.cheapest(at, fewer)[0]

@@ -10,16 +10,13 @@ information and s its row::
 whose inverse is the covariance of angle and force, the length unknown.
 """
 
-from typing import Any
-
 import numpy as np
 
-from fitting.arrays import Floats
-from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.fit.explanation import Attempt, Explanations
 from fitting.inverse_load.fit.section_fitter import SectionFitter
 from fitting.inverse_load.fit.section_least_squares import WIDE_FIT_PROGRAM, Fit
 from fitting.inverse_load.search.table import LoadTable
-from suas_jax.equilibrium.state import State
+from fitting.steps import Steps
 from suas_jax.scene.skin import Skin
 
 _START = 12e-3  # length of the arc where fits begin [m]
@@ -43,21 +40,13 @@ class WideContactFitter(SectionFitter):
         self._bounds = np.concatenate([self._bounds, [[_SHORTEST**2, _LONGEST**2]]])
         self._radius = float(skin.geometry.outer_size[0])
 
-    def fit(
-        self,
-        y: Floats,
-        weight: Floats,
-        start: Floats,
-        state: State,
-        contacts: int,
-        *,
-        pull: bool = False,
-    ) -> Explanations:
-        """See the base class; `start` holds angle and force, `contacts` is one."""
-        begin = np.concatenate([start[:, :2], np.full((len(start), 1), _START**2)], 1)
-        return super().fit(y, weight, begin, state, contacts, pull=pull)
+    def steps(self, asked: Attempt) -> Steps[Explanations]:
+        """See the base class; the start holds angle and force of one contact."""
+        length = np.full((len(asked.start), 1), _START**2)
+        begin = np.concatenate([asked.start[:, :2], length], 1)
+        return super().steps(asked._replace(start=begin))
 
-    def _gathered(self, fit: Fit, weight: Any, contacts: int) -> Explanations:
+    def _gathered(self, fit: Fit, asked: Attempt) -> Explanations:
         jacobian, information = fit.evaluation.jacobian, fit.information
         own = np.where(information[2, 2] > 0, information[2, 2], np.inf)
         share = information[:2, 2] / own
@@ -68,7 +57,7 @@ class WideContactFitter(SectionFitter):
             ),
             information=information[:2, :2] - share[:, None] * information[2, :2],
         )
-        found = super()._gathered(reduced, weight, contacts)
+        found = super()._gathered(reduced, asked)
         found.eliminated[:, 0] = np.asarray(jacobian[2] / np.sqrt(own)).T
         length = np.sqrt(np.asarray(fit.parameters[2]))
         variance = 1 / np.maximum(own - (share * information[2, :2]).sum(0), 1e-300)

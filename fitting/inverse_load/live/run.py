@@ -135,11 +135,9 @@ def _log_writer(
     extra_columns: tuple[str, ...],
     report: Callable[[str], None],
 ) -> LogWriter:
-    electrodes = estimator.spec.electrodes
-    assert electrodes is not None
     assert options.log is not None
     header = log_header(
-        scale=f"{1e15 * electrodes.lsb:.6g} fF",
+        scale=f"{1e15 * estimator.spec.sensing.lsb:.6g} fF",
         start_time=datetime.now(UTC),
         port=options.port,
         frame_format=options.format_name,

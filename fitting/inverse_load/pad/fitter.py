@@ -16,6 +16,7 @@ from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.fit.explanation import (
     UNUSUAL,
     AbstractLoadFitter,
+    Attempt,
     Explanations,
     widened,
 )
@@ -89,30 +90,9 @@ class PadFitter(AbstractLoadFitter):
         self._patch = SolvedPatch(skin, interpolant, shape.radius)
         self._kept: dict[int, Correction] = {}
 
-    def fit(
-        self,
-        y: Floats,
-        weight: Floats,
-        start: Floats,
-        state: State,
-        contacts: int,
-        *,
-        pull: bool = False,
-    ) -> Explanations:
+    def steps(self, asked: Attempt) -> Steps[Explanations]:
         """See the base class; a state is what a fit nearby found, see `_found_before`."""
-        return finished(self.steps(y, weight, start, state, contacts, pull=pull))
-
-    def steps(
-        self,
-        y: Floats,
-        weight: Floats,
-        start: Floats,
-        state: State,
-        contacts: int,
-        *,
-        pull: bool = False,
-    ) -> Steps[Explanations]:
-        """See the base class."""
+        y, weight, start, state, contacts, pull = asked
         start = self._found_before(start[:, : PLAIN * contacts], state, contacts)
         if contacts == 1:
             fit = yield from self.fitting(y, weight, start, 1, None, pull)
@@ -126,10 +106,9 @@ class PadFitter(AbstractLoadFitter):
         joined = PadFit(*(np.concatenate(x) for x in zip(*fits, strict=True)))
         return self._gathered(joined, weight, contacts, np.array(gaps))
 
-    def roughly(
-        self, y: Floats, weight: Floats, start: Floats, state: State, contacts: int
-    ) -> Explanations:
+    def roughly(self, asked: Attempt) -> Explanations:
         """See the base class: several by the last correction, wherever it was solved."""
+        y, weight, start, state, contacts, _ = asked
         kept = self._kept.get(contacts)
         start = self._found_before(start[:, : PLAIN * contacts], state, contacts)
         if contacts == 1 and not self._near(kept, start[0], 1, live=True):
@@ -154,7 +133,7 @@ class PadFitter(AbstractLoadFitter):
         size = start.shape[1]
         return np.concatenate([start, whole[0, size : WHOLE * contacts].T], 1)
 
-    def fitted(
+    def fitting(
         self,
         y: Any,  # readings [frame, channel]
         weight: Any,  # inverse variances [frame, channel]
@@ -162,22 +141,10 @@ class PadFitter(AbstractLoadFitter):
         contacts: int,
         correction: Correction | None = None,  # of the interpolant
         pull: bool = False,  # whether forces pull outwards
-    ) -> PadFit:
-        """Fit all parameters, discs under radial forces first; see `PadLeastSquares.fitted`."""
-        return finished(self.fitting(y, weight, start, contacts, correction, pull))
-
-    def fitting(
-        self,
-        y: Any,
-        weight: Any,
-        start: Any,
-        contacts: int,
-        correction: Correction | None = None,
-        pull: bool = False,
         *,
         most: int = STEPS,  # steps of a frame
     ) -> Steps[PadFit]:
-        """`fitted`, in steps."""
+        """Fit all parameters, discs under radial forces first; see `PadLeastSquares.steps`."""
         given = contacts, correction, pull
         if start.shape[1] == PLAIN * contacts:
             plain = yield from self.squares.steps(y, weight, start, *given, most=most)
@@ -330,7 +297,7 @@ class PadFitter(AbstractLoadFitter):
         forces = np.repeat(whole[rows, 2:3] / 2, 2, 1)
         start = np.concatenate([places.reshape(len(rows), -1), forces], 1)
         weight = best.weight[rows]
-        fit = self.squares.fitted(y[rows], weight, start, 2, None, False)
+        fit = finished(self.squares.steps(y[rows], weight, start, 2, None, False))
         found = self.squares.judged(
             y[rows], weight, self.squares.completed(fit.parameters, 2), 2
         )
@@ -394,17 +361,9 @@ class AskewFitter(PadFitter):
         """See the base class."""
         return bool((np.isfinite(best.q[:, 0]).sum(1) == ASKEW).all())
 
-    def steps(
-        self,
-        y: Floats,
-        weight: Floats,
-        start: Floats,
-        state: State,
-        contacts: int,
-        *,
-        pull: bool = False,
-    ) -> Steps[Explanations]:
+    def steps(self, asked: Attempt) -> Steps[Explanations]:
         """See the base class."""
+        y, weight, start, state, contacts, pull = asked
         before = np.asarray(state.q)
         if before.size and (np.isfinite(before).all(0).sum(0) == ASKEW).all():
             begin = np.concatenate([start[:, :PLAIN], before[0, PLAIN:ASKEW].T], 1)

@@ -104,7 +104,7 @@ class PadErrors(AbstractSystematicErrors):
         parameters = best.parameters[:, : 3 * contacts].reshape(-1, 3, contacts)
         by_force = best.jacobian[:, 2 * contacts : 3 * contacts]
         angle, axial, force = parameters.swapaxes(0, 1)
-        return self._under(angle, axial, force, by_force, best.so[:, :-1], best.pressure)
+        return self.under(angle, axial, force, by_force, best.so[:, :-1], best.pressure)
 
     def under_field(
         self, places: Floats, force: Floats, jacobian: Floats, channels: Floats
@@ -112,9 +112,9 @@ class PadErrors(AbstractSystematicErrors):
         """See the base class."""
         angle, axial = places.T[:, None]
         given = force[None], jacobian.T[None], channels[None, :-1], channels[-1:]
-        return self._under(angle, axial, *given)[0]
+        return self.under(angle, axial, *given)[0]
 
-    def _under(
+    def under(
         self,
         angle: Floats,  # of forces [frame, force] [rad]
         axial: Floats,  # likewise [m]

@@ -123,6 +123,21 @@ class PadInterpolant:
         jacobian[..., :taxels] *= by_u[:, None]
         return Interpolated(readings, jacobian, change)
 
+    def left_out(
+        self, parameters: Floats, contacts: int, so: Floats, pressure: float, gap: float
+    ) -> Correction:
+        """What the interpolant leaves out of a solved state.
+
+        A taxel that the membrane touches is left to the interpolant.
+
+        The state has contacts [parameter], readings [taxel] [counts], a pressure of the oil
+        [Pa] and a smallest gap [m].
+        """
+        change = np.append(1 / (so - self._stray) - self._rest, pressure)
+        own = self(parameters[None], contacts).change[0]
+        missing = np.where(np.isfinite(change), change - own, 0.0)
+        return Correction(parameters.copy(), missing, gap)
+
     def _plain(self, x: Floats) -> tuple[Floats, Floats]:
         """Change of u by the table's disc [frame, channel], and its slopes."""
         cap = self._cap(x)

@@ -28,7 +28,7 @@ from fitting.inverse_load.pad.interpolant import (
     PadInterpolant,
 )
 from fitting.inverse_load.pad.marginal import PRIOR_OF_TANGENTS
-from fitting.steps import Steps, finished
+from fitting.steps import Steps
 
 PRIOR = np.array([0.6, 0.5, PRIOR_OF_TANGENTS, PRIOR_OF_TANGENTS])
 """Standard deviations of a contact's ln d, slenderness and tangents (see `interpolant`)."""
@@ -140,7 +140,7 @@ class PadLeastSquares:
         contacts: int,
         correction: Correction | None = None,
     ) -> PadFit:
-        """What parameters leave of readings, and where it leads; see `fitted`."""
+        """What parameters leave of readings, and where it leads; see `steps`."""
         found = self._interpolant(parameters, contacts, correction)
         used = weight > 0
         residual = np.where(used, y - found.readings, 0.0)
@@ -161,51 +161,25 @@ class PadLeastSquares:
             information[:, k, k] += (slope / sigma) ** 2
         return PadFit(parameters, found.readings, found.jacobian, chi2, gradient, information)
 
-    def fitted(
+    def steps(
         self,
         y: Any,  # readings [frame, channel]
         weight: Any,  # inverse variances [frame, channel]
-        start: Any,
+        start: Any,  # [frame, parameter]: PLAIN, WHOLE or ASKEW a contact, all of them fitted
         contacts: int,
         correction: Correction | None,  # of the interpolant
         pull: bool,  # whether forces pull outwards
-    ) -> PadFit:
-        """Fit frames.
-
-        The start has parameters [frame, parameter], PLAIN, WHOLE or ASKEW of them a contact: so
-        many are fitted.
-        """
-        return finished(self.steps(y, weight, start, contacts, correction, pull))
-
-    def steps(
-        self,
-        y: Any,
-        weight: Any,
-        start: Any,
-        contacts: int,
-        correction: Correction | None,
-        pull: bool,
         *,
         most: int = STEPS,  # steps of a frame, which may be too few to settle
     ) -> Steps[PadFit]:
-        """`fitted`, in steps; a few frames together: what they need fits in the cache."""
-        parts = []
-        for begin in range(0, len(y), _CHUNK):
-            rows = slice(begin, begin + _CHUNK)
-            part = (y[rows], weight[rows], start[rows])
-            parts.append((yield from self._walk(*part, contacts, correction, pull, most)))
-        return PadFit(*(np.concatenate(x) for x in zip(*parts, strict=True)))
-
-    def _walk(
-        self,
-        y: Any,
-        weight: Any,
-        start: Any,
-        contacts: int,
-        correction: Correction | None,
-        pull: bool,
-        most: int,
-    ) -> Steps[PadFit]:
+        """Fit frames; a few together: what they need fits in the cache."""
+        if len(y) > _CHUNK:
+            how, parts = (contacts, correction, pull), []
+            for begin in range(0, len(y), _CHUNK):
+                rows = slice(begin, begin + _CHUNK)
+                own = y[rows], weight[rows], start[rows]
+                parts.append((yield from self.steps(*own, *how, most=most)))
+            return PadFit(*(np.concatenate(x) for x in zip(*parts, strict=True)))
         name = f"step of {contacts} in {len(y)}"
         yield name
         low, high = self.bounds(start, contacts, pull)

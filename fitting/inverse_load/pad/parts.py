@@ -22,6 +22,7 @@ from fitting.inverse_load.pad.kept_table import pad_table_of
 from fitting.inverse_load.pad.marginal import Told
 from fitting.inverse_load.pad.table import FINE, PadResolution, PadTable
 from fitting.inverse_load.search.base import AbstractNodeSearch, PairSearch
+from fitting.steps import finished
 from suas_jax.config import InputErrors, SkinSpec
 from suas_jax.equilibrium.state import State
 from suas_jax.runtime.start import before_computing
@@ -124,8 +125,8 @@ class PadPosterior(AbstractLoadPosterior):
         correction = fitter.correction(centre, count)
         weight, told = mode.weight[:1], fitter.told
         start = centre[None, : PLAIN * count]
-        at = fitter.fitted(y[None], weight, start, count, correction, pull).parameters[0]
-        at, other = told.turned(at[None], count)[0][0], told.columns(count)[1]
+        fit = finished(fitter.fitting(y[None], weight, start, count, correction, pull))
+        at, other = told.turned(fit.parameters, count)[0][0], told.columns(count)[1]
 
         def log_probability(points: Floats) -> Floats:
             whole = told.whole(points, at, count)

@@ -51,37 +51,24 @@ class SolvedContacts:
     ) -> None:
         self._skin, self._interpolant = skin, interpolant
         self._most = max(most_contacts, 2)
-        table = interpolant.table
-        self._stray, self._rest = table.stray, 1 / (table.rest - table.stray)
 
     def correction(self, parameters: Floats, contacts: int) -> Correction | None:
         """Solve some contacts of the table's diameter; None where no state was found.
 
         The parameters are angles, axial positions and inward forces [parameter].
         """
-        found = self._solve(parameters.reshape(-1, contacts))
-        if found is None:
-            return None
-        change, gap = found
-        own = self._interpolant(parameters[None], contacts).change[0]
-        # A taxel that the membrane touches is left to the interpolant.
-        missing = np.where(np.isfinite(change), change - own, 0.0)
-        return Correction(parameters.copy(), missing, gap)
-
-    def _solve(self, rows: Floats) -> tuple[Floats, float] | None:
-        """Change of u and the oil's pressure [channel], and smallest gap, under contacts."""
         from suas_jax.scene.forward import forward
         from suas_jax.scene.loads import Loads
 
-        count, table = rows.shape[1], self._interpolant.table
+        rows, table = parameters.reshape(-1, contacts), self._interpolant.table
         # What is not used lies where the first one is, without a force.
-        columns = np.array([np.append(x, np.full(self._most - count, x[0])) for x in rows])
-        columns[2, count:] = 0.0
-        columns[2, :count] = table.force_on_mesh(*columns[:, :count])
+        columns = np.array([np.append(x, np.full(self._most - contacts, x[0])) for x in rows])
+        columns[2, contacts:] = 0.0
+        columns[2, :contacts] = table.force_on_mesh(*columns[:, :contacts])
         angle, axial, force = columns[..., None]
         found = forward(self._skin(), Loads.patch(angle, axial, force, table.diameter))
         if not bool(found.solved[0]):
             return None
-        u = 1 / (np.asarray(found.so)[:, 0] - self._stray)
-        change = np.append(u - self._rest, np.asarray(found.oil_pressure))
-        return change, float(found.min_gap[0])
+        numbers = float(found.oil_pressure[0]), float(found.min_gap[0])
+        so = np.asarray(found.so)[:, 0]
+        return self._interpolant.left_out(parameters, contacts, so, *numbers)

@@ -50,13 +50,9 @@ class SolvedPatch:
         found = model.state(radial[2] * share, self._start)
         if int(found.outcome) != 0:
             return None
-        table = self._interpolant.table
-        u = 1 / (np.asarray(found.so) - table.stray)
-        change = np.append(u - 1 / (table.rest - table.stray), float(found.pressure))
-        own = self._interpolant(radial[None], 1).change[0]
-        # A taxel that the membrane touches is left to the interpolant.
-        missing = np.where(np.isfinite(change), change - own, 0.0)
-        return Correction(parameters.copy(), missing, float(found.min_gap))
+        solved = np.asarray(found.so), float(found.pressure), float(found.min_gap)
+        missing = self._interpolant.left_out(radial, 1, *solved)
+        return missing._replace(parameters=parameters.copy())
 
 
 def patch_points(parameters: Floats, radius: float) -> tuple[Floats, Floats]:

@@ -52,12 +52,10 @@ def even_spec(spec: SkinSpec) -> SkinSpec:
     """The same pad with the mean of its thickness and gap everywhere, and equal channels."""
     geometry = spec.geometry
     means = {"thickness": geometry.mean_thickness, "oil_gap": geometry.mean_gap}
-    electrodes = spec.electrodes
-    assert electrodes is not None
     return spec.model_copy(
         update={
             "geometry": geometry.model_copy(update=means),
-            "electrodes": electrodes.with_equal_channels(),
+            "electrodes": spec.sensing.with_equal_channels(),
             "calibration": None,
         }
     )

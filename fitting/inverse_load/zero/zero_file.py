@@ -8,7 +8,6 @@
 The values take the place of the skin file's, their covariance that of its tolerances.
 """
 
-import hashlib
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -25,7 +24,7 @@ from suas_jax.config.input_errors import WARMTH, as_assembled
 from suas_jax.config.schema_calibration import CalibrationSpec
 from suas_jax.config.toml_file import MOST_BYTES, read_toml
 from suas_jax.config.validation import validate_table
-from suas_jax.files.reading import read_bytes
+from suas_jax.files.reading import read_bytes, sha256_of
 
 ENDING = ".zero.toml"
 MARK = "written by suas zero"
@@ -94,12 +93,8 @@ def _unit(spec: SkinSpec, path: str) -> str:
 
 def _file(path: Path, most: int) -> Any:
     row = tomlkit.inline_table()
-    row.update({"path": str(path), "sha256": _digest(path, most)})
+    row.update({"path": str(path), "sha256": sha256_of(path, most)})
     return row
-
-
-def _digest(path: Path, most: int) -> str:
-    return hashlib.sha256(read_bytes(path, most)).hexdigest()
 
 
 def read_zero(path: Path, skin: Path) -> CalibrationSpec:
@@ -122,7 +117,7 @@ def read_zero(path: Path, skin: Path) -> CalibrationSpec:
     if len(sizes) != 1 or not record.parameters or not finite:
         advice = "parameters, values and covariance need as many finite entries each"
         raise ConfigError([Mistake(file, "zero", advice)])
-    if record.skin is None or record.skin.sha256 != _digest(skin, MOST_BYTES):
+    if record.skin is None or record.skin.sha256 != sha256_of(skin, MOST_BYTES):
         raise ConfigError(
             [
                 Mistake(

@@ -24,6 +24,7 @@ from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.friction import equilibrium_with_friction
 from suas_jax.mechanics.model import Meshes
+from suas_jax.numerics.lanes import by_lane
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.build import problem_of
 from suas_jax.scene.observables import load_observables
@@ -127,14 +128,10 @@ class SkinCurve(AbstractExperiment):
             return function(self.level, self.start)
 
         def one(case: tuple[Array, State]) -> tuple[Array, State]:
-            found = function(*jax.tree.map(lambda x: x[..., None], case))
-            alone: tuple[Array, State] = jax.tree.map(lambda x: x[..., 0], found)
+            alone: tuple[Array, State] = jax.tree.map(lambda x: x[..., 0], function(*case))
             return alone
 
-        cases = jax.tree.map(lambda x: jnp.moveaxis(x, -1, 0), (self.level, self.start))
-        together: tuple[Array, State] = jax.tree.map(
-            lambda x: jnp.moveaxis(x, 0, -1), jax.lax.map(one, cases)
-        )
+        together: tuple[Array, State] = by_lane((self.level, self.start), one)
         return together
 
 

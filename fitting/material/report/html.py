@@ -4,7 +4,6 @@ The page may be opened anywhere: it asks no host for anything, and its own polic
 """
 
 import contextlib
-import hashlib
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -19,7 +18,7 @@ from fitting.material.report.description import described
 from fitting.material.report.plots import plot_material
 from fitting.report.page import embedded, page
 from suas_jax.config.schema_scene import LAWS
-from suas_jax.files.reading import MEGABYTE, read_bytes
+from suas_jax.files.reading import MEGABYTE, sha256_of
 from suas_jax.files.writing import write_text
 
 _MOST_BYTES = 64 * MEGABYTE
@@ -53,8 +52,7 @@ def _provenance(sets: Sequence[Dataset]) -> list[dict[str, Any]]:
     for data in sets:
         entry = {"file": data.file, "mode": data.mode, "sha256": None}
         with contextlib.suppress(OSError, ValueError):
-            content = read_bytes(Path(data.file), _MOST_BYTES)
-            entry["sha256"] = hashlib.sha256(content).hexdigest()
+            entry["sha256"] = sha256_of(data.file, _MOST_BYTES)
         readings = {
             "readings_fitted": data.size,
             "readings_stand_for": float(data.weight.sum()),

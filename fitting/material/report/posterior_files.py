@@ -15,6 +15,7 @@ from fitting.statistics.posterior import PosteriorError, Settings
 from suas_jax.figures.style import styled
 from suas_jax.figures.style import written as figure_written
 from suas_jax.files.writing import written
+from suas_jax.runtime.optional import optional
 
 
 def to_arviz(found: MaterialPosterior) -> Any:
@@ -22,12 +23,9 @@ def to_arviz(found: MaterialPosterior) -> Any:
 
     Raises ValueError: ArviZ is not installed.
     """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", FutureWarning)
-            import arviz
-    except ImportError:
-        raise ValueError('--arviz needs ArviZ: pip install "suas-jax[posterior]"') from None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)
+        arviz = optional("arviz", "--arviz needs", "posterior")
     posterior = found.posterior
     kept = posterior.chain[posterior.burn_in :].swapaxes(0, 1)
     values = found.constants(kept.reshape(-1, kept.shape[-1])).reshape(*kept.shape[:2], -1)
@@ -48,10 +46,7 @@ def plot_corner(found: MaterialPosterior, file: Path) -> None:
 
     Raises ValueError: corner is not installed.
     """
-    try:
-        import corner
-    except ImportError:
-        raise ValueError('--corner needs corner: pip install "suas-jax[posterior]"') from None
+    corner = optional("corner", "--corner needs", "posterior")
     family = found.fit.family
     size = np.array([1e6 if unit == "Pa" else 1.0 for unit in family.units])
     labels = [

@@ -189,7 +189,7 @@ def disagreement_warning(problem: SensorProblem, constants: np.ndarray) -> str:
 def exchanged_warning(problem: SensorProblem, constants: np.ndarray, data: SensorData) -> str:
     """A warning where taxels that were left out read as each other should, or nothing."""
     here, so = problem.readings, problem.predicted(constants)
-    modules, numbers = data.spec.electrodes.taxel_names  # type: ignore[union-attr]
+    modules, numbers = data.spec.sensing.taxel_names
     out = np.flatnonzero(here.present.any(1) & ~here.used.any(1))
 
     def follows(i: int, k: int) -> bool:
@@ -213,8 +213,7 @@ def exchanged_warning(problem: SensorProblem, constants: np.ndarray, data: Senso
 
 def noise_warning(noise: np.ndarray, data: SensorData) -> str:
     """A warning where residuals are much more than the stated noise, or nothing."""
-    assert data.spec.electrodes is not None
-    stated, found = data.spec.electrodes.noise, float(np.nanmedian(noise))
+    stated, found = data.spec.sensing.noise, float(np.nanmedian(noise))
     if not stated > 0 or found < _NOISY * max(stated, 1.0):
         return ""
     return (
@@ -231,7 +230,7 @@ def masked_taxels(
     `touching` are the readings of taxels that the membrane touches [taxel, frame]; the data
     name the taxels.
     """
-    modules, numbers = data.spec.electrodes.taxel_names  # type: ignore[union-attr]
+    modules, numbers = data.spec.sensing.taxel_names
     here = problem.readings
     found = []
     for i, (m, k) in enumerate(zip(modules, numbers, strict=True)):

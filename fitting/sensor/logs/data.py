@@ -6,7 +6,6 @@ saturated taxels, repeated frames, frames without known inputs.
 
 import dataclasses
 import functools
-import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from fitting.sensor.logs.log import AlignedLog, Masked, read_aligned
 from fitting.surroundings import Surroundings, spec_at, told_at_mean
 from suas_jax.acquisition.log.reader import MOST_BYTES
 from suas_jax.config import SkinSpec
-from suas_jax.files.reading import read_bytes
+from suas_jax.files.reading import sha256_of
 from suas_jax.skin.plain import angles_at
 
 
@@ -186,10 +185,10 @@ def _joined(spec: SkinSpec, parts: Sequence[AlignedLog], joint: bool) -> SensorD
     files = tuple(
         LogFile(
             str(p.path),
-            _sha256(p.path),
+            sha256_of(p.path, MOST_BYTES),
             len(p.time),
             tuple(sorted({fluid_name(x) for x in p.permittivity})),
-            None if p.inputs is None else (str(p.inputs), _sha256(p.inputs)),
+            None if p.inputs is None else (str(p.inputs), sha256_of(p.inputs, MOST_BYTES)),
         )
         for p in parts
     )
@@ -242,7 +241,3 @@ def _only_bodies(table: Table, parts: Sequence[AlignedLog], warnings: list[str])
     radius = table["radius"]
     sizes = np.max(radius, axis=1, keepdims=True)
     table["radius"] = np.where(radius > 0, radius, np.where(sizes > 0, sizes, np.max(sizes)))
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(read_bytes(path, MOST_BYTES)).hexdigest()

@@ -125,7 +125,7 @@ def read_aligned(
     frames = group_frames(_without_repeats(log))
     if not len(frames):
         raise ValueError(f"{path}: the log is empty: it has no frames")
-    modules, numbers = spec.electrodes.taxel_names  # type: ignore[union-attr]
+    modules, numbers = spec.sensing.taxel_names
     so = np.full((len(modules), len(frames)), np.nan)
     for i, (m, k) in enumerate(zip(modules, numbers, strict=True)):
         row = np.flatnonzero(frames.modules == m)
@@ -191,14 +191,13 @@ def _unknown_columns(log: SoLog) -> list[str]:
 
 def _check_header(spec: SkinSpec, log: SoLog) -> None:
     """Refuse a log whose own header says that its counts are something else."""
-    assert spec.electrodes is not None
     scale = log.header.get("scale", "").strip()
     if scale:
         try:
             lsb = parse_quantity(scale, "capacitance")
         except ValueError as error:
             raise ValueError(f'{log.path}, header scale "{scale}": {error}') from None
-        own = spec.electrodes.lsb
+        own = spec.sensing.lsb
         if abs(lsb / own - 1) > _SAME_SCALE:
             raise ValueError(
                 f"{log.path}, header scale: one count is {format_quantity(lsb, 'capacitance')} "
@@ -212,7 +211,7 @@ def _check_header(spec: SkinSpec, log: SoLog) -> None:
 
 def _place(spec: SkinSpec, log: SoLog) -> dict[int, int]:
     """Number of taxels of the skin's modules, after a check that the log has the same."""
-    modules, numbers = spec.electrodes.taxel_names  # type: ignore[union-attr]
+    modules, numbers = spec.sensing.taxel_names
     sizes = {
         m: max(k for n, k in zip(modules, numbers, strict=True) if n == m) for m in modules
     }

@@ -215,7 +215,7 @@ def gathered(
 
 def _at_rest(data: SensorData, baseline: Baseline) -> tuple[np.ndarray, np.ndarray]:
     """Mean counts at rest and their standard errors, in the order of the taxels."""
-    modules, numbers = (np.array(x) for x in data.spec.electrodes.taxel_names)  # type: ignore[union-attr]
+    modules, numbers = (np.array(x) for x in data.spec.sensing.taxel_names)
     rows = np.unique(modules)
     empty = np.full((len(rows), int(numbers.max())), np.nan)
     like = Baseline(rows, empty, empty, 0, {})
@@ -230,8 +230,7 @@ def _at_rest(data: SensorData, baseline: Baseline) -> tuple[np.ndarray, np.ndarr
 
 def _first_noise(data: SensorData, so: np.ndarray) -> np.ndarray:
     """Noise of every taxel to start from: the skin file's, or what neighbours show."""
-    assert data.spec.electrodes is not None
-    stated = data.spec.electrodes.noise
+    stated = data.spec.sensing.noise
     if stated > 0:
         return np.full(len(so), np.hypot(stated, ROUNDING))
     second = np.diff(so, 2, axis=1) if so.shape[1] > 2 else np.zeros((len(so), 1))

@@ -69,8 +69,7 @@ def as_built(spec: SkinSpec) -> SkinSpec:
     """A skin that names all that may differ from its drawing, with the drawing's values."""
     spec = naming(spec, (FILL, MOUNTING) if spec.oil.trapped else (MOUNTING,))
     geometry = {key: _tabled(spec, key) for key in _TABLES}
-    electrodes = spec.electrodes
-    assert electrodes is not None
+    electrodes = spec.sensing
     own: dict[str, Any]
     if electrodes.layout == "list":
         own = {

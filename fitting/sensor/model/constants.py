@@ -167,7 +167,6 @@ def named(spec: SkinSpec, name: str) -> SensorConstant:
     Raises ValueError: there is none; names those that there are.
     """
     own = ALIASES.get(name.strip(), name.strip())
-    assert spec.electrodes is not None
     gap, permittivity = spec.geometry.mean_gap, spec.oil.relative_permittivity or 2.0
     if own in (GAP, THICKNESS) and not isinstance(getattr(spec.geometry, own), float):
         raise ValueError(
@@ -177,7 +176,7 @@ def named(spec: SkinSpec, name: str) -> SensorConstant:
     known: dict[str, tuple[Any, ...]] = {
         PERMITTIVITY: ("1", permittivity),
         GAP: ("m", gap),
-        SCALE: ("F", spec.electrodes.lsb),
+        SCALE: ("F", spec.sensing.lsb),
         # Of the order of a taxel's own capacitance.
         STRAY: ("F", _VACUUM * permittivity * _DIAMETER**2 / gap, False, 0.0),
         LAYERS: ("m", gap / permittivity, False, 0.0),
@@ -231,7 +230,7 @@ def single_gaps(
     shared = [part for part in parts if part.name == GAP]
     if gaps == "global" or not shared:
         return parts, None
-    modules, numbers = spec.electrodes.taxel_names  # type: ignore[union-attr]
+    modules, numbers = spec.sensing.taxel_names
     keys = [
         f"{GAP}.{m}" if gaps == "module" else f"{GAP}.{m}.{k}"
         for m, k in zip(modules, numbers, strict=True)

@@ -38,8 +38,7 @@ def parts_of(
     says.
     """
     parts = skin_parts(spec, inputs)
-    electrodes = parts.electrodes
-    assert electrodes is not None
+    electrodes = parts.sensing()
     if LAYERS in inputs:
         layers = jnp.asarray(inputs[LAYERS], float)[..., None]
         electrodes = eqx.tree_at(lambda e: e.layers, electrodes, layers)
@@ -76,9 +75,8 @@ class SensorModel(eqx.Module):
     @property
     def _gains(self) -> list[int]:
         """Positions of the gains, taxel after taxel, where every taxel has one."""
-        assert self.spec.electrodes is not None
         gains = [i for i, name in enumerate(self.family.names) if is_gain(name)]
-        every = sum(self.spec.electrodes.taxels_by_module.values())
+        every = sum(self.spec.sensing.taxels_by_module.values())
         return gains if len(gains) == every else []
 
     def so_with_slopes(

@@ -96,7 +96,7 @@ def plot_relaxation(fit: RelaxationFit, file: Path | None = None) -> Figure:
     """Draw the readings of the taxels that move most, and the model, against time."""
     figure = Figure(figsize=(9.0, 3.2 * len(fit.presses)), layout="constrained")
     rows = figure.subplots(len(fit.presses), 1, squeeze=False)[:, 0]
-    modules, numbers = fit.data.spec.electrodes.taxel_names  # type: ignore[union-attr]
+    modules, numbers = fit.data.spec.sensing.taxel_names
     for axes, press, readings in zip(rows, fit.presses, fit.trial.readings, strict=True):
         model = press.so - press.deviation * unexplained(press, readings[:1])[0]
         moves = np.where(np.isfinite(press.so).any(1), np.ptp(readings[0], axis=1), 0.0)

@@ -43,7 +43,7 @@ def plot_sensor(
 
 
 def _draw_counts(fit: SensorFit, axes: "Axes") -> None:
-    modules, numbers = fit.data.spec.electrodes.taxel_names  # type: ignore[union-attr]
+    modules, numbers = fit.data.spec.sensing.taxel_names
     errors, measured = fit.errors, fit.data.so
     for i in range(len(modules)):
         used = np.isfinite(errors[i])

@@ -1,6 +1,5 @@
 """Write a calibrated skin file: the original with new numbers and the record of the fit."""
 
-import hashlib
 import platform
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -34,7 +33,7 @@ from suas_jax.config.geometry import SheetSpec
 from suas_jax.config.input_errors import stresses_of
 from suas_jax.config.schema_skin import MODULE_TAXELS
 from suas_jax.config.toml_file import MOST_BYTES
-from suas_jax.files.reading import read_bytes
+from suas_jax.files.reading import read_bytes, sha256_of
 
 _PLACES = {
     GAP: ("geometry", "oil_gap", "mm", 1e-3),
@@ -91,8 +90,7 @@ def _text(value: float, unit: str) -> Any:
 
 def _layers(spec: SkinSpec, total: float) -> list[dict[str, Any]]:
     """Layers with a given sum of thickness over permittivity [m]."""
-    assert spec.electrodes is not None
-    layers = spec.electrodes.layers
+    layers = spec.sensing.layers
     now = sum(layer.thickness / layer.relative_permittivity for layer in layers)
     if total <= 0.0:
         return []
@@ -141,8 +139,7 @@ def _set_as_built(document: Any, spec: SkinSpec, found: dict[str, float]) -> Non
 def _set_heights(document: Any, fit: SensorFit) -> None:
     """Write the gaps of single taxels or modules as heights of their electrodes."""
     assert fit.problem.model.gap_of is not None
-    electrodes = fit.data.spec.electrodes
-    assert electrodes is not None
+    electrodes = fit.data.spec.sensing
     gaps = fit.constants[list(fit.problem.model.gap_of)]
     heights = [_text((fit.data.spec.geometry.oil_gap - gap) / 1e-3, "mm") for gap in gaps]
     if electrodes.layout == "list":
@@ -209,7 +206,7 @@ def _record(skin: Path, fit: SensorFit) -> Any:
         table["force_scatter"] = float(f"{fit.force_scatter:.6g}")
     if fit.discrepancy is not None:
         table["discrepancy"] = _discrepancy(fit.discrepancy)
-    table["skin"] = _file(str(skin), hashlib.sha256(read_bytes(skin, MOST_BYTES)).hexdigest())
+    table["skin"] = _file(str(skin), sha256_of(skin, MOST_BYTES))
     logs = tomlkit.array()
     for file in fit.data.files:
         logs.append(_file(file.path, file.sha256))

@@ -30,9 +30,7 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
     def by_name(values: Any) -> dict[str, Any]:
         return dict(zip(names, values, strict=True))
 
-    electrodes = fit.data.spec.electrodes
-    assert electrodes is not None
-    modules, numbers = electrodes.taxel_names
+    modules, numbers = fit.data.spec.sensing.taxel_names
     errors = fit.errors
     rms = float(np.sqrt(np.nanmean(errors**2)))
     held = {

@@ -94,9 +94,8 @@ class SceneStates:
             raise ValueError("known loads on a pad are radial: leave the direction out")
         if (np.isfinite(told.displacement).sum(0) > 1).any():
             raise ValueError("on a pad only one displacement at a time can be a known input")
-        assert spec.electrodes is not None
         # Gains move no membrane, and are hundreds of numbers.
-        electrodes = spec.electrodes.with_equal_channels()
+        electrodes = spec.sensing.with_equal_channels()
         spec = spec.model_copy(update={"electrodes": electrodes})
         self._spec, self._told, self._progress = spec, told, progress
         self._whole_slopes = whole_slopes

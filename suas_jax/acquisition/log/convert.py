@@ -14,6 +14,7 @@ from suas_jax.acquisition.log.log_file import LogFileError, LogWriter, SoLog, re
 from suas_jax.acquisition.log.reader import MOST_BYTES
 from suas_jax.files.reading import check_readable, read_bytes
 from suas_jax.files.writing import check_output, write_bytes, written
+from suas_jax.runtime.optional import optional
 
 if TYPE_CHECKING:
     import xarray
@@ -49,14 +50,7 @@ def _chosen(by_ending: dict[str, Any], file: Path) -> Any:
 
 
 def _library(name: str, what: str) -> ModuleType:
-    import importlib
-
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        raise ValueError(
-            f'{what} files need {name}, which is not installed: pip install "suas-jax[tables]"'
-        ) from None
+    return optional(name, f"{what} files need", "tables")
 
 
 def write_csv(log: SoLog, path: Path) -> None:
