@@ -85,8 +85,8 @@ class Course(NamedTuple):
         }
         return with_inputs(self.scene, peak)
 
-    def block(self, first: int, count: int) -> tuple[Rows, int]:
-        """Some rows, and how many of them there are; the last one is repeated to fill up."""
+    def block(self, first: int, count: int) -> Rows:
+        """Some rows; the last one is repeated to fill up."""
         index = np.minimum(np.arange(first, first + count), len(self.time) - 1)
         before = np.maximum(index - 1, 0)
         more = np.arange(first, first + count) >= len(self.time)
@@ -96,8 +96,8 @@ class Course(NamedTuple):
             for key, x in self.values.items()
         }
         end = {key: x[index] for key, x in self.values.items()}
-        found = jax.tree.map(jnp.asarray, (begin, self.time[index], start, end))
-        return Rows(*found), int(np.sum(~more))
+        rows = begin, self.time[index], start, end, ~more
+        return Rows(*jax.tree.map(jnp.asarray, rows))
 
 
 def _load_inputs(scene: SceneSpec) -> dict[str, float]:

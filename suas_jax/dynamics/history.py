@@ -207,7 +207,7 @@ class _Follower:
         wall = course.scene.wall.contact and any(p["wall_contact"] for p in own)
         spec = course.scene.responding("instantaneous")
         known = Structure(spec, wall=wall), self.errors.plan, inputs_of(spec)
-        rows, _ = course.block(0, row + 1)
+        rows = course.block(0, row + 1)
         tolerance = np.asarray(_STEP_SHARE * course.scene.rtol)
         peak: Any = {k: x[np.argmax(np.abs(x))] for k, x in course.values.items()}
         taken = record(known, rows, course.rest, peak, tolerance)
@@ -239,7 +239,7 @@ class _Follower:
         course = self.course
         spec = course.scene.responding("instantaneous")
         known = Structure(spec, wall=wall), self.errors.plan, inputs_of(spec)
-        rows, count = course.block(first, _BLOCK)
+        rows = course.block(first, _BLOCK)
         moves = self.film.included
         if moment is None:
             values = {key: np.asarray(x) for key, x in course.rest.items()}
@@ -256,7 +256,7 @@ class _Follower:
             through_film if moves else through, *known, rows, moment, tolerance, **effort
         )
         points, shown = [], np.asarray(outcomes.pop("shown"))
-        for i in range(count):
+        for i in range(int(rows.told.sum())):
             outcome = plain(outcomes, i)
             errors = {
                 "discretisation_error": self.errors.mesh,

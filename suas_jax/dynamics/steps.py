@@ -87,6 +87,7 @@ class Rows(NamedTuple):
     end: Float[Array, " row"]  # time of the row [s]
     first: Values  # values at its begin
     final: Values  # the same at its end
+    told: Bool[Array, " row"]  # whether it is one of the history: others fill a block up
 
 
 def followed_part(plan: AbstractPlan) -> AbstractPlan:
@@ -208,9 +209,17 @@ def followed(
         late = (now.time < row.end) & (now.steps >= MOST_STEPS)
         result = jnp.where(late & (now.result == 0), index_of("max_steps"), now.result)
         now = now._replace(result=result.astype(now.result.dtype))
-        return now, read(now)
+        return now, read_where_told(read, now, row)
 
     return jax.lax.scan(visit, start, rows)
+
+
+def read_where_told(read: Callable[[Any], Any], now: Any, row: Rows) -> Any:
+    """What is read at the end of a row; zeros, which cost nothing, of one that fills up."""
+    traced = eqx.filter_closure_convert(read, now)  # once, for its shapes and for itself
+    shapes = jax.eval_shape(traced, now)
+    nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+    return jax.lax.cond(row.told, lambda now: traced(now), lambda _: nothing, now)
 
 
 def entered(now: Moment, row: Rows) -> Moment:

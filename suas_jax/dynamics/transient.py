@@ -22,6 +22,7 @@ from suas_jax.dynamics.steps import (
     bend_weight,
     followed_part,
     observed_at,
+    read_where_told,
 )
 from suas_jax.dynamics.tr_bdf2 import Moving, tried
 from suas_jax.equilibrium.outcomes import index_of
@@ -108,7 +109,10 @@ def through_film(
         late = (now.time < row.end) & (now.result == 0)
         result = jnp.where(late, index_of("max_steps"), now.result)
         now = now._replace(result=result.astype(now.result.dtype))
-        return now, observed_at(skin, as_whole(part, now))
+        return now, read_where_told(observed, now, row)
+
+    def observed(now: Moving) -> tuple[dict[str, Any], dict[str, Array]]:
+        return observed_at(skin, as_whole(part, now))
 
     end, (reports, outcomes) = jax.lax.scan(visit, start, rows)
     return reports, outcomes, end

@@ -178,4 +178,5 @@ def _rows(
     if first == 0:
         begin = {k: np.concatenate([rest[k][None], x[1:]]) for k, x in begin.items()}
     end = {k: x[index] for k, x in values.items()}
-    return Rows(*jax.tree.map(jnp.asarray, (time[before], time[index], begin, end)))
+    rows = time[before], time[index], begin, end, wanted < len(time)
+    return Rows(*jax.tree.map(jnp.asarray, rows))

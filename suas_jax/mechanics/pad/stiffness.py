@@ -1,9 +1,10 @@
 """The pad's stiffness matrix: from second derivatives at points to bands of stations.
 
 Elements go through one scan along the stations, a row of elements across at a time: small
-enough for the cache, and one matrix product each. Along the stations the product's table
-already holds the splines of that row, across it holds Bernstein polynomials, turned into
-control values afterwards.
+enough for the cache. Quadrature points are summed along the stations first, then across: a
+fifth of the operations of one sum over both. Along the stations the table already holds the
+splines of that row, across it holds Bernstein polynomials, turned into control values
+afterwards.
 """
 
 from collections.abc import Sequence
@@ -57,8 +58,8 @@ def upper_bands(
     table = splines[left][:, :, ROWS] * splines[right][:, :, COLUMNS]
     table = table * (tables.weights[:, None, None] * lengths)
     table = jnp.transpose(table, (3, 2, 0, 1))  # [element, slots, pair, gauss]
-    bernstein = np.stack([tables.across[group] for group in groups])  # [group, gauss, 16]
-    bernstein = jnp.asarray(bernstein.reshape(-1, 16).T)
+    shapes = np.stack([tables.across[group] for group in groups])  # [group, gauss, 16]
+    bernstein = jnp.asarray(shapes.reshape(-1, 16).T)
     count, gauss = topology.across.elements, len(tables.weights)
     # Extraction across for the components of rows and of columns.
     width = topology.width
@@ -70,14 +71,12 @@ def upper_bands(
     def row(_: None, at: tuple[Array, Array]) -> tuple[None, Array]:
         block, mine = at
         block = jnp.concatenate([block, jnp.swapaxes(block[mixed], 3, 4)])[np.array(by_group)]
-        parts = zip(jnp.split(mine, ends, 1), jnp.split(block, ends), strict=True)
-        along = jnp.stack(
-            [
-                own.reshape(len(SLOTS), -1) @ values.reshape(own[0].size, -1)
-                for own, values in parts
-            ]
-        )
-        along = along.reshape(len(groups), len(SLOTS), gauss, -1)
+        by_groups = zip(jnp.split(mine, ends, 1), jnp.split(block, ends), strict=True)
+        halves = [
+            splines.reshape(len(SLOTS), -1) @ points.reshape(splines[0].size, -1)
+            for splines, points in by_groups
+        ]
+        along = jnp.stack(halves).reshape(len(groups), len(SLOTS), gauss, -1)
         k = bernstein @ jnp.swapaxes(along, 1, 2).reshape(len(groups) * gauss, -1)
         k = k.reshape(4, 4, len(SLOTS), width**2 * count)
         k = total(k[a] * of_rows[:, a] for a in range(4))
