@@ -230,6 +230,33 @@ def test_what_explains_a_log_is_named_however_small(
     assert ("electrodes.lsb" in changes) is not noise
 
 
+def test_a_fit_that_has_not_arrived_says_nothing_of_the_file(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    frames, lost = 12, 4
+    chi2, left = np.full(frames, 3.0), np.zeros(frames)
+    chi2[lost], left[lost] = 1_000.0, 700.0
+
+    def rows(index: np.ndarray) -> SimpleNamespace:
+        return SimpleNamespace(
+            chi2=chi2[index], parameters=np.zeros((len(index), 2)), pressure=None
+        )
+
+    fit = SimpleNamespace(chi2=chi2, predicted_decrease=left, rows=rows)
+    monkeypatch.setattr(section_log, "_single", lambda *_: fit)
+    monkeypatch.setattr(section_log, "_explaining", lambda *_, noise: [])
+    estimator: Any = SimpleNamespace(weigh=lambda so, _: (so, np.ones_like(so)))
+    contact = SimpleNamespace(spread=False)
+    estimates: Any = [SimpleNamespace(status="ok", contacts=[contact])] * frames
+    so = np.zeros((frames, 5))
+    found = section_log.section_verdict(
+        estimator, so, so > 0, estimates, pressure=None, force=None
+    )
+    assert found is not None
+    assert found.right
+    assert found.chi2_per_dof == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize("shift", [-2, -1, 1, 2])
 def test_readings_moved_by_a_column_are_found_out(shift: int) -> None:
     y = dimple_readings([[-0.3, 12.0], [0.0, 9.0], [0.25, 12.0]])

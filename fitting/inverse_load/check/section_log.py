@@ -26,7 +26,7 @@ from fitting.inverse_load.check.verdict import (
 )
 from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
-from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.fit.explanation import UNSETTLED, Explanations
 from fitting.inverse_load.fit.section_errors import InputSlopes
 from suas_jax.config.input_errors import DEFAULTS, STIFFNESS, default_errors
 
@@ -68,7 +68,8 @@ def section_verdict(
     frames = frames[np.linspace(0, len(frames) - 1, min(_MOST, len(frames))).astype(int)]
     y, weight = estimator.weigh(so[frames], faulty[frames])
     fit = _single(estimator, y, weight)
-    known = np.isfinite(fit.chi2)
+    # A fit that has not arrived would be blamed on the file: any input's fits go on from it.
+    known = np.isfinite(fit.chi2) & (fit.predicted_decrease <= UNSETTLED)
     if known.sum() < FEWEST:
         return None
     frames, y, weight, fit = (
