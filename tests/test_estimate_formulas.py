@@ -230,7 +230,7 @@ def test_what_explains_a_log_is_named_however_small(
     assert ("electrodes.lsb" in changes) is not noise
 
 
-def test_a_fit_that_has_not_arrived_says_nothing_of_the_file(
+def test_a_fit_that_has_not_settled_says_nothing_of_the_file(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     frames, lost = 12, 4

@@ -39,6 +39,10 @@ SECTIONS: dict[str, type[GeometrySpec]] = model_classes(
 """The declarations by name, one for each file of the folder."""
 
 DEFAULT_SECTION = "circle"
+NO_ELECTRODES = (
+    "the skin has no [electrodes], so there is nothing to sense: add them to the skin file"
+)
+"""What is said where something is asked of the taxels of a skin that has none."""
 
 
 def _section(table: Any) -> str:
@@ -82,10 +86,7 @@ class SkinSpec(Spec):
     def sensing(self) -> ElectrodesSpec:
         """The electrodes; ValueError where the skin has none."""
         if self.electrodes is None:
-            raise ValueError(
-                "the skin has no [electrodes], so there is nothing to sense: add them to the "
-                "skin file"
-            )
+            raise ValueError(NO_ELECTRODES)
         return self.electrodes
 
     @property

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from suas_jax.config import SceneSpec, SkinSpec, structure
+from suas_jax.config.schema_scene import NO_ELECTRODES
 from suas_jax.constitutive import AbstractLaw, build_law
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.runtime.compiled import COMPILED
@@ -39,10 +40,7 @@ class SkinParts(NamedTuple):
     def sensing(self) -> Electrodes:
         """The electrodes; ValueError where the skin has none."""
         if self.electrodes is None:
-            raise ValueError(
-                "the skin has no [electrodes], so there is nothing to sense: add them to the "
-                "skin file"
-            )
+            raise ValueError(NO_ELECTRODES)
         return self.electrodes
 
 

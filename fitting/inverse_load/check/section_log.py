@@ -68,7 +68,8 @@ def section_verdict(
     frames = frames[np.linspace(0, len(frames) - 1, min(_MOST, len(frames))).astype(int)]
     y, weight = estimator.weigh(so[frames], faulty[frames])
     fit = _single(estimator, y, weight)
-    # A fit that has not arrived would be blamed on the file: any input's fits go on from it.
+    # The fits of a changed input go on from these: one that has not settled would settle
+    # there, and the input would seem to explain it.
     known = np.isfinite(fit.chi2) & (fit.predicted_decrease <= UNSETTLED)
     if known.sum() < FEWEST:
         return None

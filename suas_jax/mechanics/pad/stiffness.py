@@ -46,7 +46,7 @@ def upper_bands(
     topology = net.topology
     mixed = np.array([k for k, (left, right) in enumerate(pairs) if left != right])
     every = [*pairs, *(pairs[k][::-1] for k in mixed)]
-    # By the orders across, a group with the same ones after the other.
+    # Pairs of a group have the same orders across, and so the same table there.
     across_of = [(kinds[left][1], kinds[right][1]) for left, right in every]
     by_group = sorted(range(len(every)), key=across_of.__getitem__)
     groups = sorted(set(across_of))
@@ -73,8 +73,8 @@ def upper_bands(
         block = jnp.concatenate([block, jnp.swapaxes(block[mixed], 3, 4)])[np.array(by_group)]
         by_groups = zip(jnp.split(mine, ends, 1), jnp.split(block, ends), strict=True)
         halves = [
-            splines.reshape(len(SLOTS), -1) @ points.reshape(splines[0].size, -1)
-            for splines, points in by_groups
+            products.reshape(len(SLOTS), -1) @ points.reshape(products[0].size, -1)
+            for products, points in by_groups
         ]
         along = jnp.stack(halves).reshape(len(groups), len(SLOTS), gauss, -1)
         k = bernstein @ jnp.swapaxes(along, 1, 2).reshape(len(groups) * gauss, -1)
