@@ -1,19 +1,33 @@
 """Memory of a membrane as states: against hereditary integrals, and on simulated logs."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from fitting.arrays import Floats
 from fitting.inverse_load.estimator import LoadEstimator
+from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.memory.pad_follower import (
+    Answer,
+    Dents,
+    PadMemoryErrors,
+    PadMemoryFollower,
+)
 from fitting.inverse_load.memory.remembering import Series, response_of
 from fitting.inverse_load.memory.series import SHARE_ERROR, LoadMemory, creeping_load
+from fitting.inverse_load.pad.interpolant import WHOLE, PadInterpolant
 from suas_jax.config import load_skin
 from suas_jax.config.inelastic import RelaxationSpec
 from suas_jax.config.tolerance import UncertainQuantity
 from suas_jax.constitutive.relaxation import Past
+from tests.stand_ins import explanations
+from tests.test_pad_estimation import SKIN as PAD
+from tests.test_pad_formulas import RADIUS, dent_table
 
 G, TAU = np.array([0.15, 0.10]), np.array([0.5, 10.0])
 END = 1 - G.sum()
@@ -149,3 +163,157 @@ def test_a_relaxing_membrane_tells_true_loads_and_leaves_no_ghost(
     plain = estimator.estimate(readings.so[dropped], readings.stuck[dropped])
     ghosts = [c.force for e, f in zip(plain, free, strict=True) if f for c in e.contacts]
     assert max(ghosts) > 0.5
+
+
+# --- on a pad ---------------------------------------------------------------------------------
+
+
+def test_a_place_answers_as_the_hereditary_integral_says() -> None:
+    """Equivalents under any loads; under a constant one those of `creeping_load`."""
+    memory = LoadMemory.of(relaxing())
+    assert memory is not None
+    rng = np.random.default_rng(2)
+    time = np.cumsum(np.concatenate([[0.0], rng.uniform(0.001, 0.05, 30), [7.0, 40.0, 0.01]]))
+    load = np.concatenate([[0.0], rng.normal(size=len(time) - 1)])
+    slope = np.diff(load) / np.diff(time)
+
+    def kernel(age: float) -> float:
+        return float(1 - (G * -np.expm1(-age / TAU)).sum()) / END
+
+    dents = Dents.unpressed(np.zeros((1, WHOLE)), 2)
+    for k in range(1, len(time)):
+        parts = [
+            slope[i] * quad(lambda s, k=k: kernel(time[k] - s), time[i], time[i + 1])[0]
+            for i in range(k)
+        ]
+        answer = Answer.of(dents, memory.gamma, memory.tau, time[k] - time[k - 1])
+        dents = answer.after(dents, np.array([sum(parts)]))
+        assert dents.load[0] == pytest.approx(load[k], rel=1e-7, abs=1e-7)
+    time = np.concatenate([[0.0], np.geomspace(1e-3, 100.0, 2000)])
+    dents = Dents.unpressed(np.zeros((1, WHOLE)), 2)
+    for k, t in enumerate(time):
+        step = t - time[max(k - 1, 0)]
+        dents = Answer.of(dents, memory.gamma, memory.tau, step).after(dents, np.ones(1))
+        assert dents.load[0] == pytest.approx(creeping_load(memory, t), abs=1e-5)
+
+
+def at(angle: float, axial: float, force: float) -> np.ndarray:
+    """A disc of the table that presses a place."""
+    return np.array([angle, axial, force, 6e-3, 0.0, 0.0, 0.0])
+
+
+def follower_of(memory: LoadMemory, base: Floats) -> tuple[PadMemoryFollower, PadInterpolant]:
+    interpolant = PadInterpolant(dent_table(), RADIUS)
+    inputs = SimpleNamespace(names=("gap",), rest=base, unexplained=lambda *_: None)
+    inputs.slopes = lambda best, *_: np.ones((len(best), *base.shape))
+    selection: Any = SimpleNamespace(coarse=False, forget=lambda: None)
+    errors = PadMemoryErrors(inputs, memory)  # type: ignore[arg-type]
+    return PadMemoryFollower(memory, interpolant, selection, errors, 2.0), interpolant
+
+
+def test_a_pad_reads_a_held_load_and_the_dent_that_it_leaves() -> None:
+    """Held as the elastic pad under the creeping equivalent; released, under what is left."""
+    memory = LoadMemory.of(relaxing())
+    assert memory is not None
+    base = np.full((1, len(PadInterpolant(dent_table()).rest)), 0.5)
+    follower, interpolant = follower_of(memory, base)
+    rest, read = interpolant.rest, interpolant.summed
+    held, other = at(0.1, 4e-3, 8.0), at(-0.2, -8e-3, 5.0)
+
+    def found(*contacts: np.ndarray) -> Explanations:
+        x = np.stack(contacts, 1).reshape(1, -1)
+        return explanations(x, contacts=len(contacts), q=x[:, None])
+
+    assert not follower.before(0.0).any()
+    follower.untouched()
+    assert follower.again() is None
+    time = np.arange(1e-6, 30.0, 0.05)  # at once, then held
+    for t in time:
+        shift = follower.before(t)
+        follower.after(found(held))
+        shift = again if (again := follower.again()) is not None else shift
+    load = 8.0 * creeping_load(memory, time[-1])
+    creeping = held.copy()
+    creeping[2] = load
+    np.testing.assert_allclose(shift, read(creeping[None]) - read(held[None]), atol=0.02)
+    # The step from held to free is as quick as the frames.
+    share = 1 + memory.gamma @ (-np.expm1(-0.05 / TAU) / (0.05 / TAU))
+    follower.before(time[-1] + 0.05)
+    follower.untouched()
+    ghost = follower.again()
+    assert ghost is not None
+    left = held.copy()
+    left[2] = load - 8.0 / share
+    np.testing.assert_allclose(ghost, read(left[None]) - rest, atol=0.15)
+    assert 0.15 * 8 < left[2] < 0.25 * 8
+    assert follower.again() is None
+    # Errors: of the inputs, of all shares together by a tenth, and of what dents read.
+    rows = follower.errors.rest
+    assert follower.errors.names == ("gap", "relaxation 0", "dents")
+    np.testing.assert_allclose(rows[0], 0.5)
+    np.testing.assert_allclose(rows[2], 0.1 * ghost)
+    softer = read(np.array([at(0.1, 4e-3, left[2] * 1.1)])) - read(left[None])
+    np.testing.assert_allclose(rows[1], softer, rtol=0.25, atol=0.02)
+    slopes = follower.errors.slopes(found(held), 3, 1)[0]
+    np.testing.assert_allclose(slopes[1:], rows[1:])
+    # Another contact in no time: both dents are read together.
+    follower.before(time[-1] + 0.05)
+    follower.after(found(other))
+    both = follower.again()
+    assert both is not None
+    quick = other.copy()
+    quick[2] /= 1 + memory.gamma.sum()
+    expected = read(np.stack([quick, left])) - read(other[None])
+    np.testing.assert_allclose(both, expected, atol=0.2)
+    # A frame that nothing explains leaves the past as it was; long after, nothing is left.
+    follower.before(time[-1] + 0.1)
+    follower.after(None)
+    assert follower.again() is None
+    follower.before(time[-1] + 500.0)
+    follower.untouched()
+    follower.again()
+    assert np.abs(follower.before(time[-1] + 900.0)).max() < 0.01
+    # A clock that goes backwards begins anew.
+    assert not follower.before(0.0).any()
+
+
+# Compiles a pad's table and its simulation.
+@pytest.mark.long
+def test_a_relaxing_pad_tells_true_loads_and_leaves_no_ghost(tmp_path: Path) -> None:
+    from fitting import LoadEstimator, readings_of
+    from suas_jax import read_log
+    from suas_jax.simulation.simulated_log import simulate_log, write_simulated_log
+
+    taxels = [
+        f'{{ angle = "{a + 1.7 * k - 3:.3f} deg", axial = "{z + a / 30:.3f} mm" }},'
+        for a in np.linspace(-45, 45, 7)
+        for k, z in enumerate(np.linspace(-38, 36, 5))
+    ]
+    relaxation = 'relaxation = { g = [0.15, 0.10], tau = ["0.5 s", "10 s"] }'
+    skin = PAD.replace("TAXELS", "\n".join(taxels)).replace("[oil]", f"{relaxation}\n[oil]")
+    (tmp_path / "skin.toml").write_text(skin)
+    patch = '[[load]]\nkind = "patch"\nangle = "20 deg"\naxial = "8 mm"\n'
+    patch += 'size = ["6 mm", "6 mm"]\nforce = "12 N"\n'
+    (tmp_path / "scene.toml").write_text(f'skin = "skin.toml"\n{patch}')
+    path = tmp_path / "path.csv"
+    rows = "\n".join(("0,0", "1,0", "1.2,12", "15,12", "15.2,0", "18,0"))
+    path.write_text(f"# scene: scene.toml\nt_s,loads.0.force_N\n{rows}\n")
+    log = simulate_log(path, rate=5.0, settings={}, seed=1)
+    write_simulated_log(log, tmp_path / "log.csv", path)
+    spec = load_skin(tmp_path / "skin.toml")
+    estimator = LoadEstimator(spec, most_contacts=1)
+    readings = readings_of(read_log(tmp_path / "log.csv"), spec, None)
+    found = estimator.estimate(readings.so, readings.stuck, time=readings.time)
+    plain = estimator.estimate(readings.so, readings.stuck)
+    time = readings.time
+    held, free = (time > 1.3) & (time < 15), (time > 15.3) & (time < 18)
+    force, elastic = (
+        np.array([e.contacts[0].force if e.contacts else 0.0 for e in x])
+        for x in (found, plain)
+    )
+    assert {e.status for e, h in zip(found, held, strict=True) if h} == {"ok"}
+    assert force[held].mean() == pytest.approx(12.0, rel=0.02)
+    assert np.abs(force[held] / 12 - 1).max() < 0.08  # of which noise is 3 %
+    assert (force[free] > 0).mean() <= 0.1  # false alarms
+    # Without its memory the same estimator calls the dent that is left a load.
+    assert elastic[free].max() > 1.0

@@ -43,6 +43,7 @@ from fitting.inverse_load.fit.bounded_selection import BoundedSelection
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.frames import FULL_SCALE, FrameEstimator
+from fitting.inverse_load.memory.series import LoadMemory
 from fitting.inverse_load.readings import noise_of_readings
 from fitting.inverse_load.taps import MotionWatch, TapFinder
 from fitting.steps import Budget
@@ -51,7 +52,7 @@ from suas_jax.config.input_errors import as_assembled
 
 if TYPE_CHECKING:
     from fitting.inverse_load.field.fallback import FieldFallback
-    from fitting.inverse_load.memory.follower import MemoryFollower
+    from fitting.inverse_load.memory.base import AbstractMemoryFollower
     from fitting.inverse_load.pad.table import PadResolution
     from suas_jax.scene.skin import Skin
 
@@ -127,9 +128,8 @@ class LoadEstimator:
 
     def __post_init__(self) -> None:
         self._check()
-        if self.spec.geometry.dimension == 2:
-            # What a membrane remembers comes on top of its long-term response.
-            self.spec = self.spec.responding("long-term")
+        # What a membrane remembers comes on top of its long-term response.
+        self.spec = self.spec.responding("long-term")
         self.reading_noise = noise_of_readings(self.spec, self.noise)
         self.input_errors = input_errors(as_assembled(self.spec))
         self._parts = parts = self._make_parts()
@@ -146,7 +146,13 @@ class LoadEstimator:
             self.pressure_noise,
             pad,
         )
+        memory = LoadMemory.of(self.spec)
         self._systematic = parts.systematic
+        if pad and memory is not None:
+            from fitting.inverse_load.memory.pad_follower import PadMemoryErrors
+
+            assert parts.systematic is not None
+            self._systematic = PadMemoryErrors(parts.systematic, memory)
         self._drift: DriftFollower | None = None
         if self.follow_drift and self.rest is not None:
             at_rest = np.nan_to_num(self.rest, nan=0.0)
@@ -184,17 +190,27 @@ class LoadEstimator:
             self.spec.calibration,
             lambda: self._field,
         )
-        self._memory = None if pad else self._follower_of_memory(max(penalty, asked))
+        self._memory = None
+        if memory is not None:
+            self._memory = self._follower_of(memory, max(penalty, asked))
 
-    def _follower_of_memory(self, penalty: float) -> "MemoryFollower | None":
-        """Follows what the membrane of a section remembers; None where it remembers nothing."""
+    def _follower_of(self, memory: LoadMemory, penalty: float) -> "AbstractMemoryFollower":
+        """Follows what the membrane remembers."""
+        if self.spec.geometry.dimension == 3:
+            from fitting.inverse_load.memory.pad_follower import (
+                PadMemoryErrors,
+                PadMemoryFollower,
+            )
+            from fitting.inverse_load.pad.fitter import PadFitter
+
+            fitter, errors = self._parts.fitter, self._systematic
+            assert isinstance(fitter, PadFitter)
+            assert isinstance(errors, PadMemoryErrors)
+            own = fitter.interpolant, self.selection, errors
+            return PadMemoryFollower(memory, *own, self.reading_noise)
         from fitting.inverse_load.fit.other_stiffness import AbstractSectionErrors
         from fitting.inverse_load.memory.follower import MemoryFollower
-        from fitting.inverse_load.memory.series import LoadMemory
 
-        memory = LoadMemory.of(self.spec)
-        if memory is None:
-            return None
         assert self._systematic is None or isinstance(self._systematic, AbstractSectionErrors)
         return MemoryFollower(
             memory,
@@ -265,10 +281,14 @@ class LoadEstimator:
         from fitting.inverse_load.pad.parts import pad_parts
         from fitting.inverse_load.pad.table import FINE
 
+        spec = self.spec
+        if spec.material.relaxation is not None:  # which the table knows nothing of
+            material = spec.material.model_copy(update={"relaxation": None})
+            spec = spec.model_copy(update={"material": material})
         aside = None if self.budget is None else ThreadPoolExecutor(1, "suas-solve")
         common |= {"workers": self.workers, "resolution": self.resolution or FINE}
         common["aside"] = aside
-        return pad_parts(self.spec, self.input_errors, diameter=self.diameter, **common)
+        return pad_parts(spec, self.input_errors, diameter=self.diameter, **common)
 
     def _check(self) -> None:
         if not 0 < self.false_alarm < 0.5:
@@ -280,7 +300,7 @@ class LoadEstimator:
                 f"pressure_noise = {self.pressure_noise:g} Pa: more than zero is needed"
             )
         pad = self.spec.geometry.dimension == 3
-        if self.load_fields and not pad and self.spec.material.relaxation is not None:
+        if self.load_fields and self.spec.material.relaxation is not None:
             raise ValueError(
                 "load_fields: the membrane remembers ([material] relaxation), and no pressure "
                 "over the skin is told beside what it remembers; leave the load fields out"
@@ -437,7 +457,7 @@ class LoadEstimator:
 
     def _remembered(
         self,
-        memory: "MemoryFollower",
+        memory: "AbstractMemoryFollower",
         so: Floats,
         faulty: Flags,
         time: Floats,
@@ -450,11 +470,19 @@ class LoadEstimator:
         moved = self._moved(so, faulty, time)
         for k in range(len(so)):
             row = slice(k, k + 1)
-            shift = memory.before(float(time[k]))
+            if self._budget is not None:
+                self._budget.begin()
+            past = memory.before(float(time[k]))
             # The dent of a load before is not a drift.
-            drift = self._drifted(so[row] - shift, faulty[row], time[row])
+            drift = self._drifted(so[row] - past[: self.taxels], faulty[row], time[row])
             motion = None if moved is None else moved[row]
-            found += self.frames.batch(so[row], faulty[row], None, drift, motion, memory, shift)
+            frame = so[row], faulty[row], None, drift, motion, memory
+            estimates: list[LoadEstimate] = []
+            shift: Floats | None = past
+            while shift is not None:
+                estimates = self.frames.batch(*frame, shift)
+                shift = memory.again()
+            found += estimates
             done(len(found))
         return found
 

@@ -30,7 +30,7 @@ from suas_jax.runtime.compiling import COMPILE_TIME
 if TYPE_CHECKING:
     from fitting.inverse_load.discrepancy import ReadingDiscrepancy
     from fitting.inverse_load.field.fallback import FieldFallback
-    from fitting.inverse_load.memory.follower import MemoryFollower
+    from fitting.inverse_load.memory.base import AbstractMemoryFollower
 
 FULL_SCALE = MAX_COUNT
 _FEWEST_TAXELS = 4
@@ -57,7 +57,7 @@ class FrameEstimator:
         pressure: Floats | None,
         drift: Drift | None,
         moved: Floats | None = None,
-        memory: "MemoryFollower | None" = None,
+        memory: "AbstractMemoryFollower | None" = None,
         shift: Floats | float = 0.0,
     ) -> list[LoadEstimate]:
         """Estimates of some frames; of one, with what its membrane remembers."""
@@ -104,9 +104,9 @@ class FrameEstimator:
                 if not pulled:
                     alone[index] = selection.seconds
                 if memory is not None:
-                    memory.after(best.q[0] if results[0].contacts else None)
+                    memory.after(best if results[0].contacts else None)
         if memory is not None and results[0].contact is False:
-            memory.after(memory.unloaded)
+            memory.untouched()
         if moved is not None:
             results = told_moving(results, moved, change[:, taxels])
         if drift is not None:

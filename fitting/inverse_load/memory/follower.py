@@ -13,6 +13,7 @@ from fitting.inverse_load.fit.other_stiffness import AbstractSectionErrors
 from fitting.inverse_load.fit.section_fitter import SectionFitter
 from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.fit.wide_contact import WideContactFitter
+from fitting.inverse_load.memory.base import AbstractMemoryFollower
 from fitting.inverse_load.memory.remembering import (
     AT_FIRST,
     EXPECTED,
@@ -96,8 +97,10 @@ class RememberedErrors(AbstractSectionErrors):
         return np.concatenate([base, own_slopes], 1)
 
 
-class MemoryFollower:
-    """Follows what the membrane of one skin remembers."""
+class MemoryFollower(AbstractMemoryFollower):
+    """Follows what the membrane of one section remembers."""
+
+    errors: RememberedErrors
 
     def __init__(
         self,
@@ -127,16 +130,13 @@ class MemoryFollower:
         self.forget()
 
     def forget(self) -> None:
-        """Begin with a membrane that has been at rest for long."""
+        """See the base class."""
         self._now: Expected | None = None
         self._past: Past | None = None
         self.selection.forget()
 
     def before(self, time: float) -> Floats:
-        """Take the time of a frame [s]; return what the past leaves of its readings [taxel].
-
-        A clock that goes backwards begins anew.
-        """
+        """See the base class."""
         if self._past is None or time < self._time:
             self.forget()
             self._begin(time)
@@ -157,23 +157,22 @@ class MemoryFollower:
         self._at = now
         return shift
 
-    def after(self, q: Floats | None) -> None:
-        """Take what explains the frame: unknowns of its state [dof, station], or none.
+    def after(self, best: Explanations | None) -> None:
+        """See the base class."""
+        if best is not None:
+            self._take(best.q[0])
 
-        Without loads they are what the past leaves (`unloaded`).
-        """
+    def untouched(self) -> None:
+        """See the base class: the state is what the past leaves."""
         assert self._now is not None
-        if q is None:
-            return
+        self._take(np.asarray(self._now.state.q)[..., 0])
+
+    def _take(self, q: Floats) -> None:
+        """Take the unknowns of the frame [dof, station]."""
+        assert self._now is not None
         self._past = self._now.past
         self._stood, self._time = self._at - self._time, self._at
         self._last, self._start = q[..., None], self._now.state
-
-    @property
-    def unloaded(self) -> Floats:
-        """Unknowns of the frame if nothing presses [dof, station]."""
-        assert self._now is not None
-        return np.asarray(self._now.state.q)[..., 0]
 
     def _begin(self, time: float) -> None:
         past, state, _ = COMPILED.run(AT_FIRST, self._skin)

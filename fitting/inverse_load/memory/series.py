@@ -53,15 +53,6 @@ def assumed_of_memory(spec: SkinSpec) -> str:
     given = spec.material.relaxation
     if given is None:
         return ""
-    if spec.geometry.dimension == 3:
-        response, share = spec.material.response, given.long_term_share
-        off = f"{100 * (1 - share):.3g} % too low at first"
-        if response == "instantaneous":
-            off = f"{100 * (1 / share - 1):.3g} % too high in the end"
-        return (
-            "[material] relaxation: a pad's memory is not followed; forces are those that the "
-            f"{response} constants need: {off}, and the dent that a load leaves reads as a load"
-        )
     if any(deviation_of(share) is not None for share in given.g):
         return ""
     return (

@@ -79,7 +79,8 @@ class PadInterpolant:
 
     def __init__(self, table: PadTable, radius: float = float("nan")) -> None:
         self.table = table
-        self._metres = np.array([radius, 1.0])  # of a unit of place
+        self.metres = np.array([radius, 1.0])
+        """Of a unit of place [m]."""
         self._stray = table.stray
         self._rest = 1 / (table.rest - table.stray)
 
@@ -112,16 +113,27 @@ class PadInterpolant:
             change += value
             slopes[:, :, c] = slope
         total = change if correction is None else change + correction.change
-        u = self._rest + total[:, :taxels]
-        least = _LEAST_GAP * self._rest
-        open_ = u > least
-        u = np.maximum(u, least)
-        so = self._stray + 1 / u
-        by_u = np.where(open_, -1 / u**2, 0.0)
-        readings = np.concatenate([so, total[:, taxels:]], 1)
+        readings, by_u = self._read(total)
         jacobian = slopes.reshape(frames, -1, taxels + 1)
         jacobian[..., :taxels] *= by_u[:, None]
         return Interpolated(readings, jacobian, change)
+
+    def _read(self, change: Floats) -> tuple[Floats, Floats]:
+        """Readings by the change of u and the pressure [frame, channel], slopes by u."""
+        taxels = len(self._rest)
+        u = self._rest + change[:, :taxels]
+        least = _LEAST_GAP * self._rest
+        open_ = u > least
+        u = np.maximum(u, least)
+        readings = np.concatenate([self._stray + 1 / u, change[:, taxels:]], 1)
+        return readings, np.where(open_, -1 / u**2, 0.0)
+
+    def summed(self, contacts: Floats) -> Floats:
+        """Readings of any number of contacts [contact, WHOLE], not corrected [channel]."""
+        if not len(contacts):
+            return self.rest
+        change = self(contacts, 1).change.sum(0, keepdims=True)
+        return np.asarray(self._read(change)[0][0])
 
     def left_out(
         self, parameters: Floats, contacts: int, so: Floats, pressure: float, gap: float
@@ -174,7 +186,7 @@ class PadInterpolant:
             shift = t * half[:, None] * way
             own, slopes = self._boxes(x, cap, relief, shift, box, excess)
             value, rows = value + share / 2 * own, rows + share / 2 * slopes
-            by_metre = slopes[:, 7:] / self._metres[:, None]
+            by_metre = slopes[:, 7:] / self.metres[:, None]
             by_half = by_half + share / 2 * t * (way[..., None] * by_metre).sum(1)
             side = np.stack([-way[:, 1], way[:, 0]], 1)[..., None]
             by_turn = by_turn + share / 2 * t * half[:, None] * (side * by_metre).sum(1)
@@ -209,14 +221,14 @@ class PadInterpolant:
         share = force / cap.force
         inside = _inside(share)
         # The discs' forces are the same shares of the largest ones: their centre is moved.
-        middle = x[:, :2] + shift / self._metres - excess / self._metres**2 * cap.by_place
-        value, slopes = self.table.spline.over(middle, box / self._metres**2, inside)
+        middle = x[:, :2] + shift / self.metres - excess / self.metres**2 * cap.by_place
+        value, slopes = self.table.spline.over(middle, box / self.metres**2, inside)
         by_middle = relief[:, None, None] * slopes[:, :2]
         value, plain = _beyond(value, slopes[:, :3], inside, share, cap)
         by_relief = (value - force[:, None] * plain[:, 2])[:, None]
         plain[:, :2] *= relief[:, None, None]
-        by_box = relief[:, None, None] * slopes[:, 3:] / self._metres[:, None] ** 2
-        shifted = (cap.by_place / self._metres**2)[..., None] * by_middle
+        by_box = relief[:, None, None] * slopes[:, 3:] / self.metres[:, None] ** 2
+        shifted = (cap.by_place / self.metres**2)[..., None] * by_middle
         rows = (plain, by_box, by_excess[..., None] * by_relief - shifted, by_middle)
         return relief[:, None] * value, np.concatenate(rows, 1)
 
@@ -268,7 +280,7 @@ class PadInterpolant:
         """Its logarithm by second moments beyond the disc's, in the pad's middle."""
         least = self.table.diameter**2 / 16  # of a point
         excess = np.concatenate([[-least, -least / 2], np.linspace(0.0, _WIDEST, 12) ** 2])
-        variance = excess / self._metres[:, None] ** 2
+        variance = excess / self.metres[:, None] ** 2
         level = LEVELS[LEVELS > 0][0]
         change = self.table.spline.over_grid(np.zeros(2), variance, level)
         depth = np.abs(change[..., :-1]).max(-1)

@@ -109,7 +109,10 @@ class PadLeastSquares:
         cap = self._interpolant.largest(angle.reshape(-1), axial.reshape(-1))
         cap = cap.reshape(len(parameters), contacts)
         if parameters.shape[1] > PLAIN * contacts:
-            cap = cap * self._interpolant.reliefs(parameters, contacts)
+            shape = parameters.copy()
+            slender = slice(4 * contacts, 5 * contacts)  # a step may end far beyond its bounds
+            shape[:, slender] = np.clip(shape[:, slender], -_SLENDER, _SLENDER)
+            cap = cap * self._interpolant.reliefs(shape, contacts)
         return np.asarray(cap)
 
     def completed(self, plain: Floats, contacts: int) -> Floats:
