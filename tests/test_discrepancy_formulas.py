@@ -8,13 +8,21 @@ import numpy as np
 import pytest
 import tomlkit
 from scipy.optimize import least_squares
-from scipy.stats import multivariate_normal
+from scipy.stats import multivariate_normal, norm
 
-from fitting.inverse_load.discrepancy import ReadingDiscrepancy
+from fitting.inverse_load.discrepancy import ReadingDiscrepancy, _by_load
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.search.table import LoadTable
 from fitting.sensor.report.skin_file import _discrepancy
-from fitting.statistics.discrepancy import Discrepancy, Numbers, Presses, learned
+from fitting.statistics.discrepancy import (
+    _BOUNDS,
+    _USUAL,
+    _WIDTHS,
+    Discrepancy,
+    Numbers,
+    Presses,
+    learned,
+)
 from suas_jax.config import load_skin
 from suas_jax.config.schema_calibration import DiscrepancySpec
 
@@ -75,6 +83,39 @@ def test_presses_with_their_errors_alone_change_little(count: int, largest: floa
         size = np.abs(other.change).max(1, keepdims=True)
         assert np.median(np.abs(mean) / size) < 2e-3
         assert np.median(deviation.max(1, keepdims=True) / size) < largest * 1e-2
+
+
+def test_learned_numbers_are_the_most_probable_ones() -> None:
+    """The posterior of their logarithms is level there, or falls towards a bound."""
+    presses, _ = made(3, 8, 0.02)
+    found = learned(presses, TAXELS).numbers
+
+    def cost(p: np.ndarray) -> float:
+        told = Discrepancy(presses, Numbers(*np.exp(p)), TAXELS).log_likelihood
+        return float(-told - norm(np.log(_USUAL), _WIDTHS).logpdf(p).sum())
+
+    p, step = np.log(found), 1e-4
+    slopes = [(cost(p + h) - cost(p - h)) / (2 * step) for h in step * np.eye(5)]
+    bend = [cost(p + 0.05 * h) + cost(p - 0.05 * h) - 2 * cost(p) for h in np.eye(5)]
+    inside = (p > np.log(_BOUNDS)[:, 0] + step) & (p < np.log(_BOUNDS)[:, 1] - step)
+    assert inside.sum() >= 4
+    newton = np.array(slopes) / (np.array(bend) / 0.05**2)  # to where it is level
+    assert np.abs(newton[inside]).max() < 0.02
+
+
+def test_slopes_of_a_table_are_those_of_what_it_tabulates() -> None:
+    angles, share = np.linspace(-1.2, 1.2, 241), np.geomspace(1.0, 3.0, 60)
+    force = (2.0 + np.cos(angles))[:, None] * share  # levels are of other forces elsewhere
+    so = np.stack([change_at(angles, f) + 0.5 * f[:, None] ** 2 for f in force.T], 1)
+    none = np.zeros(force.shape)
+    found = _by_load(LoadTable(angles, force, so, np.zeros(8), none, none, none[:, 0]))
+    k, j, step = 100, 30, 1e-5
+    a, f = angles[k : k + 1], force[k, j : j + 1]
+    by_angle = (change_at(a + step, f) - change_at(a - step, f))[0] / (2 * step)
+    by_force = change_at(a, np.ones(1))[0] + f
+    scale = np.abs(by_angle).max()
+    np.testing.assert_allclose(found[k, j, 0], by_angle, atol=5e-3 * scale)
+    np.testing.assert_allclose(found[k, j, 1], by_force, rtol=2e-3, atol=0.05)
 
 
 @pytest.fixture(scope="module")

@@ -1353,6 +1353,23 @@ def test_regions_hold_the_loads_that_keep_a_shape(
     assert not found.any()  # nothing else moves with this force
 
 
+@pytest.mark.parametrize("rho", [0.05, 0.12, 0.3])
+def test_regions_grow_by_what_a_reciprocal_has_beyond_first_order(rho: float) -> None:
+    """1 / (1 - e) less 1 + e, e three deviations of the force either way."""
+    force, gain = 8.0, np.array([0.04, rho * 8.0])
+    best = explanations([[0.1, force]])
+    found = beyond_first_order(np.outer(gain, gain)[None], best)[0]
+    wider = (1 + 0.5 * rho) * rho  # errors that multiply
+    assert found[1, 1] == pytest.approx((wider * force) ** 2)
+    needed = []
+    for deviations in (min(3.0, 0.5 / wider), -3.0):
+        e = wider * deviations
+        beyond = 1 / (1 - e) - (1 + e)
+        needed.append(beyond**2 / (13.8 - deviations**2))
+    slope = gain[0] / (wider * force)  # of place by force
+    assert found[0, 0] == pytest.approx(gain[0] ** 2 + (slope * force) ** 2 * max(needed))
+
+
 def test_places_that_errors_do_not_move_stay_as_sure() -> None:
     best = explanations([[0.1, 5.0]])
     (found,) = beyond_first_order(np.diag([1e-4, 4.0])[None], best)

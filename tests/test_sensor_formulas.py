@@ -99,6 +99,24 @@ def problem(parts: Any, rows: np.ndarray, readings: Any = None, **given: Prior) 
     return Linear(parts, rows, readings, **given)
 
 
+def test_residuals_are_predicted_less_measured_counts_in_units_of_the_noise() -> None:
+    here = logged(6, 2)
+    off = RNG.normal(size=here.so.shape)
+    own: Any = SimpleNamespace(readings=here, predicted=lambda _: here.so + off)
+    found = SensorProblem.standardised(own, np.ones(2))
+    np.testing.assert_allclose(found, np.where(here.present, off / here.sigma, 0.0))
+
+
+def test_natural_sizes_of_stray_and_layers_are_those_of_a_taxel_and_its_oil() -> None:
+    spec = load_skin(ROOT / "configs/skins/suas.toml")
+    gap, permittivity = spec.geometry.mean_gap, spec.oil.relative_permittivity
+    assert permittivity is not None
+    assert named(spec, "layers").size == pytest.approx(gap / permittivity)
+    taxel = 8.854e-12 * permittivity * 4e-3**2 / gap
+    assert named(spec, "stray").size == pytest.approx(taxel)
+    assert not named(spec, "stray").positive
+
+
 # --- bounds and priors --------------------------------------------------------------------
 
 

@@ -170,25 +170,22 @@ class PadMemoryFollower(AbstractMemoryFollower):
 
     def _look(self) -> None:
         """Find what the past leaves beside the contacts, and what errors do to it."""
-        gamma = self._memory.gamma
-        self._shift = self._left(gamma)
-        moved = [self._left(gamma + by) - self._shift for by in self._memory.errors]
-        self.errors.at(np.stack([*moved, _LEFT_OUT * self._shift]))
-
-    def _left(self, gamma: Floats) -> Floats:
-        """Readings beside the contacts, less those of an elastic pad under them [channel]."""
-        dents, contacts = self._dents, self._contacts
-        answer = self._answer(dents, gamma)
-        near = np.maximum(
-            1 - self._distance(contacts, dents) / self._interpolant.table.diameter, 0
-        )
+        contacts, dents, memory = self._contacts, self._dents, self._memory
+        apart = self._distance(contacts, dents) / self._interpolant.table.diameter
+        near = np.maximum(1 - apart, 0.0)
         near = near / np.maximum(near.sum(0), 1.0)  # share of a dent that is under a contact
-        loads = -answer.rest / answer.share
-        under, beside = contacts.copy(), dents.shape.copy()
-        under[:, 2] = contacts[:, 2] / answer.share + near @ loads
-        beside[:, 2] = (1 - near.sum(0)) * loads
-        read = self._interpolant.summed
-        return read(np.concatenate([under, beside])) - read(contacts)
+        shares = [memory.gamma, *(memory.gamma + by for by in memory.errors)]
+        loads = np.concatenate([contacts, dents.shape])[None].repeat(1 + len(shares), 0)
+        loads[0, len(contacts) :, 2] = 0.0  # an elastic pad under the contacts alone
+        for k, gamma in enumerate(shares):
+            answer = self._answer(dents, gamma)
+            left = -answer.rest / answer.share
+            under = contacts[:, 2] / answer.share + near @ left
+            loads[1 + k, :, 2] = np.concatenate([under, (1 - near.sum(0)) * left])
+        elastic, now, *others = self._interpolant.summed(loads)
+        self._shift = now - elastic
+        moved = [other - now for other in others]
+        self.errors.at(np.stack([*moved, _LEFT_OUT * self._shift]))
 
     def _answer(self, dents: Dents, gamma: Floats) -> Answer:
         elapsed = self._now - self._time if np.isfinite(self._time) else 0.0

@@ -129,11 +129,16 @@ class PadInterpolant:
         return readings, np.where(open_, -1 / u**2, 0.0)
 
     def summed(self, contacts: Floats) -> Floats:
-        """Readings of any number of contacts [contact, WHOLE], not corrected [channel]."""
-        if not len(contacts):
-            return self.rest
-        change = self(contacts, 1).change.sum(0, keepdims=True)
-        return np.asarray(self._read(change)[0][0])
+        """Readings of groups of any size, not corrected [group, channel].
+
+        `contacts`: their parameters [group, contact, WHOLE].
+        """
+        groups, count, _ = contacts.shape
+        change = np.zeros((groups, len(self._rest) + 1))
+        if count:
+            each = self(contacts.reshape(groups * count, WHOLE), 1).change
+            change = each.reshape(groups, count, -1).sum(1)
+        return self._read(change)[0]
 
     def left_out(
         self, parameters: Floats, contacts: int, so: Floats, pressure: float, gap: float
