@@ -104,7 +104,8 @@ class FrameEstimator:
                 if not pulled:
                     alone[index] = selection.seconds
                 if memory is not None:
-                    memory.after(best if results[0].contacts else None)
+                    told = results[0].contacts and not selection.coarse
+                    memory.after(best if told else None)
         if memory is not None and results[0].contact is False:
             memory.untouched()
         if moved is not None:

@@ -24,6 +24,7 @@ from fitting.inverse_load.memory.series import LoadMemory
 from fitting.inverse_load.pad.interpolant import WHOLE, PadInterpolant
 
 _SAME = 2e-3  # distance within which loads press the same place [m]
+_MOST = 200  # dents that are remembered, the largest ones
 _LEAST = 1e-3  # load below which a dent is forgotten, over the largest dent's
 _LEFT_OUT = 0.1  # standard deviation of what dents read, relative
 _ROUNDS = 3  # of a frame's fit and of what the past reads beside its loads
@@ -135,7 +136,7 @@ class PadMemoryFollower(AbstractMemoryFollower):
     def again(self) -> Floats | None:
         """See the base class."""
         self._round += 1
-        if self._after is None or self.selection.coarse or self._round >= _ROUNDS:
+        if self._after is None or self._round >= _ROUNDS:
             return None
         before = self._shift
         self._look()
@@ -165,7 +166,8 @@ class PadMemoryFollower(AbstractMemoryFollower):
             np.add.at(force, self._distance(contacts, dents).argmin(1), contacts[:, 2])
         after = self._answer(dents, self._memory.gamma).after(dents, force)
         size = np.maximum(np.abs(after.load), np.abs(after.states).max(1, initial=0.0))
-        kept = size > _LEAST * size.max(initial=0.0)
+        kept = np.argsort(-size)[:_MOST]
+        kept = kept[size[kept] > _LEAST * size.max(initial=0.0)]
         self._after = Dents(*(x[kept] for x in after))
 
     def _look(self) -> None:
