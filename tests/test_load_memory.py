@@ -26,7 +26,6 @@ from suas_jax.config.inelastic import RelaxationSpec
 from suas_jax.config.tolerance import UncertainQuantity
 from suas_jax.constitutive.relaxation import Past
 from tests.stand_ins import explanations
-from tests.test_pad_estimation import DIAMETER, RESOLUTION
 from tests.test_pad_estimation import SKIN as PAD
 from tests.test_pad_formulas import RADIUS, dent_table
 
@@ -298,7 +297,7 @@ def test_a_relaxing_pad_tells_true_loads_and_leaves_no_ghost(tmp_path: Path) -> 
     skin = PAD.replace("TAXELS", "\n".join(taxels)).replace("[oil]", f"{relaxation}\n[oil]")
     (tmp_path / "skin.toml").write_text(skin)
     patch = '[[load]]\nkind = "patch"\nangle = "20 deg"\naxial = "8 mm"\n'
-    patch += 'size = ["12 mm", "12 mm"]\nforce = "12 N"\n'
+    patch += 'size = ["6 mm", "6 mm"]\nforce = "12 N"\n'
     (tmp_path / "scene.toml").write_text(f'skin = "skin.toml"\n{patch}')
     path = tmp_path / "path.csv"
     rows = "\n".join(("0,0", "1,0", "1.2,12", "15,12", "15.2,0", "18,0"))
@@ -306,8 +305,7 @@ def test_a_relaxing_pad_tells_true_loads_and_leaves_no_ghost(tmp_path: Path) -> 
     log = simulate_log(path, rate=5.0, settings={}, seed=1)
     write_simulated_log(log, tmp_path / "log.csv", path)
     spec = load_skin(tmp_path / "skin.toml")
-    own: Any = {"diameter": DIAMETER, "resolution": RESOLUTION}  # as quick as its tables are
-    estimator = LoadEstimator(spec, most_contacts=1, **own)
+    estimator = LoadEstimator(spec, most_contacts=1)
     readings = readings_of(read_log(tmp_path / "log.csv"), spec, None)
     found = estimator.estimate(readings.so, readings.stuck, time=readings.time)
     plain = estimator.estimate(readings.so, readings.stuck)
