@@ -208,8 +208,9 @@ def test_its_program_calls_no_library_that_waits_for_threads() -> None:
     ("load", "ends", "words"),
     [
         ({"angle": "0 deg"}, "sliding", ["load.0.kind", "clamped"]),
-        ({"angle": "88 deg"}, "clamped", ["load.0.angle", "clamped edge"]),
-        ({"angle": "0 deg", "axial": "60 mm"}, "clamped", ["load.0.axial", "clamped end"]),
+        ({"angle": "88 deg"}, "clamped", ["load.0.angle", "clamped edge", "less than 87.0"]),
+        ({"angle": "0 deg", "axial": "60 mm"}, "clamped", ["load.0.axial", "than 58.5 mm"]),
+        ({"angle": "0 deg", "size": ["6 mm", "2 m"]}, "clamped", ["make it smaller"]),
         ({"angle": "0 deg", "diameter": "4 mm"}, "clamped", ["size", "diameter"]),
     ],
 )

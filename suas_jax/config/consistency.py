@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 from suas_jax.config.errors import listed, show
 from suas_jax.config.fields import PlacedSpec
 from suas_jax.config.geometry import GeometrySpec
-from suas_jax.config.quantities import format_quantity
+from suas_jax.config.quantities import DimensionName, format_quantity
 from suas_jax.config.schema_load import (
     BODY_SHAPES,
     BodyLoadSpec,
@@ -278,7 +278,8 @@ def _off_the_pad(
             yield (
                 f"{key}.{load.told_by}",
                 f"the loaded part reaches {format_quantity(reach, 'angle')}, over the clamped "
-                f"edge at {format_quantity(circle.half_angle, 'angle')} (geometry.half_angle)",
+                f"edge at {format_quantity(circle.half_angle, 'angle')} (geometry.half_angle)"
+                + _room(circle.half_angle - half_arc / outer, "angle"),
             )
     end, reach = geometry.width / 2, abs(load.axial) + half_length
     over = reach >= end if load.kind == "patch" else reach > end * _SLACK
@@ -286,8 +287,16 @@ def _off_the_pad(
         yield (
             f"{key}.axial",
             f"the loaded part reaches {format_quantity(reach, 'length')} from the middle, over "
-            f"the clamped end at {format_quantity(end, 'length')} (half of geometry.width)",
+            f"the clamped end at {format_quantity(end, 'length')} (half of geometry.width)"
+            + _room(end - half_length, "length"),
         )
+
+
+def _room(room: float, dimension: DimensionName) -> str:
+    """Say where the centre of a loaded part may lie on the pad."""
+    if room <= 0:
+        return "; make it smaller"
+    return f"; place its centre less than {format_quantity(room, dimension)} from the middle"
 
 
 def _off_the_skin(
