@@ -75,6 +75,7 @@ def _described(what: str, describe: Callable[[str], None]) -> Iterator[Callable[
 @contextlib.contextmanager
 def _said_late(what: str) -> Iterator[Callable[[str], None]]:
     """Say once what is being done, if it takes long, and whether a program is compiled."""
+    busy = False
 
     def compiling(begins: bool) -> None:
         nonlocal busy
@@ -88,7 +89,6 @@ def _said_late(what: str) -> Iterator[Callable[[str], None]]:
         why = " (compiling, once for this kind of scene; minutes in all)" if busy else ""
         say(f"suas: still {what}{why}", err=True)
 
-    busy = False
     timer = threading.Timer(_LONG, late)
     timer.daemon = True
     timer.start()
