@@ -1,6 +1,6 @@
 """Progress: a spinner on a terminal, or a bar where the total is known.
 
-Elsewhere, as in a pipe or a job's log, one sentence says what is being done where it takes long.
+Elsewhere, as in a pipe or a log of a job, a sentence says what is being done if it takes long.
 """
 
 import contextlib
