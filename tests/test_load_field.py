@@ -215,6 +215,20 @@ def test_a_palm_is_a_load_field_and_a_finger_is_a_contact(estimator: LoadEstimat
     (coarse,) = short.told(told, best, *channels)
     assert coarse.status == "coarse"
     assert coarse.field is None
+    # Where a field leaves little of the film, no one knows whether the wall carries some.
+    for little_gap, answer in ((0.0, False), (1.0, None)):
+        near = FieldFallback(
+            estimator.skin,
+            np.atleast_1d(estimator._parts.fitter.edge),
+            estimator.along,
+            None,
+            per_contact=2,
+            coordinates=1,
+            little_gap=little_gap,
+            live=True,
+        )
+        (felt,) = near.told(told, best, *(np.column_stack([x, [0.0]]) for x in (y, weight)))
+        assert felt.wall_contact is answer
     finger = found[2]
     assert finger.status == "ok"
     assert finger.field is None

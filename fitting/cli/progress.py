@@ -1,13 +1,18 @@
-"""Progress on a terminal: a spinner, or a bar where the total is known; elsewhere nothing."""
+"""Progress: a spinner on a terminal, or a bar where the total is known.
+
+Elsewhere, as in a pipe or a log of a job, a sentence says what is being done if it takes long.
+"""
 
 import contextlib
 import sys
+import threading
 from collections.abc import Callable, Iterator
 
-from suas_jax.acquisition.terminal import new_console
+from suas_jax.acquisition.terminal import new_console, say
 from suas_jax.runtime.compiling import listening
 
 _COMPILING = "compiling, once for this kind of scene, about 20 s"
+_LONG = 20.0  # without a terminal: after which something is said of what goes on [s]
 
 
 @contextlib.contextmanager
@@ -17,24 +22,15 @@ def spinner(what: str) -> Iterator[Callable[[str], None]]:
     Yields a function that shows something else.
     """
     if not sys.stderr.isatty():
-        yield lambda text: None
+        with _said_late(what) as show:
+            yield show
         return
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
     with Progress(*columns, console=new_console(stderr=True), transient=True) as progress:
         task = progress.add_task(what, total=None)
-
-        def show(text: str) -> None:
-            nonlocal what
-            what = text
-            progress.update(task, description=text)
-
-        def compiling(begins: bool) -> None:
-            text = f"{what}: {_COMPILING}" if begins else what
-            progress.update(task, description=text)
-
-        with listening(compiling):
+        with _described(what, lambda text: progress.update(task, description=text)) as show:
             yield show
 
 
@@ -49,10 +45,55 @@ def fitting_spinner() -> Iterator[Callable[[str], None]]:
 def bar(what: str, total: int) -> Iterator[Callable[[int], None]]:
     """Show how much of a total is done of something; yields a function that is told."""
     if not sys.stderr.isatty():
-        yield lambda done: None
+        with _said_late(what):
+            yield lambda done: None
         return
     from rich.progress import Progress
 
     with Progress(console=new_console(stderr=True), transient=True) as progress:
         task = progress.add_task(what, total=total)
-        yield lambda done: progress.update(task, completed=done)
+        with _described(what, lambda text: progress.update(task, description=text)):
+            yield lambda done: progress.update(task, completed=done)
+
+
+@contextlib.contextmanager
+def _described(what: str, describe: Callable[[str], None]) -> Iterator[Callable[[str], None]]:
+    """Describe what is being done, and that a program is being compiled for it."""
+
+    def show(text: str) -> None:
+        nonlocal what
+        what = text
+        describe(text)
+
+    def compiling(begins: bool) -> None:
+        describe(f"{what}: {_COMPILING}" if begins else what)
+
+    with listening(compiling):
+        yield show
+
+
+@contextlib.contextmanager
+def _said_late(what: str) -> Iterator[Callable[[str], None]]:
+    """Say once what is being done, if it takes long, and whether a program is compiled."""
+    busy = False
+
+    def compiling(begins: bool) -> None:
+        nonlocal busy
+        busy = begins
+
+    def show(text: str) -> None:
+        nonlocal what
+        what = text
+
+    def late() -> None:
+        why = " (compiling, once for this kind of scene; minutes in all)" if busy else ""
+        say(f"suas: still {what}{why}", err=True)
+
+    timer = threading.Timer(_LONG, late)
+    timer.daemon = True
+    timer.start()
+    try:
+        with listening(compiling):
+            yield show
+    finally:
+        timer.cancel()

@@ -246,6 +246,7 @@ class LoadEstimator:
             per_contact=fitter.per_contact,
             coordinates=fitter.parameters.places,
             scatter=0.0 if record is None else record.force_scatter,
+            little_gap=fitter.little_gap,
             live=self.live,
             budget=self._budget,
         )

@@ -197,7 +197,7 @@ class LoadAssessment:
 
         Beyond first contact the oil's pressure, and with it the readings, hardly change:
         the force that explains them is that of first contact, or a little less. Errors that
-        all frames share move both alike.
+        all frames share move both alike; they multiply forces, while noise adds to them.
         """
         forces = self._parameters.rows("force", count)
         force, own = parameters[forces], covariance[forces, forces]
@@ -208,8 +208,11 @@ class LoadAssessment:
         near = count == 1 and force[0] + _SURE * _root(own) >= reached
         # No force pulls: together they are at least what any of them are.
         bounds = [
-            min(force[rows].sum(), limit[rows].sum())
-            - _ONE_SIDED * _root((own + shared)[np.ix_(rows, rows)])
+            _least(
+                min(force[rows].sum(), limit[rows].sum()),
+                _root(own[np.ix_(rows, rows)]),
+                _root(shared[np.ix_(rows, rows)]),
+            )
             for size in range(1, count + 1)
             for rows in map(list, itertools.combinations(range(count), size))
         ]
@@ -263,6 +266,17 @@ class LoadAssessment:
                 )
             )
         return tuple(sorted(contacts, key=lambda contact: contact.arc_position or 0.0))
+
+
+def _least(force: float, noise: float, shared: float) -> float:
+    """A force [N] less what noise adds to it, and errors that multiply it, in 19 of 20 cases.
+
+    `noise` and `shared` are its standard deviations by either [N].
+    """
+    if force <= 0:
+        return force
+    lost = -force * np.expm1(-_ONE_SIDED * shared / force)
+    return float(force - np.hypot(lost, _ONE_SIDED * noise))
 
 
 def _root(covariance: Floats) -> float:

@@ -47,13 +47,14 @@ class FieldFallback:
         per_contact: int,  # parameters of a contact
         coordinates: int,
         scatter: float = 0.0,  # of forces from one press to another, relative
+        little_gap: float = 0.0,  # below which a membrane may touch the wall elsewhere [m]
         live: bool,
         budget: Budget | None = None,  # of a live frame
     ) -> None:
         self._fitter = FieldFitter(skin, edge, along, errors, scatter)
         self._taxels = len(skin.electrodes.taxels.angle)
         self._per_contact, self._coordinates = per_contact, coordinates
-        self._live, self._budget = live, budget
+        self._little_gap, self._live, self._budget = little_gap, live, budget
 
     def told(
         self, estimates: Sequence[LoadEstimate], best: Explanations, y: Floats, weight: Floats
@@ -128,7 +129,8 @@ class FieldFallback:
         return LoadEstimate(
             True,
             oil_pressure=float(fit.found.pressure),
-            wall_contact=False,
+            # A field is even where a wall that holds up the membrane would be felt.
+            wall_contact=None if float(fit.found.min_gap) < self._little_gap else False,
             chi2_per_dof=fit.chi2 / used,
             status="load_field",
             left_out=tuple(np.flatnonzero(weight[: self._taxels] == 0).tolist()),
