@@ -28,10 +28,8 @@ from suas_jax.scene.skin import Skin
 # Lanes of a program. Most fits after the first are of a few frames, and lanes without one cost
 # as much: 10,000 frames take half the processor time that they take with 128 lanes.
 _LANES = 32
-# A few lanes need more steps than most: together they fill fewer batches. Fewer still creep
-# along a bent valley, where a taxel beside the contact reads steeply: clear of the wall they
-# get there, beyond it nothing is told of the end.
-_FIRST_STEPS, _MORE_STEPS, _LAST_STEPS = 2, 30, 90
+# A few lanes need more steps than most: together they fill fewer batches.
+_FIRST_STEPS, _MORE_STEPS = 2, 30
 _LITTLE_GAP = 0.05  # share of the film
 # The same where one contact explains a frame. Under two or three times the force of first
 # contact the wall holds up the membrane, which then reads like a lighter contact beside it; the
@@ -74,20 +72,18 @@ class SectionFitter(AbstractLoadFitter):
         if missing > 0:
             more = np.zeros((len(asked.y), missing))
             asked = asked._replace(start=np.concatenate([asked.start, more], 1))
-        # The steps of one lane delay no other.
-        alone = self.live and len(asked.y) == 1
-        fit = self._batches(asked, _FIRST_STEPS + alone * _MORE_STEPS)
-        for steps in (_LAST_STEPS,) if alone else (_MORE_STEPS, _LAST_STEPS):
-            going = np.isfinite(fit.chi2) & ~(fit.predicted_decrease < SETTLED)
-            if steps == _LAST_STEPS:
-                going &= fit.evaluation.min_gap > self.wall_gap
-            again = np.flatnonzero(going)
-            if again.size:
-                begin, state = np.asarray(fit.parameters).T, fit.evaluation.state
-                own = asked._replace(start=begin, state=state).rows(again)
-                parts = jax.tree.leaves(self._batches(own, steps))
-                for whole, part in zip(jax.tree.leaves(fit), parts, strict=True):
-                    whole[..., again] = part
+        if self.live and len(asked.y) == 1:
+            # The steps of one lane delay no other.
+            fit = self._run(asked, _FIRST_STEPS + _MORE_STEPS)
+            return self._gathered(fit, asked)
+        fit = self._batches(asked, _FIRST_STEPS)
+        again = np.flatnonzero(np.isfinite(fit.chi2) & ~(fit.predicted_decrease < SETTLED))
+        if again.size:
+            begin, state = np.asarray(fit.parameters).T, fit.evaluation.state
+            own = asked._replace(start=begin, state=state).rows(again)
+            parts = jax.tree.leaves(self._batches(own, _MORE_STEPS))
+            for whole, part in zip(jax.tree.leaves(fit), parts, strict=True):
+                whole[..., again] = part
         return self._gathered(fit, asked)
 
     def inside(self, parameters: Floats, contacts: int) -> Floats:
