@@ -1446,3 +1446,15 @@ def test_what_an_estimate_left_out_says_nothing_about_the_skin_file(
     assert unused.tolist() == [[False, False, False, True], [True, True, False, False]]
     assert own == [estimates[0], estimates[2]]
     assert stuck.sum() == 1
+
+
+@pytest.mark.parametrize(("off", "nearer"), [(1.5, True), (-1.5, True), (2.5, False)])
+def test_a_live_frame_goes_on_from_the_last_one_where_that_is_nearer(
+    off: float, *, nearer: bool
+) -> None:
+    """By weighted squares, against the nearest node of the table, two counts off."""
+    selection = object.__new__(Selection)
+    selection.nodes = SimpleNamespace(readings=np.array([[9.0], [3.0]]))  # type: ignore
+    last = explanations([[0.1, 5.0]], so=[[1.0 - off]])
+    found = selection._nearer(np.ones((1, 1)), np.full((1, 1), 0.3), np.array([1]), last)
+    assert found is nearer

@@ -485,6 +485,8 @@ class LoadEstimator:
                 shift = memory.again()
             found += estimates
             done(len(found))
+        if not self.live:  # frames without times know nothing of it
+            memory.forget()
         return found
 
     def _moved(self, so: Floats, faulty: Flags, time: Floats) -> Floats | None:
