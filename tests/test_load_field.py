@@ -1,6 +1,7 @@
 """Load fields: their posterior against closed forms, their model, palms on a section."""
 
 import dataclasses
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -196,15 +197,16 @@ def test_a_palm_is_a_load_field_and_a_finger_is_a_contact(estimator: LoadEstimat
         assert field.angle.low < np.deg2rad(middle) < field.angle.high
     # A live frame whose time is too short for a field says so.
     budget = Budget(1.0)
-    short = FieldFallback(
+    edge = np.atleast_1d(estimator._parts.fitter.edge)
+    live = partial(
+        FieldFallback,
         estimator.skin,
-        np.atleast_1d(estimator._parts.fitter.edge),
+        edge,
         estimator.along,
         None,
         per_contact=2,
         coordinates=1,
         live=True,
-        budget=budget,
     )
     y, weight = estimator.weigh(so[:1])
     best, others = estimator.selection.explain(y, weight)
@@ -212,21 +214,12 @@ def test_a_palm_is_a_load_field_and_a_finger_is_a_contact(estimator: LoadEstimat
     channels = (np.column_stack([x, [0.0]]) for x in (y, weight))
     budget.took("load field", 2.0)
     budget.begin()
-    (coarse,) = short.told(told, best, *channels)
+    (coarse,) = live(budget=budget).told(told, best, *channels)
     assert coarse.status == "coarse"
     assert coarse.field is None
     # Where a field leaves little of the film, no one knows whether the wall carries some.
     for little_gap, answer in ((0.0, False), (1.0, None)):
-        near = FieldFallback(
-            estimator.skin,
-            np.atleast_1d(estimator._parts.fitter.edge),
-            estimator.along,
-            None,
-            per_contact=2,
-            coordinates=1,
-            little_gap=little_gap,
-            live=True,
-        )
+        near = live(little_gap=little_gap)
         (felt,) = near.told(told, best, *(np.column_stack([x, [0.0]]) for x in (y, weight)))
         assert felt.wall_contact is answer
     finger = found[2]

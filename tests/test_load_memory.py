@@ -12,15 +12,15 @@ from scipy.integrate import quad
 from fitting.arrays import Floats
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.fit.explanation import Explanations
-from fitting.inverse_load.memory.pad_follower import (
+from fitting.inverse_load.memory.remembering import Series, response_of
+from fitting.inverse_load.memory.series import SHARE_ERROR, LoadMemory, creeping_load
+from fitting.inverse_load.pad.interpolant import WHOLE, PadInterpolant
+from fitting.inverse_load.pad.memory import (
     Answer,
     Dents,
     PadMemoryErrors,
     PadMemoryFollower,
 )
-from fitting.inverse_load.memory.remembering import Series, response_of
-from fitting.inverse_load.memory.series import SHARE_ERROR, LoadMemory, creeping_load
-from fitting.inverse_load.pad.interpolant import WHOLE, PadInterpolant
 from suas_jax.config import load_skin
 from suas_jax.config.inelastic import RelaxationSpec
 from suas_jax.config.tolerance import UncertainQuantity
@@ -47,10 +47,28 @@ def test_load_fields_of_a_membrane_that_remembers_are_refused_by_name() -> None:
         LoadEstimator(relaxing(), load_fields=True)
 
 
-def test_states_are_the_hereditary_integral_on_jittered_and_missing_frames() -> None:
-    rng = np.random.default_rng(1)
+def jittered(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Times of jittered and missing frames, and a stress at each that is none at first."""
+    rng = np.random.default_rng(seed)
     time = np.cumsum(np.concatenate([[0.0], rng.uniform(0.001, 0.05, 30), [7.0, 40.0, 0.01]]))
-    stress = np.concatenate([[0.0], rng.normal(size=len(time) - 1)])
+    return time, np.concatenate([[0.0], rng.normal(size=len(time) - 1)])
+
+
+def hereditary(time: np.ndarray, stress: np.ndarray, k: int) -> float:
+    """Response in frame k to a long-term stress that changes linearly between frames."""
+    slope = np.diff(stress) / np.diff(time)
+
+    def kernel(age: float) -> float:
+        return float(1 - (G * -np.expm1(-age / TAU)).sum()) / END
+
+    return sum(
+        slope[i] * quad(lambda s: kernel(time[k] - s), time[i], time[i + 1])[0]
+        for i in range(k)
+    )
+
+
+def test_states_are_the_hereditary_integral_on_jittered_and_missing_frames() -> None:
+    time, stress = jittered(1)
     series = Series(jnp.asarray(GAMMA), jnp.asarray(TAU), jnp.zeros((0, 2)))
     past = Past(jnp.zeros(1), jnp.zeros((2, 1)))
     found = []
@@ -59,17 +77,9 @@ def test_states_are_the_hereditary_integral_on_jittered_and_missing_frames() -> 
         response = response_of(series, series.gamma, past, elapsed)
         found.append(float(response.share * stress[k] + response.rest[0]))
         past = past.after(series.states, elapsed, jnp.asarray(stress[k : k + 1]))
-    slope = np.diff(stress) / np.diff(time)
-
-    def kernel(age: float) -> float:
-        return float(1 - (G * -np.expm1(-age / TAU)).sum()) / END
-
     for k in (1, 5, len(time) - 3, len(time) - 2, len(time) - 1):
-        parts = [
-            slope[i] * quad(lambda s, k=k: kernel(time[k] - s), time[i], time[i + 1])[0]
-            for i in range(k)
-        ]
-        assert found[k - 1] == pytest.approx(sum(parts), rel=1e-8, abs=1e-8)
+        expected = hereditary(time, stress, k)
+        assert found[k - 1] == pytest.approx(expected, rel=1e-8, abs=1e-8)
 
 
 def test_creep_under_a_constant_load_balances_it_at_all_times() -> None:
@@ -172,22 +182,11 @@ def test_a_place_answers_as_the_hereditary_integral_says() -> None:
     """Equivalents under any loads; under a constant one those of `creeping_load`."""
     memory = LoadMemory.of(relaxing())
     assert memory is not None
-    rng = np.random.default_rng(2)
-    time = np.cumsum(np.concatenate([[0.0], rng.uniform(0.001, 0.05, 30), [7.0, 40.0, 0.01]]))
-    load = np.concatenate([[0.0], rng.normal(size=len(time) - 1)])
-    slope = np.diff(load) / np.diff(time)
-
-    def kernel(age: float) -> float:
-        return float(1 - (G * -np.expm1(-age / TAU)).sum()) / END
-
+    time, load = jittered(2)
     dents = Dents.unpressed(np.zeros((1, WHOLE)), 2)
     for k in range(1, len(time)):
-        parts = [
-            slope[i] * quad(lambda s, k=k: kernel(time[k] - s), time[i], time[i + 1])[0]
-            for i in range(k)
-        ]
         answer = Answer.of(dents, memory.gamma, memory.tau, time[k] - time[k - 1])
-        dents = answer.after(dents, np.array([sum(parts)]))
+        dents = answer.after(dents, np.array([hereditary(time, load, k)]))
         assert dents.load[0] == pytest.approx(load[k], rel=1e-7, abs=1e-7)
     time = np.concatenate([[0.0], np.geomspace(1e-3, 100.0, 2000)])
     dents = Dents.unpressed(np.zeros((1, WHOLE)), 2)

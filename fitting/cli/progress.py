@@ -12,6 +12,7 @@ from suas_jax.acquisition.terminal import new_console, say
 from suas_jax.runtime.compiling import listening
 
 _COMPILING = "compiling, once for this kind of scene, about 20 s"
+_COMPILING_MANY = " (compiling, once for this kind of scene; minutes in all)"
 _LONG = 20.0  # without a terminal: after which something is said of what goes on [s]
 
 
@@ -57,16 +58,24 @@ def bar(what: str, total: int) -> Iterator[Callable[[int], None]]:
 
 
 @contextlib.contextmanager
-def _described(what: str, describe: Callable[[str], None]) -> Iterator[Callable[[str], None]]:
-    """Describe what is being done, and that a program is being compiled for it."""
+def _described(
+    what: str, describe: Callable[[str], None], note: str = f": {_COMPILING}"
+) -> Iterator[Callable[[str], None]]:
+    """Describe what is being done, with a note while a program is compiled for it."""
+    busy = False
+
+    def told() -> None:
+        describe(what + note if busy else what)
 
     def show(text: str) -> None:
         nonlocal what
         what = text
-        describe(text)
+        told()
 
     def compiling(begins: bool) -> None:
-        describe(f"{what}: {_COMPILING}" if begins else what)
+        nonlocal busy
+        busy = begins
+        told()
 
     with listening(compiling):
         yield show
@@ -74,26 +83,18 @@ def _described(what: str, describe: Callable[[str], None]) -> Iterator[Callable[
 
 @contextlib.contextmanager
 def _said_late(what: str) -> Iterator[Callable[[str], None]]:
-    """Say once what is being done, if it takes long, and whether a program is compiled."""
-    busy = False
+    """Say once what is being done, if it takes long."""
+    doing = what
 
-    def compiling(begins: bool) -> None:
-        nonlocal busy
-        busy = begins
+    def describe(text: str) -> None:
+        nonlocal doing
+        doing = text
 
-    def show(text: str) -> None:
-        nonlocal what
-        what = text
-
-    def late() -> None:
-        why = " (compiling, once for this kind of scene; minutes in all)" if busy else ""
-        say(f"suas: still {what}{why}", err=True)
-
-    timer = threading.Timer(_LONG, late)
+    timer = threading.Timer(_LONG, lambda: say(f"suas: still {doing}", err=True))
     timer.daemon = True
     timer.start()
     try:
-        with listening(compiling):
+        with _described(what, describe, _COMPILING_MANY) as show:
             yield show
     finally:
         timer.cancel()

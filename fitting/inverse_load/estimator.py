@@ -146,13 +146,7 @@ class LoadEstimator:
             self.pressure_noise,
             pad,
         )
-        memory = LoadMemory.of(self.spec)
         self._systematic = parts.systematic
-        if pad and memory is not None:
-            from fitting.inverse_load.memory.pad_follower import PadMemoryErrors
-
-            assert parts.systematic is not None
-            self._systematic = PadMemoryErrors(parts.systematic, memory)
         self._drift: DriftFollower | None = None
         if self.follow_drift and self.rest is not None:
             at_rest = np.nan_to_num(self.rest, nan=0.0)
@@ -190,18 +184,14 @@ class LoadEstimator:
             self.spec.calibration,
             lambda: self._field,
         )
-        self._memory = None
-        if memory is not None:
-            self._memory = self._follower_of(memory, max(penalty, asked))
+        memory = LoadMemory.of(self.spec)
+        self._memory = memory and self._follower_of(memory, max(penalty, asked))
 
     def _follower_of(self, memory: LoadMemory, penalty: float) -> "AbstractMemoryFollower":
         """Follows what the membrane remembers."""
         if self.spec.geometry.dimension == 3:
-            from fitting.inverse_load.memory.pad_follower import (
-                PadMemoryErrors,
-                PadMemoryFollower,
-            )
             from fitting.inverse_load.pad.fitter import PadFitter
+            from fitting.inverse_load.pad.memory import PadMemoryErrors, PadMemoryFollower
 
             fitter, errors = self._parts.fitter, self._systematic
             assert isinstance(fitter, PadFitter)
@@ -282,14 +272,10 @@ class LoadEstimator:
         from fitting.inverse_load.pad.parts import pad_parts
         from fitting.inverse_load.pad.table import FINE
 
-        spec = self.spec
-        if spec.material.relaxation is not None:  # which the table knows nothing of
-            material = spec.material.model_copy(update={"relaxation": None})
-            spec = spec.model_copy(update={"material": material})
         aside = None if self.budget is None else ThreadPoolExecutor(1, "suas-solve")
         common |= {"workers": self.workers, "resolution": self.resolution or FINE}
         common["aside"] = aside
-        return pad_parts(spec, self.input_errors, diameter=self.diameter, **common)
+        return pad_parts(self.spec, self.input_errors, diameter=self.diameter, **common)
 
     def _check(self) -> None:
         if not 0 < self.false_alarm < 0.5:
@@ -408,8 +394,11 @@ class LoadEstimator:
         if faulty is None:
             faulty = np.zeros(so.shape, bool)
         time = None if time is None else np.asarray(time, float)
-        if self._memory is not None and time is not None:
-            return self._remembered(self._memory, so, faulty, time, done)
+        if self._memory is not None:
+            if not self.live:  # a log begins at rest; without times it leaves nothing
+                self._memory.forget()
+            if time is not None:
+                return self._remembered(self._memory, so, faulty, time, done)
         if self._budget is not None:
             self._budget.begin()
         past = self.followed(so, faulty, time)
@@ -466,8 +455,6 @@ class LoadEstimator:
     ) -> list[LoadEstimate]:
         """Frame after frame, each with what the membrane remembers of those before."""
         found: list[LoadEstimate] = []
-        if not self.live:
-            memory.forget()
         moved = self._moved(so, faulty, time)
         for k in range(len(so)):
             row = slice(k, k + 1)
@@ -485,8 +472,6 @@ class LoadEstimator:
                 shift = memory.again()
             found += estimates
             done(len(found))
-        if not self.live:  # frames without times know nothing of it
-            memory.forget()
         return found
 
     def _moved(self, so: Floats, faulty: Flags, time: Floats) -> Floats | None:

@@ -14,12 +14,15 @@ from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.fit.detection import PadDetector
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
+from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
+from fitting.inverse_load.memory.series import LoadMemory
 from fitting.inverse_load.pad.facts import facts_of
 from fitting.inverse_load.pad.fitter import AskewFitter, PadFitter
 from fitting.inverse_load.pad.input_errors import PadErrors
 from fitting.inverse_load.pad.interpolant import PLAIN, PadInterpolant
 from fitting.inverse_load.pad.kept_table import pad_table_of
 from fitting.inverse_load.pad.marginal import Told
+from fitting.inverse_load.pad.memory import PadMemoryErrors
 from fitting.inverse_load.pad.table import FINE, PadResolution, PadTable
 from fitting.inverse_load.search.base import AbstractNodeSearch, PairSearch
 from fitting.steps import finished
@@ -158,6 +161,10 @@ def pad_parts(
     The diameter is that of the table's discs, around which contacts' diameters are expected
     [m]; None tells the diameter, too.
     """
+    memory = LoadMemory.of(spec)
+    if memory is not None:  # beside the table, which knows nothing of it
+        material = spec.material.model_copy(update={"relaxation": None})
+        spec = spec.model_copy(update={"material": material})
     make_skin = _skin_maker(spec, resolution)
     middle = _table(spec, diameter or _DIAMETER, progress, workers, resolution)
     facts = facts_of(spec, errors, make_skin, middle, max(most_contacts, 2))
@@ -176,6 +183,10 @@ def pad_parts(
     one, two = np.array([[a, z, force]]), np.array([[a, -a, z, -z, force, force]])
     single, several = (interpolant(x, k + 1).readings[0, :-1] for k, x in enumerate((one, two)))
     places = ContactPlaces(spec.geometry, facts.arc)
+    own_errors = errors.names, facts.effects, middle, radius
+    systematic: AbstractSystematicErrors = PadErrors(*own_errors, from_rest=from_rest)
+    if memory is not None:
+        systematic = PadMemoryErrors(systematic, memory)
     return EstimationParts(
         make_skin,
         facts.line,
@@ -188,7 +199,7 @@ def pad_parts(
         LoadAssessment(fitter, nodes, places, facts.taxels),
         (single, several),
         PadPosterior(fitter, nodes),
-        PadErrors(errors.names, facts.effects, middle, radius, from_rest=from_rest),
+        systematic,
         AskewFitter(*own, **kind),
     )
 

@@ -9,6 +9,8 @@ Over a step in which E changes linearly this is F = (1 + sum gamma_i m_i) E + c,
 says c, and m_i = (1 - exp(-x)) / x, x = dt / tau_i. A place that nothing presses any more has
 F = 0: its E is the dent that is left. The table of elastic states reads all E together; that
 dents of different shapes relax alike, place by place, is what this leaves out (`_LEFT_OUT`).
+
+These are the states of `suas_jax.constitutive.relaxation` in NumPy: frames go without JAX.
 """
 
 from typing import NamedTuple
