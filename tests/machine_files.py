@@ -692,6 +692,15 @@ FILES = [
         stretch=SQUEEZED,
     ),
     MachineFile(
+        "compression as the travel's name",
+        (
+            "Specimen: cylinder\nDiameter (mm): 29.0\nHeight (mm): 25\n"
+            "Time (s),Compression (mm),Compressive load (N)\n"
+            + rows(TIME, DOWN, -button(SQUEEZED))
+        ).encode(),
+        stretch=SQUEEZED,
+    ),
+    MachineFile(
         "units of LabVIEW's channels",
         (
             "LabVIEW Measurement\t\nSeparator\tTab\n***End_of_Header***\t\nChannels\t2\n"

@@ -244,3 +244,11 @@ def test_a_clock_tells_the_time(tmp_path: pathlib.Path) -> None:
     data = load_dataset("uniaxial", file)
     assert isinstance(data, StressTest)
     np.testing.assert_allclose(np.diff(data.time), [0.5, 2.0, 1.25])
+
+
+def test_shear_by_its_letters(tmp_path: pathlib.Path) -> None:
+    shear = np.linspace(0.1, 0.8, 8)
+    file = written(tmp_path, "gamma [-];tau [MPa]\n" + rows(shear, 0.6 * shear, between=";"))
+    data = load_dataset("simple_shear", file)
+    np.testing.assert_allclose(data.coordinate, shear, rtol=1e-8)
+    np.testing.assert_allclose(data.value, 6e5 * shear, rtol=1e-8)

@@ -114,7 +114,7 @@ depth length (?:loads_0_)?(?:indentation_)?depth|indentation
 sigma stress (?!sigma_(?:eng|nom|true|cauchy)[a-z]*(?!_stress|[a-z]))
     (?:sigma|noise|uncertainty|std|stdev|standard_deviation|error)
     (?:_(?:nominal|cauchy|engineering|true))?(?:_stress)?(?:_(?:oil_)?pressure)?
-nominal_shear stress (?:nominal_|engineering_|cauchy_)?shear_stress
+nominal_shear stress (?:nominal_|engineering_|cauchy_)?shear_stress|tau|τ
 cauchy stress (?:cauchy|true|kirchhoff)_?stress
     |(?:stress|sigma|σ)_(?:cauchy|true)
 second_pk stress (?:second_piola_kirchhoff|pk2|2nd_pk|second_pk)(?:_stress)?
@@ -147,7 +147,8 @@ strain number (?:nominal_|engineering_|eng_|tensile_|compressive_|compression_|a
 stretch number (?:hoop_)?stretch(?:_ratio)?|extension_ratio|lambda|λ|lam|f_?11
 displacement length (?:crosshead_|cross_head_|loads_0_|axial_|ax_|standard_|tensile_
     |compressive_|actuator_|corrected_|extensometer_|video_|machine_|shear_)*(?:displacement|displ?
-    |extension|elong(?:ation)?|stroke|travel|deflection|crosshead|distance|position|extensometer)
+    |extension|elong(?:ation)?|compression|stroke|travel|deflection|crosshead|distance|position
+    |extensometer)
     |d(?:elta_)?l|δl
 current_length length (?:axial_|plate_)?gap|current_length
 grip_separation length (?:initial_)?(?:grip|jaw|clamp)(?:_to_(?:grip|jaw|clamp))?
