@@ -1,6 +1,7 @@
 """The parts of `suas invert` that read a log, and estimate, print and draw its loads."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import typer
@@ -10,7 +11,6 @@ from fitting.cli.options import check_figures, remark
 from fitting.cli.progress import bar, spinner
 from fitting.inverse_load.check.verdict import ModelVerdict
 from fitting.inverse_load.estimate.estimate import LoadEstimate
-from fitting.inverse_load.frame_posterior import LoadMode, frame_posterior
 from fitting.inverse_load.log.log_estimator import LogEstimator
 from fitting.inverse_load.readings import (
     EmptyLogError,
@@ -28,6 +28,9 @@ from fitting.json_text import json_text
 from suas_jax.acquisition.log.log_file import read_log
 from suas_jax.acquisition.terminal import say
 from suas_jax.config import SkinSpec
+
+if TYPE_CHECKING:
+    from fitting.inverse_load.frame_posterior import LoadMode
 
 
 def read_for(
@@ -148,8 +151,10 @@ def _verdict(log: LogEstimator, estimates: list[LoadEstimate]) -> ModelVerdict |
     return section_verdict(*given, own, pressure=pressure, force=force)
 
 
-def _modes(log: LogEstimator, seq: int) -> list[LoadMode]:
+def _modes(log: LogEstimator, seq: int) -> "list[LoadMode]":
     """Modes of the frame with a number."""
+    from fitting.inverse_load.frame_posterior import frame_posterior
+
     readings = log.readings
     i = int(np.flatnonzero(readings.seq == seq)[0])
     estimator, so = log.near(i)

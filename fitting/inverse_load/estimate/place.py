@@ -29,13 +29,13 @@ class ArcTable(NamedTuple):
     @classmethod
     def of(cls, spec: GeometrySpec, geometry: "SkinGeometry") -> "ArcTable":
         """That of a skin's model."""
-        sizes = geometry.outer_size, geometry.thickness, geometry.half_angle
-        outer, thickness, edge = (float(x[0]) for x in sizes)
-        places = np.zeros(0), np.zeros((0, 3))
-        if not spec.is_circle:
-            from fitting.inverse_load.estimate.arc_table import arc_table
+        thickness, edge = float(geometry.thickness[0]), float(geometry.half_angle[0])
+        if spec.is_circle:
+            none = np.zeros(0), np.zeros((0, 3))
+            return cls(float(geometry.outer_size[0]), thickness, edge, *none)
+        from fitting.inverse_load.estimate.arc_table import arc_table
 
-            places = arc_table(geometry)
+        outer, *places = arc_table(geometry)
         return cls(outer, thickness, edge, *places)
 
 

@@ -24,7 +24,7 @@ from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import Skin
 from suas_jax.skin.pad_loads import PadLoadPoints
-from suas_jax.skin.section import outward
+from suas_jax.skin.section import AbstractSection, outward
 
 _SPACING = 4e-3, 9e-3  # between nodes of a section and of a pad, at most [m]
 
@@ -39,7 +39,7 @@ class FieldNodes(NamedTuple):
     @classmethod
     def at(cls, skin: Skin, places: Floats) -> "FieldNodes":
         """Nodes at places."""
-        found = skin.geometry.section.direction(jnp.asarray(places[:, :1]))
+        found = COMPILED.run(_direction, skin.geometry.section, places[:, :1], once=True)
         return cls(places, np.asarray(found)[:, 0])
 
 
@@ -78,9 +78,13 @@ class FieldForward:
 
     def rest(self) -> State:
         """The undeformed state, where fits of a load field begin."""
+
+        def rest() -> Array:
+            none = jnp.zeros((len(self._nodes.places), 1))
+            return _problem(self._skin, self._nodes, none).mechanics.rest()
+
         zero = jnp.zeros(1)
-        rest = _problem(self._skin, self._nodes, jnp.zeros((len(self._nodes.places), 1)))
-        return State(rest.mechanics.rest(), zero, zero)
+        return State(jnp.zeros(jax.eval_shape(rest).shape), zero, zero)
 
     def __call__(self, force: Floats, start: State) -> FieldState:
         """Readings and slopes under forces [node] [N], from the state of a field nearby."""
@@ -140,6 +144,11 @@ def _with_slopes(
 
     along = jax.linearize(channels, force)[1]
     return at._replace(jacobian=jax.vmap(along, out_axes=1)(jnp.eye(len(force))[..., None]))
+
+
+@eqx.filter_jit
+def _direction(section: AbstractSection, angle: Array) -> Array:
+    return section.direction(angle)
 
 
 _STATE_PROGRAM = eqx.filter_jit(_state)
