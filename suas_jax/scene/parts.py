@@ -99,7 +99,7 @@ def scene_parts(
     The membrane's `law`, its constants with a lane axis, may be another than the scene's own.
     """
     numbers = _all_numbers(scene, inputs)
-    skin = _skin(scene, numbers, law)
+    skin = skin_parts(scene, inputs) if law is None else _skin(scene, numbers, law)
     section = skin.geometry.section
     forces: list[DeadLoad] = []
     bodies, pressures = [], []
