@@ -55,8 +55,6 @@ def find_range(
         check_files(plot, overwrite=overwrite)
         settings: dict[str, Any] = pad_settings(diameter, None)
         with computing("finding the range", workers, trust_network) as (show, processes):
-            from fitting.force_range import figure
-
             found: ForceRange | PadForceRange
             if spec.geometry.dimension == 3:
                 from fitting.force_range.pad import pad_force_range
@@ -67,7 +65,9 @@ def find_range(
                 found = on_pad = pad_force_range(spec, (angles, axials), noise, **settings)
                 table = _pad_rows(on_pad)
                 if plot is not None:
-                    figure.plot_pad_range(on_pad, plot)
+                    from fitting.force_range.figure import plot_pad_range
+
+                    plot_pad_range(on_pad, plot)
             else:
                 from fitting.force_range.bound import force_range
 
@@ -76,7 +76,9 @@ def find_range(
                 found = section = force_range(spec, angles, noise, show)
                 table = _section_rows(section)
                 if plot is not None:
-                    figure.plot_range(section, plot)
+                    from fitting.force_range.figure import plot_range
+
+                    plot_range(section, plot)
     answer(as_json, found.report() | material_note(spec), lambda: print_table(*table))
 
 
