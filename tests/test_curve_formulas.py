@@ -366,6 +366,8 @@ def test_the_best_law_is_stable_converged_determined_and_of_least_aicc(
     assert found.against(second) == []
     assert Comparison((stranger, strange, good), {}).best is good
     assert Comparison((stranger, strange), {}).best is strange
+    none = fit("none", times=-1.0)  # no stress of a stretched rubber
+    assert Comparison((none, stranger), {}).best is stranger
     assert found.against(strange) == [
         "equibiaxial, not measured: 1.1 times the middle of the 95 % band"
     ]

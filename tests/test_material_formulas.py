@@ -11,6 +11,7 @@ import pytest
 from scipy import stats
 
 from fitting.material.data.errors import DataError
+from fitting.material.experiments.artefacts import curve_suspects
 from fitting.material.experiments.free_zero import FreeZero, idle, smoothed, toe_end
 from fitting.material.experiments.history import (
     HistoryTest,
@@ -21,7 +22,7 @@ from fitting.material.experiments.history import (
     thinned_history,
     with_history,
 )
-from fitting.material.experiments.measurements import Origin
+from fitting.material.experiments.measurements import PATHS, Origin
 from fitting.material.experiments.prediction import mode_factors, padded, shear_factors
 from fitting.material.experiments.timing import Stated
 from fitting.material.experiments.volumetric import VolumetricTest
@@ -104,6 +105,9 @@ def test_ends_of_a_logarithm_are_those_of_the_likelihood_and_positive() -> None:
         assert found is not None
         expected = slope + share * deviation * np.array([-1.0, 1.0])
         np.testing.assert_allclose(found[0], expected, rtol=0.02)
+        below = _ends(search, quantity, share * deviation, -slope, True, svd)
+        assert below is not None
+        np.testing.assert_allclose(below[0], -found[0][::-1], rtol=1e-12)
     # Where the data never exclude zero the end is open.
     wide = _ends(search, quantity, 20 * slope, slope, True, svd)
     assert wide is not None
@@ -559,6 +563,7 @@ def test_a_toe_ends_where_the_curve_is_steepest() -> None:
     assert end is not None
     assert 0.15 < np.expm1(end) < 0.4
     assert toe_end(np.log1p(stretch), 1 - np.exp(-2 * stretch)) is None
+    assert toe_end(np.log1p(stretch), stretch**2) is None  # it never becomes less steep
 
 
 def test_smoothing_keeps_a_law_and_drops_its_scatter() -> None:
@@ -606,6 +611,42 @@ def test_zeros_in_the_units_of_the_test() -> None:
     assert zero_in_units("slack", 0.02, 0.01, plain) == (0.02, 0.01, "of the length")
     assert zero_in_units("force", 2e6, 1e6, plain) == (2.0, 1.0, "MPa")
     np.testing.assert_allclose(zero_in_units("machine", 1e-6, 1e-7, plain)[:2], [1.0, 0.1])
+
+
+@pytest.mark.parametrize("squeezed", [False, True])
+@pytest.mark.parametrize(
+    ("mode", "slope", "stress"),
+    [
+        ("uniaxial", 3.0, lambda x: 2 * (x - x**-2) * (2e5 + 5e4 / x)),
+        ("equibiaxial", 6.0, lambda x: 2 * (x - x**-5) * (2e5 + 5e4 * x**2)),
+        ("pure_shear", 4.0, lambda x: 2 * (x - x**-3) * (2e5 + 5e4)),
+    ],
+)
+def test_an_offset_at_rest_is_found_by_mooney_s_terms(
+    mode: str, slope: float, stress: Any, squeezed: bool
+) -> None:
+    """Mooney-Rivlin rubber of 0.5 MPa, its stresses off by 20 kPa, away from rest positive."""
+    stretch = np.linspace(1.0, 0.8 if squeezed else 1.4, 40)
+    side = -1.0 if squeezed else 1.0
+    noise = 1e2 * RNG.normal(size=40)
+    for offset in (2e4, -2e4):
+        value = stress(stretch) + side * offset + noise
+        factors = mode_factors(PATHS[mode], stretch, "nominal")
+        test = tension(stretch, value, mode=mode, factors=factors)
+        found = {x.kind: x for x in curve_suspects(test)}
+        assert found["force offset"].size == pytest.approx(offset / 1e6, rel=0.02)
+        assert found["slack"].size == pytest.approx(-offset / (slope * 5e5), rel=0.02)
+        slack = found["slack"].size
+        told = f"at a strain of {slack:.3g}," if offset < 0 else f"stretched by {-slack:.3g} "
+        assert told in found["slack"].evidence
+        # A fifth of what is found is no scatter: five standard errors are certain.
+        louder = tension(stretch, value + 5 * noise, mode=mode, factors=factors)
+        assert "force offset" in {x.kind for x in curve_suspects(louder)}
+        # Readings below zero are none of a specimen that hangs slack.
+        assert next(iter(found)) == "force offset"
+        if offset < 0:
+            kept = test.select(value * side > 0)
+            assert next(x.kind for x in curve_suspects(kept)) == "slack"
 
 
 def test_strains_in_percent_are_found_by_their_size() -> None:

@@ -37,7 +37,7 @@ from fitting.statistics.noise_model import (
     _likelihood,
     estimate_noise,
 )
-from fitting.statistics.posterior import Settings, _change, _tau, _walkers
+from fitting.statistics.posterior import Settings, _change, _tau, _walkers, sample
 from fitting.statistics.profile import constrained, profile_end
 from tests.skins import quick
 from tests.test_linear_model import LINE, X, Y, linear
@@ -716,6 +716,12 @@ def test_walkers_begin_at_possible_points_ever_closer_to_the_mean() -> None:
 
 
 def test_settings_that_make_no_chain_are_refused() -> None:
+    batch, start = NumpyBatch(lambda x: -(x**2).sum(1)), Gaussian(np.zeros(3), np.eye(3))
+    for walkers in (4, 7):
+        with pytest.raises(ValueError, match=f"--walkers {walkers}: an even number of at leas"):
+            sample(batch, start, ("a", "b", "c"), Settings(walkers=walkers))
+    few = Settings(walkers=6, steps=2, check=1)
+    assert sample(batch, start, ("a", "b", "c"), few).samples.shape[1] == 3
     with pytest.raises(ValueError, match="--moves hop"):
         Settings(moves="hop")
     for wrong in ({"steps": 0}, {"check": 0}):

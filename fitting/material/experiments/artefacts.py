@@ -268,12 +268,13 @@ def _off_at_rest(
     second = c1 * (inverse - np.exp(-2.0 * e1)) + c2 * (inverse - np.exp(-2.0 * e2))
     own = data.specimen == part.specimen[0]
     side = 1.0 if np.sum(np.log(data.stretch_1[own])) >= 0.0 else -1.0
-    fit = np.stack([np.ones(part.size), side * part.unit_stress, side * second], axis=1)
+    terms = [part.unit_stress, second][: 1 if data.mode == "pure_shear" else 2]  # I1 = I2 there
+    fit = np.stack([np.ones(part.size), *(side * term for term in terms)], axis=1)
     sizes = np.linalg.norm(fit, axis=0)
     values = side * part.value
     solution, _, rank, _ = np.linalg.lstsq(fit / sizes, values, rcond=1e-8)
-    spare = part.size - 3
-    if rank < 3 or spare < 3:
+    spare = part.size - fit.shape[1]
+    if rank < fit.shape[1] or spare < 3:
         return []
     solution = solution / sizes
     scatter = float(np.sum((values - fit @ solution) ** 2)) / spare
@@ -281,7 +282,7 @@ def _off_at_rest(
     at_rest = float(solution[0])
     # Slope at rest by log stretch, from the mode's: 3, 4 and 6 times the modulus.
     slope = {"uniaxial": 3.0, "pure_shear": 4.0, "equibiaxial": 6.0}[data.mode]
-    slope *= float(solution[1] + solution[2])
+    slope *= float(np.sum(solution[1:]))
     if abs(at_rest) < max(CERTAIN * error, _NOTICEABLE * largest) or slope <= 0.0:
         return []
     below = lowest < -max(CERTAIN * np.sqrt(scatter), _NOTICEABLE * largest)
