@@ -476,6 +476,19 @@ def test_points_of_a_pads_curve_start_from_the_states_around_them() -> None:
     assert curve._filled(travels[:9]) == []
 
 
+@pytest.mark.parametrize(("beside", "from_rest"), [([], True), ([line(20, 1.0)], False)])
+def test_a_curve_that_lets_go_ends_at_rest(
+    beside: list[dict[str, Any]], from_rest: bool
+) -> None:
+    """From the state before, what is left is rounding: forces that nothing balances."""
+    spec = scene(body(0, 2.0), *beside)
+    plan = plan_for(spec, "shell", (32,))
+    curve = _Polynomial(spec, {"load.0.depth": 1.0}, MODELS[2]["shell"], plan, wall=False)
+    curve.follow(np.array([0.5, 0.25, 0.0]), plan.counts)
+    assert np.isfinite(OFF[0.25]).all()
+    assert np.isnan(OFF[0.0]).all() == from_rest
+
+
 def test_a_plate_opens_from_a_point_to_one_patch() -> None:
     """Of 0.4 mm at 2 mm, of 6 mm at 4 mm: then a tenth stiffer than a cylinder."""
     small, _, _ = pressed(scene(body(0, 2.0, **PLATE)), 64)

@@ -17,9 +17,10 @@ from fitting.force_range import pad as pad_range
 from fitting.force_range.bound import ForceRange, least_errors, smallest_told
 from fitting.force_range.inputs import contact_deviation
 from fitting.inverse_load import frame_posterior
-from fitting.inverse_load.check import section_log
+from fitting.inverse_load.check import section_log, skin_file
 from fitting.inverse_load.check.changed_input import AbstractInputFit
 from fitting.inverse_load.check.verdict import (
+    FEWEST,
     WIDTH,
     Gain,
     ModelVerdict,
@@ -37,6 +38,7 @@ from fitting.inverse_load.fit.explanation import Alternative
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.live.filter import LoadFilter
+from fitting.inverse_load.pad.fitter import PadFitter
 from suas_jax.config import continuous_inputs, input_errors, load_skin
 from suas_jax.config.input_errors import STIFFNESS
 from suas_jax.config.schema_calibration import CalibrationSpec, PlaceShiftSpec
@@ -255,6 +257,16 @@ def test_a_fit_that_has_not_settled_says_nothing_of_the_file(
     assert found is not None
     assert found.right
     assert found.chi2_per_dof == pytest.approx(1.0)
+
+
+def test_a_pull_on_a_pad_says_nothing_of_the_file() -> None:
+    # Frames are fitted again as pushes: what that leaves of a pull was blamed on the file.
+    fitter = PadFitter.__new__(PadFitter)
+    estimator: Any = SimpleNamespace(selection=SimpleNamespace(fitter=fitter), direction=False)
+    pushes = [LoadEstimate(True, (Contact(0.1, 2.0, None, None),), status="ok")] * (FEWEST - 1)
+    pull = LoadEstimate(True, (Contact(0.1, -2.0, None, None),), status="no_convergence")
+    so = np.zeros((FEWEST, 5))
+    assert skin_file.model_verdict(estimator, so, so > 0, None, [*pushes, pull]) is None
 
 
 @pytest.mark.parametrize("shift", [-2, -1, 1, 2])

@@ -380,6 +380,8 @@ def test_tables_along_the_axis_are_products_of_splines() -> None:
         ({"arc": [0, 0.5, 1]}, "geometry.thickness", "3 places (arc) and 4 rows of values"),
         ({"axial": [0, 1]}, "geometry.thickness", "2 places (axial) and 3 values in row 0"),
         ({"axial": [0, 0.4, 0.9]}, "geometry.thickness", "axial must rise from 0 to 1"),
+        ({"axial": ["-9 mm", 0.5, 1]}, "geometry.thickness.axial.0", "fractions of the way"),
+        ({"axial": [-9, 0.5, 1]}, "geometry.thickness.axial.0", "from 0 to 1"),
         ({"ends": "sliding"}, "geometry.thickness.axial", "three dimensions"),
         ({"kind": "body"}, "load.0.kind", "the same along the axis"),
     ],

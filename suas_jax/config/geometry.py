@@ -9,7 +9,21 @@ from pydantic import ValidationInfo, model_validator
 
 from suas_jax.config.fields import AsList, PositiveLength, Quantity, Spec, file_key, quantity
 
-_Fraction = Annotated[float, quantity("number", at_least=0.0)]
+_SHARE = quantity("number", at_least=0.0)
+
+
+def _place(value: object, info: ValidationInfo) -> float:
+    """A place along the arc or the axis, which may be written as an angle or a length."""
+    try:
+        share: float = _SHARE.func(value, info)  # type: ignore[call-arg, arg-type]
+    except ValueError:
+        raise ValueError(
+            "places are fractions of the way between the clamps, from 0 to 1"
+        ) from None
+    return share
+
+
+_Fraction = Annotated[float, Quantity(_place, rules=_SHARE.rules)]
 
 
 class _AlongArc(Spec):

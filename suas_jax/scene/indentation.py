@@ -20,6 +20,7 @@ from suas_jax.scene.curve import contact_of, first_touch
 from suas_jax.scene.program import at_rest, prepared, run_program, structure_of
 from suas_jax.scene.report import plain, report_of
 from suas_jax.scene.travel import on_the_way
+from suas_jax.skin.prestress import is_prestressed
 
 _CONTACT_TOLERANCE = 1e-7  # of the travel at first contact with the wall
 _MOST_HALVINGS = 40
@@ -139,7 +140,9 @@ class IndentationCurve(NamedTuple):
         """Solutions at given travels [m] on one mesh, each from those before."""
 
         def solved(depth: float, start: State | None) -> Point:
-            return self._solved(depth, counts, start, wall=self.wall)
+            # From elsewhere Newton's method ends at rounding, forces that nothing balances.
+            near = None if depth <= 0 and self._alone else start
+            return self._solved(depth, counts, near, wall=self.wall)
 
         if starts is not None:
             # A program keeps one core busy: points share out the others.
@@ -165,6 +168,11 @@ class IndentationCurve(NamedTuple):
             if np.sum(np.abs(weights)) < 2**count:  # as of even steps; never of equal travels
                 return _joined(weights, points[-count:])
         return self._near(points[-1].part, depths[-1], depth)
+
+    @property
+    def _alone(self) -> bool:
+        """Whether the skin is at rest where no body is pressed in."""
+        return len(self.shares) == len(self.scene.loads) and not is_prestressed(self.scene)
 
     def _near(self, state: State, before: float, depth: float) -> State:
         """A state at one travel as a start for another."""

@@ -48,8 +48,7 @@ def model_verdict(
     assert isinstance(fitter, PadFitter)
     if estimator.direction:  # the readings' few hints are taken by the directions
         return None
-    single = [e.status in USABLE and len(e.contacts) < 2 for e in estimates]
-    frames = np.flatnonzero(single)
+    frames = np.flatnonzero([_pushed_alone(estimate) for estimate in estimates])
     if len(frames) < FEWEST:
         return None
     frames = frames[np.linspace(0, len(frames) - 1, min(_MOST, len(frames))).astype(int)]
@@ -85,6 +84,12 @@ def model_verdict(
     if named:
         return verdict_of(sorted(named, reverse=True), chi2, dof)
     return ModelVerdict(chi2 / dof, bool(noise))
+
+
+def _pushed_alone(estimate: LoadEstimate) -> bool:
+    """Whether one push may explain a frame; what is left of a pull is not the file's fault."""
+    alone = estimate.status in USABLE and len(estimate.contacts) < 2
+    return alone and not any(contact.force < 0 for contact in estimate.contacts)
 
 
 def _slopes(estimator: LoadEstimator, parameters: Floats) -> dict[str, Floats]:
