@@ -10,7 +10,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy import special
+from scipy import optimize, special
 from test_cli import SCENES, suas
 
 from suas_jax import ConfigError, load_scene, scene_from_dict
@@ -30,6 +30,7 @@ from suas_jax.dynamics.modes import (
     Spectrum,
     bandwidth_of,
     damped_roots,
+    lowest_modes,
     modes,
     spectrum_of,
 )
@@ -111,6 +112,20 @@ def test_bandwidth_of_one_mode() -> None:
     assert 2 * np.pi * viscous == pytest.approx(0.01 / tau / np.sqrt(1 - 1e-4), rel=1e-6)
     free = bandwidth_of(np.array([25.0]), np.zeros((1, 1)))
     assert 2 * np.pi * free == pytest.approx(5.0 * np.sqrt(0.01 / 1.01), rel=1e-6)
+
+
+def test_low_modes_are_not_rounded_by_the_stiffest() -> None:
+    # k x - a (a . x) mean = w^2 x with a = (1, ..., 1): sum 1 / (k - w^2) = 0.
+    k = np.concatenate([np.arange(1.0, 13.0), np.geomspace(1e8, 1e13, 60)])
+    volume, none = np.ones(k.size), np.zeros((k.size, k.size))
+    held = strip(4, "cos")._replace(stiffness=np.diag(k), omitted=none, volume=volume)
+    squares, vectors = lowest_modes(held, np.eye(k.size), 11)
+    wanted = [
+        optimize.brentq(lambda x: np.sum(1 / (k - x)), i + 1e-9, i + 1 - 1e-9, xtol=1e-13)
+        for i in range(1, 12)
+    ]
+    np.testing.assert_allclose(squares, wanted, rtol=1e-9)
+    assert np.max(np.abs(volume @ vectors)) < 1e-12
 
 
 @pytest.fixture(scope="module")

@@ -138,14 +138,9 @@ def spectrum_of(
         inertia, omitted = jax.tree.map(np.asarray, inertia_of(flow, weights)), motion.omitted
     else:
         inertia, omitted = pad_inertia(motion, densities), None
-    stiffness, basis = _allowed(motion)
-    size = min(len(stiffness), count + _MORE_MODES)
-    squares, vectors = scipy.linalg.eigh(
-        stiffness, basis.T @ inertia.mass @ basis, subset_by_index=[0, size - 1]
-    )
+    squares, vectors = lowest_modes(motion, np.asarray(inertia.mass), count + _MORE_MODES)
     if squares[0] <= 0:
         return None
-    vectors = basis @ vectors
     if omitted is not None:
         # What the shell leaves out is a compliance, this share of a mode's own.
         softer = np.einsum("ki,kl,li->i", vectors, omitted, vectors) / squares
@@ -155,22 +150,26 @@ def spectrum_of(
     return Spectrum(rows, vectors[:, :count], bandwidth_of(squares, damping))
 
 
-class _Stiffness(NamedTuple):
-    """Stiffness of the motions that the oil allows, and what they are made of."""
+def lowest_modes(
+    motion: Motion | PadMotion, mass: np.ndarray, count: int
+) -> tuple[Float[np.ndarray, " mode"], Float[np.ndarray, "unknown mode"]]:
+    """w^2 of the lowest undamped modes, and their displacements, of unit mass.
 
-    stiffness: Float[np.ndarray, "motion motion"]
-    basis: Float[np.ndarray, "unknown motion"]
-
-
-def _allowed(motion: Motion | PadMotion) -> _Stiffness:
-    """Motions that keep the oil's volume, or all of them with the stiffness of its oil."""
+    Of the motions that keep the oil's volume, or of all with the stiffness of its oil.
+    """
     stiffness, volume = np.asarray(motion.stiffness), np.asarray(motion.volume)
     if motion.compliance < 0:
-        return _Stiffness(
-            stiffness - np.outer(volume, volume) / motion.compliance, np.eye(len(volume))
-        )
-    basis = scipy.linalg.null_space(volume[None])
-    return _Stiffness(basis.T @ stiffness @ basis, basis)
+        stiffness = stiffness - np.outer(volume, volume) / motion.compliance
+        basis = np.eye(len(volume))
+    else:
+        basis = scipy.linalg.null_space(volume[None])
+    size = min(basis.shape[1], count)
+    allowed = (basis.T @ x @ basis for x in (stiffness, mass))
+    vectors = basis @ scipy.linalg.eigh(*allowed, subset_by_index=[0, size - 1])[1]
+    # Thin membranes stretch 1e12 times as stiffly as they bend: so large a matrix rounds the
+    # lowest values by that factor, but the space of their modes hardly.
+    squares, turned = scipy.linalg.eigh(*(vectors.T @ x @ vectors for x in (stiffness, mass)))
+    return squares, vectors @ turned
 
 
 def _rows(
