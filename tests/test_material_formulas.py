@@ -634,7 +634,7 @@ def test_an_offset_at_rest_is_found_by_mooney_s_terms(
         factors = mode_factors(PATHS[mode], stretch, "nominal")
         test = tension(stretch, value, mode=mode, factors=factors)
         found = {x.kind: x for x in curve_suspects(test)}
-        assert found["force offset"].size == pytest.approx(offset / 1e6, rel=0.02)
+        assert found["force offset"].size == pytest.approx(side * offset / 1e6, rel=0.02)
         assert found["slack"].size == pytest.approx(-offset / (slope * 5e5), rel=0.02)
         slack = found["slack"].size
         told = f"at a strain of {slack:.3g}," if offset < 0 else f"stretched by {-slack:.3g} "

@@ -286,17 +286,21 @@ def _off_at_rest(
     if abs(at_rest) < max(CERTAIN * error, _NOTICEABLE * largest) or slope <= 0.0:
         return []
     below = lowest < -max(CERTAIN * np.sqrt(scatter), _NOTICEABLE * largest)
-    found = _zeros_off(data, where, at_rest, slope)
+    found = _zeros_off(data, where, side * at_rest, side * slope)
     # Nothing pulls a specimen that hangs slack.
     return found[::-1] if at_rest < 0.0 and not below else found
 
 
 def _zeros_off(data: StressTest, where: str, at_rest: float, slope: float) -> list[Suspect]:
-    """Both zeros that a curve off by a stress [Pa] at rest, of this slope, may have."""
+    """Both zeros that a curve off by a stress [Pa] at rest may have.
+
+    `slope`: of the stress by the strain away from rest, negative in compression.
+    """
     size, unit = force_of(data, at_rest)
     lag, travel = travel_of(data, -at_rest / slope)
     preload = data.origin.preload
-    stated = unit == "N" and abs(size - preload) < _AS_STATED * preload
+    near = abs(abs(size) - preload) < _AS_STATED * preload
+    stated = unit == "N" and lag <= 0.0 and near
     is_off = f"the load cell is off by about {size:.3g} {unit}"
     if lag > 0.0:
         strain = f"a strain of {-at_rest / slope:.3g}, not at rest"
