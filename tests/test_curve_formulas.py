@@ -247,8 +247,17 @@ def test_compression_listed_as_positive_is_named() -> None:
     (text,) = warnings_of(listed)
     assert "reads as compression" in text
     assert "compressive strain=NAME" in text
-    for sound in (tension(1 + strain), tension(1 - strain), tension(1 + 5 * strain)):
+    # An offset of the force makes no compression of a tensile curve, nor does slack.
+    off = tension(1 + strain, neo_hookean(1 + strain) - 2e4)
+    slack = tension(1 + strain, neo_hookean(np.maximum(1 + strain - 0.04, 1.0)))
+    for sound in (tension(1 + strain), tension(1 - strain), tension(1 + 5 * strain), off):
         assert warnings_of(sound) == []
+    assert "reads as compression" not in " ".join(warnings_of(slack))
+    # Of a button that is squeezed by a little the curve says less than the sizes.
+    little, sizes = 1 + strain / 8, {"length": 12.5e-3, "area": 6.6e-4}
+    assert warnings_of(tension(little, -neo_hookean(1 - strain / 8))) == []
+    button = tension(little, origin=Origin("displacement", "mm", "", **sizes))
+    assert "reads as compression" in warnings_of(button)[0]
 
 
 def test_strains_that_would_stretch_a_specimen_too_far_are_in_percent() -> None:

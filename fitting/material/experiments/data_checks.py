@@ -7,6 +7,7 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
+import scipy.optimize
 
 from fitting.material.experiments.measurements import PATHS, Dataset, StressTest, series_of
 from fitting.material.experiments.selection import half_cycles
@@ -119,12 +120,17 @@ def warnings_of(data: Dataset) -> list[str]:
 def _reads_as_compression(data: StressTest) -> bool:
     """Whether rubber under strains of the other sign follows a tensile curve far better.
 
-    Mooney and Rivlin's law, nominal: S = 2 (l - l^-2) (C1 + C2 / l).
+    Mooney and Rivlin's law, nominal: S = 2 (l - l^-2) (C1 + C2 / l), neither constant negative.
+    Nobody pulls a specimen that is shorter than it is wide, either.
     """
     if (data.mode, data.measure) != ("uniaxial", "nominal") or data.size < _FEWEST:
         return False
     strain = data.stretch_1 - 1
-    if np.min(strain) < -_AT_REST or not _CLEARLY < np.max(strain) < _SHORTEST:
+    if np.min(strain) < -_AT_REST or not np.max(strain) < _SHORTEST:
+        return False
+    if data.origin.length < np.sqrt(data.origin.area):
+        return True
+    if np.max(strain) < _CLEARLY:
         return False
 
     def left(side: float) -> float:
@@ -132,7 +138,7 @@ def _reads_as_compression(data: StressTest) -> bool:
         stretch = 1 + side * strain
         unit = side * (stretch - stretch**-2)
         terms = np.stack([unit, unit / stretch], 1)
-        constants = np.linalg.lstsq(terms, data.value, rcond=None)[0]
+        constants = scipy.optimize.nnls(terms, data.value)[0]
         away = data.value - terms @ constants
         return float(np.sqrt(np.mean(away**2)) / np.max(np.abs(data.value)))
 
