@@ -132,10 +132,14 @@ def assess(
     report |= {"stable": stable, "discretisation_error": error}
     touched = touched_by_bodies(problem, state)
     floor = by_bodies = jnp.zeros_like(error)
+    remains = relative_error(by_model, scales)
     if change is not None:
         by_bodies = error_by_bodies(parts, problem, touched, report)
         floor = error_beyond_first_order(parts, problem, state, report, touched) + by_bodies
-    report["model_error"] = relative_error(by_model, scales) + floor
+        # A first-order effect x says nothing of x^2.
+        first = remains / problem.mechanics.omitted_margin
+        floor += jnp.maximum(first**2 - remains, 0.0)
+    report["model_error"] = remains + floor
     report |= error_by_penetration(parts, problem, state, touched, report)
     errors = {"values": scales, "errors": [*by_mesh, by_model], "by_mesh": parts_of_error}
     report["key_quantities"] = errors | {"floor": floor}
