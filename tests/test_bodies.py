@@ -719,6 +719,38 @@ def test_an_error_whose_comparison_fails_is_not_stated(
     assert not found.outcome["compared"]
 
 
+def test_a_force_has_the_mesh_of_its_travel(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a stand-in: a coarse mesh tells a force's travel, and so the place, a little off."""
+
+    def meshes(place: float) -> list[np.ndarray]:
+        slid: list[np.ndarray] = []
+
+        def run(static: Any, meshes: Any, inputs: Any, start: Any, **options: Any) -> Any:
+            del static, inputs, options
+            slid.append(meshes.whole.arc.slid)
+            one = np.ones(1)
+            named = {"force_N": one, "depth_m": one, "contact_from_m": (place - 5e-5) * one}
+            named |= {"contact_to_m": (place + 5e-5) * one}
+            report = dict.fromkeys(("oil_pressure_Pa", "max_displacement_m"), one)
+            report |= {
+                "loads": [named],
+                "discretisation_error": 0 * one,
+                "model_error": 0 * one,
+            }
+            report |= {"wall_contact": np.zeros(1, bool), "stable": np.ones(1, bool)}
+            return report, start, start, start, {"result": np.array([0]), "level": one}
+
+        monkeypatch.setattr(choice, "run_program", run)
+        monkeypatch.setattr(choice, "carried", lambda *args: None)
+        spec = with_solve(scene(body(20, 2.0)), model="shell", elements=32)
+        choice.choose(spec, once=True)
+        return slid
+
+    by_travel, by_force = meshes(5e-4), meshes(5.02e-4)
+    assert np.max(by_travel[-1]) > 0
+    np.testing.assert_array_equal(by_force, by_travel)
+
+
 def test_a_mesh_that_hardly_helps_is_the_last(monkeypatch: pytest.MonkeyPatch) -> None:
     """By a stand-in whose pressure goes on by as much from mesh to mesh; and one that ends."""
 

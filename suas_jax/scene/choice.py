@@ -27,7 +27,10 @@ from suas_jax.skin.prestress import is_prestressed
 
 # Error of the finer of two meshes over their difference, twice what order two leaves.
 _FINER_SHARE = 2 / 3
-_PLACED = 1e-3  # of a thickness: mirrored places shall stay so
+# Stations beneath bodies are rounded to this share of a thickness: mirrored ones shall stay so,
+# and a travel and its force, which a coarser mesh tells of each other to 1e-3, shall have one
+# mesh, as shall slightly different inputs.
+_PLACED = 0.02
 _NOTHING = 1e-15  # of a pressure, a force, a displacement [SI]: rounding at rest
 # Part of rtol that the model may take: some must be left for the mesh.
 _MODEL_SHARE = 0.9
