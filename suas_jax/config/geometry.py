@@ -15,7 +15,7 @@ _SHARE = quantity("number", at_least=0.0)
 def _place(value: object, info: ValidationInfo) -> float:
     """A place along the arc or the axis, which may be written as an angle or a length."""
     try:
-        share: float = _SHARE.func(value, info)  # type: ignore[call-arg, arg-type]
+        share: float = _SHARE.func(value, info)  # type: ignore[call-arg]
     except ValueError:
         raise ValueError(
             "places are fractions of the way between the clamps, from 0 to 1"
