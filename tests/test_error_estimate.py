@@ -39,6 +39,12 @@ TRUTHS: dict[str, dict[str, Any]] = json.loads(
 )["solid"]
 
 
+def test_numbers_of_reports_have_no_negative_zero() -> None:
+    """Of a body off the skin the force is the sum of none, its sign changed."""
+    told = plain({"force_N": np.array([-0.0]), "counts": np.array([0]), "name": "-0"})
+    assert str(told) == "{'counts': 0, 'force_N': 0.0, 'name': '-0'}"
+
+
 @pytest.mark.long  # a fine solid
 @pytest.mark.parametrize("name", SCENES)
 def test_the_truths_are_those_of_a_fine_mesh(name: str) -> None:

@@ -595,6 +595,35 @@ def test_two_contacts_are_told_apart_and_cost_the_penalty() -> None:
     assert best.score[0] - best.chi2[0] == pytest.approx(20.0)
 
 
+class MisledFitter(DimpleFitter):
+    """Fits one start a frame; the first pair ends where one of its forces is not told."""
+
+    misled = False
+
+    def screened(self, frames: Any, *_: Any) -> Any:
+        """The first start of every frame."""
+        yield "screening"
+        return np.unique(frames, return_index=True)[1]
+
+    def steps(self, asked: Attempt) -> Any:
+        """Fit frames, and spoil the first pair."""
+        found = yield from super().steps(asked)
+        if asked.contacts == 2 and not self.misled:
+            self.misled = True
+            found.parameters[:, 3] = 0.0
+        return found
+
+
+def test_where_the_best_start_leads_nowhere_another_is_followed() -> None:
+    selection, y, weight = selected([[-0.25, 0.3, 8.0, 5.0]])
+    selection.fitter = MisledFitter()
+    selection.__post_init__()
+    best, _ = selection.explain(y, weight)
+    assert selection.fitter.misled
+    assert best.contacts.tolist() == [2]
+    np.testing.assert_allclose(np.sort(best.parameters[0, :2]), [-0.25, 0.3], atol=1e-3)
+
+
 class FilmFitter(DimpleFitter):
     """The same over a film of 1 mm, which a contact of 20 N closes."""
 

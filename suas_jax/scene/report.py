@@ -19,7 +19,8 @@ def plain(tree: dict[str, Any], row: int = 0) -> dict[str, Any]:
     def number(x: Any) -> Any:
         if not isinstance(x, (jax.Array, np.ndarray)):
             return x
-        return np.asarray(x).reshape(-1)[row].item()
+        value = np.asarray(x).reshape(-1)[row].item()
+        return 0.0 if isinstance(value, float) and value == 0 else value  # never -0
 
     columns = tree.get("taxels", {})
     others = {name: x for name, x in tree.items() if name != "taxels"}

@@ -27,6 +27,8 @@ from suas_jax.equilibrium.state import State
 FELT = 2.0
 """Standard deviations of a force that is there beside others."""
 
+_CHOICES = 2  # of the starts of a frame, where not all are worth a fit
+
 
 @dataclass(frozen=True)
 class SeveralContacts:
@@ -66,16 +68,24 @@ class SeveralContacts:
             suspect = best.p_value(self.fitter.per_contact)[at] < SUSPECT
             to_beat = best.score[at] - (count - 1) * self.penalty
             to_beat = np.where(suspect, np.inf, to_beat)
-            given = at, left[at], weight[at], parameters, count, to_beat
-            kept = yield from self.fitter.screened(*given)
-            if not kept.size:
-                break
-            at, parameters = at[kept], parameters[kept]
-            state = State(*(x[..., kept] for x in state))
-            asked = Attempt(y[at], weight[at], parameters, state, count)
-            found = yield from self.fit(asked, best.shift[at], at)
-            best, improved = best.cheapest(at, found)
-            best = yield from self.without_weakest(y, weight, at, found, best)
+            rows, improved = np.arange(len(at)), np.zeros(0, np.intp)
+            for _ in range(_CHOICES):
+                own = at[rows]
+                given = own, left[own], weight[own], parameters[rows], count, to_beat[rows]
+                kept = rows[(yield from self.fitter.screened(*given))]
+                if not kept.size:
+                    break
+                own, begin = at[kept], State(*(x[..., kept] for x in state))
+                asked = Attempt(y[own], weight[own], parameters[kept], begin, count)
+                found = yield from self.fit(asked, best.shift[own], own)
+                best, more = best.cheapest(own, found)
+                improved = np.union1d(improved, more)
+                best = yield from self.without_weakest(y, weight, own, found, best)
+                # What looked best may end where a contact is not told: then another start.
+                told = np.isin(at[rows], own[np.isfinite(found.score)])
+                rows = np.setdiff1d(rows[~told], kept)
+                if not rows.size:
+                    break
             frames = improved[best.p_value(self.fitter.per_contact)[improved] < PLAUSIBLE]
         return best
 
