@@ -56,10 +56,9 @@ def assess(
 ) -> tuple[dict[str, Any], State, State]:
     """Observe a state on the whole membrane, and check it.
 
-    One assembly on the mesh for the error answers two questions: whether the state is stable
-    and how far it is from the exact solution. Sway needs the whole membrane: where the error
-    is judged on a part, the state is assembled on the whole as well, which also gives the
-    first-order effect of what the mechanics leaves out.
+    One assembly on the mesh for the error tells stability and the distance to the exact
+    solution. Sway needs the whole membrane: where the error is judged on a part, the state is
+    assembled on the whole, too, which gives the first-order effect of what is left out.
 
     Returns what is observed, the state on the whole membrane, and the one that is observed.
     """
@@ -128,17 +127,14 @@ def assess(
     by_mesh, parts_of_error, error, stable = (
         compared() if judged is True and meshes.compared else judge(judged, compared, left_out)
     )
-    stable = stable if check is None else check.stable
-    report |= {"stable": stable, "discretisation_error": error}
+    report["stable"] = stable if check is None else check.stable
+    report["discretisation_error"] = error
     touched = touched_by_bodies(problem, state)
     floor = by_bodies = jnp.zeros_like(error)
     remains = relative_error(by_model, scales)
     if change is not None:
         by_bodies = error_by_bodies(parts, problem, touched, report)
-        floor = error_beyond_first_order(parts, problem, state, report, touched) + by_bodies
-        # A first-order effect x says nothing of x^2.
-        first = remains / problem.mechanics.omitted_margin
-        floor += jnp.maximum(first**2 - remains, 0.0)
+        floor = by_bodies + beyond_first_order(parts, problem, state, report, touched, remains)
     report["model_error"] = remains + floor
     report |= error_by_penetration(parts, problem, state, touched, report)
     errors = {"values": scales, "errors": [*by_mesh, by_model], "by_mesh": parts_of_error}
@@ -205,18 +201,21 @@ def under_bodies(
     return verdict
 
 
-def error_beyond_first_order(
+def beyond_first_order(
     parts: SceneParts,
     problem: Problem,
     state: State,
     report: dict[str, Any],
     touched: list[BodyContact],  # see `touched_by_bodies`
+    remains: Lanes,  # share of the first-order effect that is stated, relative
 ) -> Lanes:
-    """Relative error that the size of the first-order effect doesn't tell."""
+    """Relative error that this share of the first-order effect doesn't tell."""
     mechanics = problem.mechanics
     floor = mechanics.omitted_floor + error_beyond_wall(
         problem, state, report["min_gap_m"], report["max_displacement_m"]
     )
+    # An effect x to first order says nothing of x^2.
+    floor += jnp.maximum((remains / mechanics.omitted_margin) ** 2 - remains, 0.0)
     if mechanics.omitted_at_wall and mechanics.wall is not None and parts.forces:
         loads = state.factor * sum(jnp.abs(load.force) for load in parts.forces)
         carried = report["wall"]["force_N"] / jnp.where(loads > 0, loads, 1.0)
