@@ -129,9 +129,8 @@ def assess(
     )
     report["stable"] = stable if check is None else check.stable
     report["discretisation_error"] = error
-    touched = touched_by_bodies(problem, state)
+    touched, remains = touched_by_bodies(problem, state), relative_error(by_model, scales)
     floor = by_bodies = jnp.zeros_like(error)
-    remains = relative_error(by_model, scales)
     if change is not None:
         by_bodies = error_by_bodies(parts, problem, touched, report)
         floor = by_bodies + beyond_first_order(parts, problem, state, report, touched, remains)
