@@ -143,6 +143,9 @@ def test_frames_of_presses_are_the_held_parts_in_order() -> None:
         frames_of_presses(so, patterns[[0, 1, 0]], 1.0)
     with pytest.raises(ValueError, match="at rest before the first press"):
         frames_of_presses(np.concatenate([so[:2], so[10:]]), patterns, 1.0)
+    # Readings hardly see a press on the crown of a flat-topped skin.
+    with pytest.raises(ValueError, match=r"press 2 should change readings by 3\.0 counts at"):
+        frames_of_presses(so, np.vstack([patterns, patterns[1] / 10])[[0, 2, 1]], 1.0)
 
 
 @pytest.mark.parametrize("pad", [False, True])

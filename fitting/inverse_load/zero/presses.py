@@ -32,6 +32,7 @@ _KNOWN = re.compile(r"\s*(?P<force>.+?)\s+at\s+(?P<place>[^,]+?)\s*(?:,\s*(?P<ax
 _GRAMS = re.compile(r"(?<![A-Za-z])(k?)g(?![A-Za-z])")
 _EXAMPLE = '"500 g at 0 deg" or "5 N +- 0.05 N at arc 12 mm"; on a pad "500 g at 0 deg, 20 mm"'
 _PRESSED, _AT_REST = 0.5, 0.1  # of the change that a press is expected to make
+_SEEN = 4.0  # standard deviations of noise that a press is seen by
 _FEWEST = 3  # frames of rest, and of a press
 _SETTLING, _LEAVING = 1 / 3, 0.1  # shares of a press that are left out at its ends
 
@@ -136,10 +137,16 @@ def frames_of_presses(so: Floats, patterns: Floats, noise: float) -> PressedFram
     pressed = (amplitude > _PRESSED).any(1)
     runs = [run for run in _runs(pressed) if len(run) >= _FEWEST]
     if len(runs) != len(patterns):
+        weak = np.flatnonzero(_PRESSED * np.sqrt(size) < _SEEN * noise)
         raise ValueError(
             f"the log holds {len(runs)} presses, but {len(patterns)} are known: give --known "
             "once for each, in their order; a press is a stretch of frames whose readings "
             "change by more than half of what its force should do"
+            + "".join(
+                f"; press {i + 1} should change readings by {np.abs(patterns[i]).max():.1f} "
+                f"counts at most, which noise of {noise:.1f} hides: press harder, or elsewhere"
+                for i in weak
+            )
         )
     before = np.arange(runs[0][0])
     rest = before[(np.abs(amplitude[before]) < floor).all(1)]
