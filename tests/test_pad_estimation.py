@@ -191,7 +191,7 @@ def test_mirrored_quarters_are_what_a_solve_says(table: PadTable, solved: Solve)
     interpolant = PadInterpolant(table)
     place = np.array([table.angle[-2], table.axial[-3]])
     signs = np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
-    share = LEVELS[4]
+    share = LEVELS[5]
     force = share * interpolant.largest(*(signs * place).T)
     loads = np.concatenate([signs * place, force[:, None]], 1)
     so, pressure = solved(loads)
@@ -301,7 +301,7 @@ def test_slopes_by_tangential_forces_are_those_of_solved_states(
     interpolant = PadInterpolant(table, float(skin.geometry.outer_size[0]))
     for i, k in ((-2, -2), (1, -2), (1, 1)):
         angle, axial = table.across_angle[i], table.across_axial[k]
-        inward = LEVELS[3] * float(interpolant.largest(*np.array([[angle], [axial]]))[0])
+        inward = LEVELS[4] * float(interpolant.largest(*np.array([[angle], [axial]]))[0])
         force = inward / (np.cos(turn) * np.cos(tilt))
         straight, turned = (
             np.asarray(forward(skin, Loads.patch(angle, axial, f, DIAMETER, along, out)).so)[

@@ -32,7 +32,7 @@ from fitting.inverse_load.pad.solved import near
 from fitting.inverse_load.pad.solved_patch import SolvedPatch, patch_points
 from fitting.inverse_load.pad.spline import SplineBasis, TensorSpline
 from fitting.inverse_load.pad.table import LEVELS, PadTable, grid, reciprocal
-from fitting.inverse_load.pad.table_build import _between, force_surplus
+from fitting.inverse_load.pad.table_build import _between, _mended, force_surplus
 from fitting.inverse_load.pad.uneven import (
     PROBES,
     _by_reach,
@@ -554,7 +554,7 @@ def test_signatures_are_changes_per_newton_of_a_light_contact() -> None:
 def test_nodes_hold_light_states_and_the_table_s_own() -> None:
     table = linear_table(stray=50.0)
     loads, channels = table.nodes
-    levels = np.array([0.015, 0.03, 0.06, *LEVELS[2:]])
+    levels = np.array([0.015, 0.03, 0.06, *LEVELS[LEVELS > 0]])
     assert loads.shape == (7 * 7 * 9, 3)
     np.testing.assert_allclose(loads[:9, :2], np.tile([-0.4, -0.04], (9, 1)))
     np.testing.assert_allclose(loads[9, :2], [-0.4, table.axial[1]])
@@ -641,6 +641,25 @@ def test_last_slope_goes_on_beyond_the_table_and_a_closed_gap_has_none() -> None
     np.testing.assert_allclose(closed.readings[0, :3], 1e6, rtol=1e-9)  # a thousandth of u
     assert not closed.jacobian[0, :, :3].any()
     np.testing.assert_allclose(closed.readings[0, 3], 20e3, rtol=1e-7)
+
+
+def test_the_forces_of_a_table_follow_a_pull_that_hardens() -> None:
+    """As a soft pad's does: a single pull at -0.15 leaves 13 %, one at -0.3 6 %."""
+    share = np.linspace(LEVELS[0], 0.06, 40)
+    values, exact = (np.arcsinh(6 * x) / 6 for x in (LEVELS, share))
+    found = TensorSpline.through((LEVELS,), values[:, None]).values(share)[:, 0]
+    np.testing.assert_allclose(found, exact, rtol=0.03)
+
+
+def test_states_that_are_not_found_lie_on_the_line_of_lighter_ones() -> None:
+    level = int(np.flatnonzero(LEVELS == 0)[0])
+    line = 5.0 + 3.0 * LEVELS
+    for missing in ([0], [-1], [-2, -1], [level - 1], [level + 1], [0, 1]):
+        found = np.ones((1, len(LEVELS)), bool)
+        found[0, missing] = False
+        values = np.where(found, line, np.nan)[..., None]
+        mended = _mended(values, np.delete(found, level, 1), level)
+        np.testing.assert_allclose(mended[0, :, 0], line)
 
 
 def quadratic_table() -> PadTable:

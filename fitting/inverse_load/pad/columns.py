@@ -23,7 +23,7 @@ from suas_jax.scene.loads import Loads
 from suas_jax.scene.pad_levels import Ahead, extrapolation, nothing_ahead, readings_along
 from suas_jax.scene.skin import Skin
 
-ACROSS = (0, 1, 2, 4, 6)
+ACROSS = (0, 1, 2, 3, 5, 7)
 """Which of them, rest left out, know derivatives by tangential forces, which change little."""
 _GAP_LEFT = 0.05  # smallest gap in the table in terms of the film's
 _MOST_FORCE = 3.0  # largest force in terms of the smallest of the largest forces

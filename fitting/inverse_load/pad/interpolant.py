@@ -36,7 +36,7 @@ from scipy.interpolate import RectBivariateSpline
 from fitting.arrays import Floats
 from fitting.inverse_load.pad.table import LEVELS, PadTable
 
-LEAST, MOST = -0.3, 1.2
+LEAST, MOST = float(LEVELS[0]), 1.2
 """Shares of the table's largest force between which it is used, over first contact at most."""
 PLAIN, WHOLE, ASKEW = 3, 7, 8
 """Parameters of a contact that is the table's disc under a radial force (angle, axial position,
@@ -300,7 +300,7 @@ class PadInterpolant:
 
 def _inside(share: Floats) -> Floats:
     """Shares of the largest force as far as the table goes."""
-    return np.minimum(np.maximum(share, LEVELS[0] * 2), MOST)
+    return np.minimum(np.maximum(share, LEAST), MOST)
 
 
 def _beyond(

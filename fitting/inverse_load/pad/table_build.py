@@ -180,13 +180,17 @@ def _mended(values: NDArray, found: Flags, level: int) -> NDArray:
     """Values with those of states that weren't found replaced by their neighbours' line."""
     good = np.insert(found, level, True, axis=1)
     values = values.copy()
+    outwards = (*range(level + 1, len(LEVELS)), *range(level - 1, -1, -1))
     for k in np.flatnonzero(~good.all(1)):
-        for j in np.flatnonzero(~good[k]):
-            if j >= 2 and j > level:
-                share = (LEVELS[j] - LEVELS[j - 1]) / (LEVELS[j - 1] - LEVELS[j - 2])
-                values[k, j] = values[k, j - 1] + share * (values[k, j - 1] - values[k, j - 2])
-            else:
-                values[k, j] = values[k, level]
+        for j in outwards:
+            if good[k, j]:
+                continue
+            one = j - 1 if j > level else j + 1
+            two = 2 * one - j
+            values[k, j] = values[k, level]
+            if abs(j - level) > 1 or good[k, two]:
+                share = (LEVELS[j] - LEVELS[one]) / (LEVELS[one] - LEVELS[two])
+                values[k, j] = values[k, one] + share * (values[k, one] - values[k, two])
     return values
 
 
