@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 from collections.abc import Mapping
+from types import SimpleNamespace
 from typing import Any
 
 import equinox as eqx
@@ -14,7 +15,9 @@ from scipy.interpolate import CubicSpline
 from skins import WIDTH, half_cylinder, line, quick, shaped
 
 from suas_jax.config import ConfigError, SceneSpec, continuous_inputs, structure
+from suas_jax.figures.curve import plot_sweep
 from suas_jax.mesh.section import measures
+from suas_jax.scene.curve import contact_of
 from suas_jax.skin.charted import ChartedSection
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.registry import CURVES, build_geometry
@@ -275,6 +278,23 @@ def test_the_angle_of_a_place_leads_back_to_it(name: str) -> None:
         return section.from_given_angle(section.given_angle(a)) - a
 
     np.testing.assert_allclose(errors(lanes_of(name)[0].section), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["circle", "path"])
+@pytest.mark.parametrize("timed", [False, True])
+def test_a_curve_names_its_loads_by_what_places_are_told_by(name: str, timed: bool) -> None:
+    load = {"kind": "line", "angle_deg": 11.4671, "arc_m": 0.015, "force_N": 5.0}
+    report = {"status": "converged", "oil_pressure_Pa": 1e3, "min_gap_angle_deg": 3.0}
+    report |= {"loads": [load | {"displacement_m": 1e-3}], "wall": None, "min_gap_arc_m": 4e-3}
+    scene = of_kind(name).model_copy(update={"loads": (SimpleNamespace(kind="line"),)})
+    found = SimpleNamespace(
+        points=[report | ({"t_s": 0.0} if timed else {})], scene=scene, first_contact=None
+    )
+    legend = plot_sweep(found).axes[0].get_legend()
+    assert legend is not None
+    told = "load at 11.47°" if name == "circle" else "load at 15 mm"
+    assert [text.get_text() for text in legend.get_texts()] == [told]
+    assert contact_of(report)["arc_m"] == 4e-3
 
 
 def test_every_kind_has_an_example() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fitting.inverse_load.readings import _scale_note
 from fitting.inverse_load.zero import from_log, update
 from fitting.inverse_load.zero import zero as zero_module
 from fitting.inverse_load.zero.gaussian import Gaussian, conditioned
@@ -146,6 +147,18 @@ def test_frames_of_presses_are_the_held_parts_in_order() -> None:
     # Readings hardly see a press on the crown of a flat-topped skin.
     with pytest.raises(ValueError, match=r"press 2 should change readings by 3\.0 counts at"):
         frames_of_presses(so, np.vstack([patterns, patterns[1] / 10])[[0, 2, 1]], 1.0)
+
+
+@pytest.mark.parametrize(("deviation", "notes"), [(2.7e-18, 0), (1e-19, 1)])
+def test_a_scale_that_a_zero_hardly_knows_agrees_with_the_headers(
+    deviation: float, notes: int
+) -> None:
+    spec = load_skin(SKIN)
+    lsb = 0.988 * spec.sensing.lsb
+    found = CalibrationSpec(parameters=("electrodes.lsb",), covariance=((deviation**2,),))
+    electrodes = spec.sensing.model_copy(update={"lsb": lsb})
+    spec = spec.model_copy(update={"electrodes": electrodes, "calibration": found})
+    assert len(_scale_note({"scale": "0.305 fF"}, spec)) == notes
 
 
 @pytest.mark.parametrize("pad", [False, True])

@@ -159,7 +159,7 @@ def _rows(report: dict[str, Any], *, by_arc: bool) -> Iterator[tuple[str, str]]:
         if load["kind"] == "pressure":
             yield f"load {i}", f"external pressure {1e-3 * load['pressure_Pa']:.5g} kPa"
             continue
-        place, own = _place(load, "", 4, by_arc=by_arc), f"loads.{i}."
+        place, own = place_text(load, "", 4, by_arc=by_arc), f"loads.{i}."
         if "axial_m" in load:
             place += f", {1e3 * load['axial_m']:.4g} mm"
         yield f"load {i}", f"{load['force_N']:.5g}{spread(own + 'force_N', 1.0)} N at {place}"
@@ -185,7 +185,7 @@ def _rows(report: dict[str, Any], *, by_arc: bool) -> Iterator[tuple[str, str]]:
     ):
         size = f"{round(1e3 * report[key + '_m'], 6):.4g}"  # to the nanometre
         text = f"{size}{spread(key + '_m', 1e3)} mm at "
-        text += _place(report, f"{key}_", 3, by_arc=by_arc)
+        text += place_text(report, f"{key}_", 3, by_arc=by_arc)
         if key + "_axial_m" in report:
             axial = round(1e3 * report[key + "_axial_m"], 6) + 0.0
             text += f", {axial:.3g} mm along the axis"
@@ -216,7 +216,7 @@ def _rows(report: dict[str, Any], *, by_arc: bool) -> Iterator[tuple[str, str]]:
 _ANGLE, _ARC = ("angle_deg", 1.0, "deg"), ("arc_m", 1e3, "mm along the arc")
 
 
-def _place(row: dict[str, Any], key: str, digits: int, *, by_arc: bool) -> str:
+def place_text(row: dict[str, Any], key: str, digits: int, *, by_arc: bool) -> str:
     """Where something is, by what the section's places are told by."""
     name, scale, unit = _ARC if by_arc else _ANGLE
     return f"{_rounded(scale * row[key + name], digits)} {unit}"

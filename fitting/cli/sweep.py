@@ -164,9 +164,12 @@ def _print_curve(curve: "Sweep") -> None:
     film, contact = curve.film, curve.first_contact
     touch = "The inner face does not reach the wall."
     if contact is not None:
+        from fitting.cli.solve import place_text
+
+        place = place_text(contact, "", 3, by_arc=not curve.scene.geometry.has_angle)
         touch = (
             f"First wall contact at {contact['force_N']:.4g} N "
-            f"({1e-3 * contact['oil_pressure_Pa']:.4g} kPa), {contact['angle_deg']:.3g} deg."
+            f"({1e-3 * contact['oil_pressure_Pa']:.4g} kPa), {place}."
         )
     said = [touch] if film is None else [film["message"], touch]
     table = ReportTable("", (*time, *names), rows)

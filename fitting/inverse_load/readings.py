@@ -235,9 +235,15 @@ def _scale_note(header: Mapping[str, str], spec: SkinSpec) -> list[str]:
         scale = parse_quantity(text, "capacitance") if text else None
     except ValueError:
         return [f'scale "{text}" in the header is not a capacitance; the skin\'s lsb is used']
-    lsb, record = spec.sensing.lsb, spec.calibration
-    found = record is not None and not {"lsb", "electrodes.lsb"}.isdisjoint(record.parameters)
-    if scale is None or abs(scale / lsb - 1) < (_FOUND_AGREES if found else _SCALE_AGREES):
+    lsb, record, agrees = spec.sensing.lsb, spec.calibration, _SCALE_AGREES
+    names = record.parameters if record is not None else ()
+    found = [i for i, name in enumerate(names) if name in ("lsb", "electrodes.lsb")]
+    if record is not None and found:
+        # What a few presses tell is less sure than a converter's scale.
+        i, rows = found[0], record.covariance
+        deviation = float(np.sqrt(rows[i][i])) / lsb if rows else 0.0
+        agrees = max(_FOUND_AGREES, 3 * deviation)
+    if scale is None or abs(scale / lsb - 1) < agrees:
         return []
     return [
         f"the header's scale, {text}, is not the skin's lsb, {1e15 * lsb:.6g} fF; the skin's "

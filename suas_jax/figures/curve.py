@@ -5,7 +5,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from suas_jax.figures.style import CONTACT, styled, written
+from suas_jax.figures.style import CONTACT, place_text, styled, written
 from suas_jax.scene.curve import total_force
 from suas_jax.scene.sweep import Sweep
 
@@ -19,8 +19,9 @@ def plot_sweep(sweep: Sweep, file: Path | None = None) -> Figure:
     A file's ending chooses the format.
     """
     points = [p for p in sweep.points if p["status"] == "converged"]
+    by_arc = not sweep.scene.geometry.has_angle
     if points and "t_s" in points[0]:
-        return written(_over_time(points), file)
+        return written(_over_time(points, by_arc=by_arc), file)
     lines = [i for i, load in enumerate(sweep.scene.loads) if load.kind != "pressure"]
     figure = Figure(figsize=(10, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
@@ -29,8 +30,8 @@ def plot_sweep(sweep: Sweep, file: Path | None = None) -> Figure:
     for i in lines:
         moved = [1e3 * p["loads"][i]["displacement_m"] for p in points]
         force = [p["loads"][i]["force_N"] for p in points]
-        degrees = points[0]["loads"][i]["angle_deg"] if points else 0.0
-        left.plot(moved, force, "o-", ms=3, label=f"load at {degrees:.4g}°")
+        place = f" at {place_text(points[0]['loads'][i], by_arc=by_arc)}" if points else ""
+        left.plot(moved, force, "o-", ms=3, label="load" + place)
     left.set(xlabel="displacement of the mid-surface along the load [mm]", ylabel="force [N]")
     handles = right.plot(total, pressure, "o-", ms=3, label="oil pressure")
     right.set(xlabel="total force [N]", ylabel="oil pressure [kPa]")
@@ -54,7 +55,7 @@ def plot_sweep(sweep: Sweep, file: Path | None = None) -> Figure:
 
 
 @styled
-def _over_time(points: list[dict[str, Any]]) -> Figure:
+def _over_time(points: list[dict[str, Any]], *, by_arc: bool) -> Figure:
     """Displacement under the loads, oil pressure and force over time."""
     time = [p["t_s"] for p in points]
     figure = Figure(figsize=(10, 4.2), layout="constrained")
@@ -62,7 +63,8 @@ def _over_time(points: list[dict[str, Any]]) -> Figure:
     for i, load in enumerate(points[0]["loads"]):
         if load["kind"] != "pressure":
             moved = [1e3 * p["loads"][i]["displacement_m"] for p in points]
-            left.plot(time, moved, "o-", ms=3, label=f"load at {load['angle_deg']:.4g}°")
+            place = place_text(load, by_arc=by_arc)
+            left.plot(time, moved, "o-", ms=3, label=f"load at {place}")
     left.set(xlabel="time [s]", ylabel="displacement of the mid-surface along the load [mm]")
     pressure = [1e-3 * p["oil_pressure_Pa"] for p in points]
     lines = right.plot(time, pressure, "o-", ms=3, label="oil pressure")

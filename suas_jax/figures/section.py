@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.figures.outline import Outline, draw_bodies, draw_loads, draw_wall, outline
-from suas_jax.figures.style import FILM, FIRST, SECOND, styled
+from suas_jax.figures.style import FILM, FIRST, SECOND, place_text, styled
 from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.mechanics.solid.element import NODES
@@ -199,15 +199,16 @@ def _across(
     [element, layer, node, 2], `spread` angles of every element's ends and middle [rad].
     """
     kinds = [load for load in solution.report["loads"] if load["kind"] not in _NO_FORCES]
-    loads = [load["angle_deg"] for load in kinds]
+    by_arc = not solution.scene.geometry.has_angle
+    loads = [place_text(load, by_arc=by_arc) for load in kinds]
     places = drawn.load_angle if loads else np.zeros(1)
-    for degrees, angle in zip(loads or [0.0], places, strict=True):
+    for place, angle in zip(loads or ["the crown"], places, strict=True):
         near = np.abs(spread[:, [0, 2]] - angle)
         element, side = np.unravel_index(np.argmin(near), near.shape)
         nodes = [NODES.index((2 * int(side), b)) for b in range(3)]
         stretch, depth = values[element][:, nodes].reshape(-1, 2).T
-        axes.plot(stretch, depth, ".-", label=f"{degrees:.4g}°")
+        axes.plot(stretch, depth, ".-", label=place)
     axes.set(xlabel="hoop stretch", ylabel="distance from the inner face [mm]")
     axes.locator_params(axis="x", nbins=4)
     axes.grid(alpha=0.3)
-    axes.legend(title="at angle")
+    axes.legend(title="at")

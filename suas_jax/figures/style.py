@@ -1,7 +1,7 @@
 """What all figures share: colours, resolution, and how they are written."""
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -44,6 +44,14 @@ def styled(draw: Callable[_P, _R]) -> Callable[_P, _R]:
             return draw(*args, **kwargs)
 
     return with_style
+
+
+def place_text(load: Mapping[str, Any], *, by_arc: bool) -> str:
+    """Where a reported load is, by what the section's places are told by."""
+    if not by_arc:
+        return f"{load['angle_deg']:.4g}°"
+    # In the middle it is known to rounding errors.
+    return f"{round(1e3 * load['arc_m'], 6) + 0.0:.4g} mm"
 
 
 def check_figure_file(file: Path) -> None:

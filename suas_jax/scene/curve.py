@@ -235,6 +235,7 @@ def contact_of(report: dict[str, Any]) -> dict[str, float]:
         "oil_pressure_Pa": report["oil_pressure_Pa"],
         "angle_deg": report["min_gap_angle_deg"],
     }
-    if "min_gap_axial_m" in report:
-        contact["axial_m"] = report["min_gap_axial_m"]
+    for key in ("arc_m", "axial_m"):
+        if f"min_gap_{key}" in report:
+            contact[key] = report[f"min_gap_{key}"]
     return contact

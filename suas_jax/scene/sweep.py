@@ -25,6 +25,7 @@ _COLUMNS = (
     "max_displacement_m",
     "min_gap_m",
     "min_gap_angle_deg",
+    "min_gap_arc_m",
     "wall_contact",
     "strain_energy_J",
     "stretch_min",
@@ -70,7 +71,7 @@ class Sweep:
                 row |= {f"loads.{i}.{key}": load[key] for key in load if key != "kind"}
             wall = point["wall"]
             row["wall_force_N"] = wall["force_N"] if wall else 0.0
-            rows.append(row | {key: point[key] for key in _COLUMNS})
+            rows.append(row | {key: point[key] for key in _COLUMNS if key in point})
         return rows
 
     def write_csv(self, path: Path) -> None:
