@@ -26,6 +26,7 @@ from suas_jax.config.input_errors import as_assembled, value_of
 from suas_jax.config.tolerance import deviation_of
 from suas_jax.constitutive.deformation import HeldFibre, LogStretches, PlaneStrain
 from suas_jax.constitutive.laws.ogden import Ogden
+from suas_jax.equilibrium import load_path
 from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.load_path import settled
 from suas_jax.mechanics.solid.points import free_strain
@@ -217,6 +218,28 @@ def test_a_membrane_mounted_too_long_buckles_at_the_closed_form() -> None:
         assert found["rest"]["stable"] == stable
         assert found["status"] == ("converged" if stable else "unstable")
         assert found["stable"] == stable
+
+
+def test_a_membrane_comes_to_its_free_size_step_by_step(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """At its full size at once a spline 0.4 % too long ended in a buckled state."""
+    sizes = []
+
+    def stepped(fn: Any, known: Any, mechanics: Any, y: Any, *_: Any) -> load_path.Found:
+        sizes.append(float(mechanics.growth.hoop[0]))
+        none = jnp.zeros(1, jnp.int32)
+        return load_path.Found(y, jnp.zeros(1), none, none + 1, jnp.ones(1), none)
+
+    monkeypatch.setattr(load_path, "_stepped", stepped)
+    monkeypatch.setattr(load_path, "residual", lambda problem, y, level: (y, None))
+    problem = problem_on(skin(mounting=4e-3), 8)
+    with jax.disable_jit():
+        rest = settled(problem, 1, LoadStepping())
+    assert problem.mechanics.growth is not None
+    full = float(problem.mechanics.growth.hoop[0])
+    np.testing.assert_allclose(sizes, full * np.array([0.25, 0.5, 0.75, 1]), rtol=1e-12)
+    assert rest.iterations[0] == 4
 
 
 def test_a_membrane_mounted_too_short_stiffens_the_skin() -> None:

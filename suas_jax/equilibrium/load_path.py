@@ -29,6 +29,7 @@ _SOFTEST = -5.0
 _LONGEST, _SHORTEST = 1.0, 1 / 16
 _HARDER = 2.0  # added to the former where the way from there is lost
 _MOST_ROUNDS = 150
+_GROWTH_STEPS = 4  # in which a membrane comes to its free size
 _ATTEMPT, _LOAD, _STIFFEN = range(3)
 # Wanted error of a state against a softer wall, relative to the displacement.
 _SOFT_RTOL = 1e-5
@@ -113,7 +114,9 @@ def settled(
     """The state at rest, without loads.
 
     Of a skin that carries stress the undeformed state is none. The forces that would hold it
-    there are taken away step by step, against a soft wall as the loads that follow.
+    there are taken away step by step, against a soft wall as the loads that follow. The
+    membrane comes to its free size in a few such paths: held undeformed at that size at once it
+    may be past buckling, from where Newton's method ends anywhere, though the skin is stable.
     """
     shape = problem.mechanics.rest()
     zero = jnp.zeros(lanes, shape.dtype)
@@ -125,7 +128,6 @@ def settled(
     if problem.mechanics.touches:
         mechanics = problem.mechanics.softened(jnp.full(1, 10.0**_SOFTEST))
         problem = dataclasses.replace(problem, mechanics=mechanics)
-    held, _ = residual(problem, y, zero)
 
     def fn(y: BorderedVector, args: Any) -> tuple[BorderedVector, BorderedBlockTridiagonal]:
         (problem, held), (level, _), _ = args
@@ -133,8 +135,21 @@ def settled(
         return jax.tree.map(lambda a, b: a - (1 - level) * b, found, held), operator
 
     stepping = dataclasses.replace(stepping, finished=finished)
-    known = problem, held
-    found = _stepped(fn, known, problem.mechanics, y, (zero, zero + 1), stepping)
+    growth = problem.mechanics.growth
+
+    def grown(found: Found, share: Array) -> tuple[Found, None]:
+        some = problem
+        if growth is not None:
+            part = problem.mechanics.with_growth(jax.tree.map(lambda g: share * g, growth))
+            some = dataclasses.replace(problem, mechanics=part)
+        held, _ = residual(some, found.y, zero)
+        ahead = _stepped(fn, (some, held), some.mechanics, found.y, (zero, zero + 1), stepping)
+        total = found.iterations + ahead.iterations
+        return ahead._replace(iterations=total, tangent=None), None
+
+    begin = Found(y, zero, none, none, jnp.full_like(zero, jnp.inf), none)
+    steps = 1 if growth is None else _GROWTH_STEPS
+    found, _ = jax.lax.scan(grown, begin, jnp.arange(1, steps + 1) / steps)
     lost = jnp.where(found.result == 0, 0, index_of("unstable")).astype(found.result.dtype)
     return found._replace(level=zero, result=lost, tangent=None)
 
