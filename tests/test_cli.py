@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
-from fitting.cli.solve import _place, _print_report, _wall
+from fitting.cli.solve import _print_report, _wall, place_text
 from fitting.cli.sweep import _print_curve
 from fitting.json_text import json_text
 from suas_jax.config import load_scene
@@ -122,8 +122,8 @@ def test_gradient_is_the_difference_of_two_solves(
 def test_places_are_told_as_the_section_tells_them() -> None:
     """On a straight piece of a path one angle is many places."""
     row = {"bulge_angle_deg": 90.0, "bulge_arc_m": -31.1234e-3}
-    assert _place(row, "bulge_", 3, by_arc=True) == "-31.1 mm along the arc"
-    assert _place(row, "bulge_", 3, by_arc=False) == "90 deg"
+    assert place_text(row, "bulge_", 3, by_arc=True) == "-31.1 mm along the arc"
+    assert place_text(row, "bulge_", 3, by_arc=False) == "90 deg"
     wall = {
         "angle_deg": [-1e-12, 4.0],
         "arc_m": [-2e-3, 2e-3],
