@@ -852,6 +852,30 @@ def test_a_travel_is_found_between_no_touch_and_too_far() -> None:
     assert len(runs) < 25, runs
 
 
+def test_bodies_that_press_the_skin_onto_one_another_are_found_together() -> None:
+    """By a stand-in: 6 and 4 N need one of them beyond its first touch."""
+    inputs = {f"load.{i}.force": np.asarray(force) for i, force in enumerate((6.0, 4.0))}
+    runs = []
+
+    def run(inputs: Any, start: Any) -> Any:
+        depth = np.array([1e3 * float(inputs[f"load.{i}.depth"]) for i in range(2)])
+        both, apart = depth.sum(), depth[0] - depth[1]
+        runs.append(depth)
+        forces = np.maximum(3.0 * both + 0.3 * apart * np.array([1.0, -1.0]), 0.0)
+        rows = zip(forces[:, None], depth[:, None] / 1e3, strict=True)
+        loads = [{"force_N": f, "depth_m": d} for f, d in rows]
+        return {"loads": loads}, start, start, start, {"result": np.zeros(1)}
+
+    zero = np.zeros(1)
+    spec = scene(_by_force(-20, 6.0), _by_force(20, 4.0))
+    report, *_, outcome = under_forces(spec, inputs, State(zero, zero, zero), run)
+    assert outcome["result"][0] == 0
+    told = [(load["force_N"][0], 1e3 * load["depth_m"][0]) for load in report["loads"]]
+    sides = [(6.0, 5 / 6 + 5 / 3), (4.0, 5 / 6 - 5 / 3)]
+    np.testing.assert_allclose(told, sides, rtol=1e-9)
+    assert len(runs) < 100
+
+
 def test_a_refined_solve_whose_first_run_fails_is_given_up() -> None:
     """Runs on the finest solid take minutes, and each of a dozen travels fails alike."""
     inputs, runs = {"load.0.force": np.asarray(2.0)}, []

@@ -28,6 +28,9 @@ LONGEST = 1.5  # step of a logarithm
 _PROBE, _ACROSS = 1e-3, 0.3  # drag to learn from, and longest step of it, in thicknesses
 _LEVEL = 1e-3  # least share of the normal force that a thickness of drag is taken to add
 _SETTLED = 0.1  # largest error of forces along the approach, over those across
+# Steps of bodies that are found together, their halvings, the longest one and the travel that
+# tells slopes, in thicknesses.
+_MOST_TOGETHER, _HALVINGS, _FARTHEST, _PROBED = 30, 6, 1.0, 1e-3
 _PATIENCE = 12  # runs without progress after which a body slides, or goes no further
 
 
@@ -255,10 +258,57 @@ def under_forces(
     if best is None:
         return found
     error, found, y = best
+    if error > _LOOSE and len(x) > 1 and not across.any():
+        fixed = {**inputs, **none}
+        better = _together(search, found, lambda gone, near: run({**fixed, **gone}, near))
+        if better is not None:
+            return better
     if error > _LOOSE:
         slides = any(d.across and abs(v) == error for d, v in zip(loaded, y, strict=True))
         found[-1]["result"] = np.asarray([index_of("sliding") if slides else blocked])
     return found
+
+
+def _together(
+    search: _Search, found: Solved, run: Callable[[Mapping[str, np.ndarray], State], Solved]
+) -> Solved | None:
+    """A solution of bodies whose forces depend on one another's travels more than on their own.
+
+    The skin that one dents meets the other: forces are nearly alike unless the travels are far
+    apart, one of them perhaps negative, where no logarithm goes. Newton's method in travels and
+    forces themselves, by differences, from the best of the search; None where it fails.
+    """
+    driven, wanted, length = search
+
+    def missed(report: dict[str, Any]) -> np.ndarray:
+        pressed = np.array([d.of(report, d.force) for d in driven])
+        return pressed / wanted - 1
+
+    def at(gone: np.ndarray) -> tuple[Solved, np.ndarray]:
+        rows = zip(driven, length * gone, strict=True)
+        there = run({d.path(d.travel): np.asarray(x) for d, x in rows}, found[3])
+        lost = number(there[-1]["result"]) != 0
+        return there, np.full(len(gone), np.inf) if lost else missed(there[0])
+
+    gone = np.array([d.of(found[0], d.travel) for d in driven]) / length
+    y = missed(found[0])
+    for _ in range(_MOST_TOGETHER):
+        probes = [at(gone + _PROBED * row)[1] for row in np.eye(len(gone))]
+        slope = (np.stack(probes, 1) - y[:, None]) / _PROBED
+        if not np.isfinite(slope).all() or np.linalg.matrix_rank(slope) < len(y):
+            return None
+        step = -np.linalg.solve(slope, y)
+        step *= min(1.0, _FARTHEST / np.abs(step).max())
+        for share in 0.5 ** np.arange(_HALVINGS):
+            there, its = at(gone + share * step)
+            if np.abs(its).max() < np.abs(y).max():
+                break
+        else:
+            break
+        found, gone, y = there, gone + share * step, its
+        if np.abs(y).max() < _TOLERANCE:
+            break
+    return found if np.abs(y).max() < _LOOSE else None
 
 
 def _step(
