@@ -257,15 +257,26 @@ def under_forces(
             x = x + _PROBE * np.eye(len(x))[k]
     if best is None:
         return found
+    fixed = {**inputs, **none}
+    return _ended(search, best, blocked, lambda gone, near: run({**fixed, **gone}, near))
+
+
+def _ended(
+    search: _Search,
+    best: tuple[float, Solved, np.ndarray],  # error, solution, errors of the forces
+    blocked: int,  # index of the outcome where the search went no further
+    run: Callable[[Mapping[str, np.ndarray], State], Solved],  # by travels
+) -> Solved:
+    """What a search has found, or why it has not."""
     error, found, y = best
-    if error > _LOOSE and len(x) > 1 and not across.any():
-        fixed = {**inputs, **none}
-        better = _together(search, found, lambda gone, near: run({**fixed, **gone}, near))
-        if better is not None:
-            return better
-    if error > _LOOSE:
-        slides = any(d.across and abs(v) == error for d, v in zip(loaded, y, strict=True))
-        found[-1]["result"] = np.asarray([index_of("sliding") if slides else blocked])
+    if error <= _LOOSE:
+        return found
+    if len(y) > 1 and not search.across.any():
+        together = _together(search, found, run)
+        if together is not None:
+            return together
+    slides = (search.across & (np.abs(y) == error)).any()
+    found[-1]["result"] = np.asarray([index_of("sliding") if slides else blocked])
     return found
 
 
