@@ -592,3 +592,19 @@ def test_under_a_constant_force_a_body_goes_on() -> None:
         assert load["depth_m"] == pytest.approx(wanted, rel=1e-4)
     assert points[3]["loads"][0]["force_N"] == 0.0
     assert points[3]["max_displacement_m"] > 1e-4
+
+
+def test_first_contact_of_a_history_is_told_as_a_curve_s(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of a path by the arc, too: there the printed curve names places by it."""
+    report = {"status": "converged", "wall_contact": True, "oil_pressure_Pa": 2e3, "t_s": 1.0}
+    report |= {"loads": [{"kind": "line", "force_N": 7.0}], "min_gap_angle_deg": 90.0}
+    report |= {"min_gap_arc_m": 0.05, "shown": np.zeros(1)}
+    known = history._Errors(None, 0.0, 0.0)  # type: ignore[arg-type]
+    monkeypatch.setattr(history._Errors, "at", lambda *_: known)
+    monkeypatch.setattr(history._Follower, "points", lambda _: [report])
+    rows = history_of([0.0, 1.0], force_N=[0.0, 7.0])
+    found = history_sweep(load_scene(HOLD), rows, film=False)
+    told = {"t_s": 1.0, "force_N": 7.0, "oil_pressure_Pa": 2e3, "angle_deg": 90.0}
+    assert found.first_contact == told | {"arc_m": 0.05}

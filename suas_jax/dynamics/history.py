@@ -28,7 +28,7 @@ from suas_jax.mechanics.registry import MODELS
 from suas_jax.mesh.section import measures
 from suas_jax.runtime.compiled import COMPILED, require_float64
 from suas_jax.scene.build import plan_for
-from suas_jax.scene.curve import total_force
+from suas_jax.scene.curve import contact_of
 from suas_jax.scene.program import inputs_of
 from suas_jax.scene.report import plain, report_of
 from suas_jax.scene.solve import Solution, solve
@@ -96,14 +96,7 @@ def history_sweep(
     points = follower.points()
     shown = [point.pop("shown") for point in points]
     hits = [p for p in points if p["status"] == "converged" and p["wall_contact"]]
-    contact = None
-    if hits:
-        contact = {
-            "t_s": hits[0]["t_s"],
-            "force_N": total_force(hits[0]),
-            "oil_pressure_Pa": hits[0]["oil_pressure_Pa"],
-            "angle_deg": hits[0]["min_gap_angle_deg"],
-        }
+    contact = {"t_s": hits[0]["t_s"], **contact_of(hits[0])} if hits else None
     slopes = None if asked is None else follower.gradient(*asked, points)
     return Sweep(points, contact, course.scaled, moves.report(), slopes, shown, errors.plan)
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from suas_jax.figures.style import CONTACT, place_text, styled, written
+from suas_jax.figures.style import CONTACT, place_label, styled, written
 from suas_jax.scene.curve import total_force
 from suas_jax.scene.sweep import Sweep
 
@@ -30,7 +30,7 @@ def plot_sweep(sweep: Sweep, file: Path | None = None) -> Figure:
     for i in lines:
         moved = [1e3 * p["loads"][i]["displacement_m"] for p in points]
         force = [p["loads"][i]["force_N"] for p in points]
-        place = f" at {place_text(points[0]['loads'][i], by_arc=by_arc)}" if points else ""
+        place = f" at {place_label(points[0]['loads'][i], by_arc=by_arc)}" if points else ""
         left.plot(moved, force, "o-", ms=3, label="load" + place)
     left.set(xlabel="displacement of the mid-surface along the load [mm]", ylabel="force [N]")
     handles = right.plot(total, pressure, "o-", ms=3, label="oil pressure")
@@ -63,7 +63,7 @@ def _over_time(points: list[dict[str, Any]], *, by_arc: bool) -> Figure:
     for i, load in enumerate(points[0]["loads"]):
         if load["kind"] != "pressure":
             moved = [1e3 * p["loads"][i]["displacement_m"] for p in points]
-            place = place_text(load, by_arc=by_arc)
+            place = place_label(load, by_arc=by_arc)
             left.plot(time, moved, "o-", ms=3, label=f"load at {place}")
     left.set(xlabel="time [s]", ylabel="displacement of the mid-surface along the load [mm]")
     pressure = [1e-3 * p["oil_pressure_Pa"] for p in points]

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.figures.outline import Outline, draw_bodies, draw_loads, draw_wall, outline
-from suas_jax.figures.style import FILM, FIRST, SECOND, place_text, styled
+from suas_jax.figures.style import FILM, FIRST, SECOND, place_label, styled
 from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.mechanics.solid.element import NODES
@@ -200,7 +200,7 @@ def _across(
     """
     kinds = [load for load in solution.report["loads"] if load["kind"] not in _NO_FORCES]
     by_arc = not solution.scene.geometry.has_angle
-    loads = [place_text(load, by_arc=by_arc) for load in kinds]
+    loads = [place_label(load, by_arc=by_arc) for load in kinds]
     places = drawn.load_angle if loads else np.zeros(1)
     for place, angle in zip(loads or ["the crown"], places, strict=True):
         near = np.abs(spread[:, [0, 2]] - angle)

@@ -1,4 +1,4 @@
-"""What all figures share: colours, resolution, and how they are written."""
+"""What all figures share: colours, resolution, how places are named, how they are written."""
 
 import io
 from collections.abc import Callable, Mapping
@@ -46,7 +46,7 @@ def styled(draw: Callable[_P, _R]) -> Callable[_P, _R]:
     return with_style
 
 
-def place_text(load: Mapping[str, Any], *, by_arc: bool) -> str:
+def place_label(load: Mapping[str, Any], *, by_arc: bool) -> str:
     """Where a reported load is, by what the section's places are told by."""
     if not by_arc:
         return f"{load['angle_deg']:.4g}°"

@@ -14,9 +14,9 @@ from fitting.arrays import Floats
 from fitting.inverse_load.pad.spline import TensorSpline
 
 LEVELS = np.array([-0.3, -0.12, 0.0, 0.12, 0.28, 0.46, 0.64, 0.82, 1.0])
-"""Forces as shares of the largest, rest among them; pulls that are told go as far as the first.
+"""Forces as shares of the largest, rest among them; pulls are told as far as the first.
 
-Two of pulls: a soft pad's hardens so much that one, wherever it is, leaves the others and light
+Two are pulls: soft pads harden so much under them that one alone leaves other pulls and light
 pushes several per cent off.
 """
 # Shares of the largest force, of nodes beside the table's own: a contact much lighter than all
