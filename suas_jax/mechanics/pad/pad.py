@@ -6,6 +6,7 @@ stress to the last digit.
 """
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, Self
 
@@ -312,7 +313,8 @@ class Pad(AbstractMechanics):
         for plane in self._planes():
             image = signs * jnp.flip(x, (plane - 5, plane - 3))
             x = jnp.concatenate([x, image], plane - 3)
-        return other_way(whole, x).reshape(*terms, -1, lanes)
+        # What remembers nothing has no terms, from which no size follows.
+        return other_way(whole, x).reshape(*terms, math.prod(x.shape[-5:-1]), lanes)
 
     def faces(
         self,
