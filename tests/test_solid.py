@@ -17,6 +17,7 @@ from skins import (
     quick,
     reference_rows,
     scene,
+    shaped,
     status,
 )
 
@@ -227,6 +228,28 @@ def test_converges_at_the_rate_of_its_shape_functions() -> None:
     coarse, fine = (np.array(inflated_sector(np.zeros(n))) for n in (1, 2))
     assert np.all(coarse < 1e-3)
     assert np.all(np.log2(coarse / fine) > 2.8)
+
+
+def test_stretches_of_a_path_know_nothing_of_its_jumps_of_curvature() -> None:
+    # Length of the inner face per angle jumps with it, by the thickness over twice the radius.
+    path = [{"line": "10 mm"}, {"radius": "12 mm", "angle": "90 deg"}, {"line": "8 mm"}]
+    spec = shaped({"section": "path", "path": path, "mirror": True})
+    solid = problem_of(spec, 32, 2).mechanics
+    assert isinstance(solid, Solid)
+
+    def moved(x: jax.Array) -> jax.Array:
+        """10 % longer sideways, of the same area."""
+        change = jnp.array([0.1, 1 / 1.1 - 1]).reshape(2, *[1] * (x.ndim - 1)) * x
+        return jnp.swapaxes(change, 0, 1).reshape(-1, *x.shape[2:])
+
+    between = moved(solid.middles)
+    pressures = jnp.zeros((3 * solid.layers, *between.shape[1:]))
+    q = solid.layout.joined(moved(solid.stations), jnp.concatenate([between, pressures]))
+    profile = solid.profile(q, 2)
+    across, up = solid.section.frame(profile.angle).tangent
+    expected = jnp.hypot(1.1 * across, up / 1.1)
+    np.testing.assert_allclose(profile.inner_stretch, expected, atol=1e-3)
+    np.testing.assert_allclose(solid.profile(0 * q, 2).inner_stretch, 1, rtol=1e-12)
 
 
 @pytest.fixture(scope="module")

@@ -17,18 +17,19 @@ Nodes = Float[Array, "9 2 layer element lane"]
 
 def face_stretch(
     angles: Float[Array, "station #lane"],
-    stations: Float[Array, "2 station lane"],
-    middles: Float[Array, "2 element lane"],  # of the nodes half-way between stations [m]
-    lengths: tuple[Array, Array],
+    rest: tuple[Array, Array],
+    current: tuple[Array, Array],
 ) -> Float[Array, "3 element lane"]:
     """Hoop stretch of a face at the left, middle and right node of every element.
 
     Nodes are two orders more accurate than the elements' derivatives: the stretch is that
-    of the quartic through five neighbouring nodes. Wherever the face is smooth this is
-    good for a hundredth of the error; at the clamps' corners nothing is.
+    of the quartics through five neighbouring nodes. Wherever the face is smooth this is
+    good for a hundredth of the error; at the clamps' corners nothing is. The undeformed
+    face is differentiated alike: where its curvature jumps, so does its length per angle, and
+    what quartics across the jump make of it cancels.
 
-    `angles`: of the stations [rad]. `stations`: current positions of the face's nodes at the
-    stations [m]. `lengths`: of the undeformed face per angle, at stations and half-way [m].
+    `angles`: of the stations [rad]. `rest`, `current`: positions of the face's nodes at the
+    stations and half-way between them, [2, station, lane] and [2, element, lane] [m].
     """
 
     def woven(ends: Array, between: Array) -> Array:
@@ -37,7 +38,8 @@ def face_stretch(
         nodes = pairs.reshape(*ends.shape[:-2], -1, ends.shape[-1])
         return jnp.concatenate([nodes, ends[..., -1:, :]], -2)
 
-    x, angle = woven(stations, middles), woven(angles, (angles[1:] + angles[:-1]) / 2)
+    angle = woven(angles, (angles[1:] + angles[:-1]) / 2)
+    x = jnp.stack(jnp.broadcast_arrays(woven(*current), woven(*rest)))
     count = angle.shape[0]
     reach = min(5, count)
     first = np.clip(np.arange(count) - reach // 2, 0, count - reach)
@@ -49,8 +51,9 @@ def face_stretch(
         for m in others:
             factors = [(angle - near[k]) / (near[j] - near[k]) for k in others if k != m]
             weight = weight + functools.reduce(jnp.multiply, factors) / (near[j] - near[m])
-        slope = slope + weight * x[:, first + j]
-    stretch = jnp.sqrt(jnp.sum(slope**2, 0)) / woven(*lengths)
+        slope = slope + weight * x[:, :, first + j]
+    deformed, undeformed = jnp.sqrt(jnp.sum(slope**2, 1))
+    stretch = deformed / undeformed
     return jnp.stack([stretch[:-1:2], stretch[1::2], stretch[2::2]])
 
 

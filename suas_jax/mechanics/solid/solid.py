@@ -288,13 +288,9 @@ class Solid(AbstractPlaneStrain):
     def _inner_stretch(self, q: StationVector) -> Float[Array, "3 element lane"]:
         """Hoop stretch of the inner face at its nodes."""
         at_stations, between = self.layout.lines(q)
-        stations = self.stations[:, 0] + at_stations[:, 0]
-        middles = self.middles[:, 0] + between[:, 0]
-        lengths = [
-            self._inner_length(angle)
-            for angle in (self.angles, (self.angles[1:] + self.angles[:-1]) / 2)
-        ]
-        return face_stretch(self.angles, stations, middles, (lengths[0], lengths[1]))
+        rest = self.stations[:, 0], self.middles[:, 0]
+        current = rest[0] + at_stations[:, 0], rest[1] + between[:, 0]
+        return face_stretch(self.angles, rest, current)
 
     def profile(self, q: StationVector, samples: int) -> Profile:
         """The deformed section at evenly spaced points; see the base class."""
