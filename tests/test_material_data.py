@@ -12,7 +12,11 @@ from fitting.cli.app import app
 from fitting.material.data.cells import decimal_mark, number
 from fitting.material.data.columns import quantity_of
 from fitting.material.data.errors import DataError
-from fitting.material.experiments.data_checks import contradictions, warnings_of
+from fitting.material.experiments.data_checks import (
+    contradictions,
+    refuse_without_information,
+    warnings_of,
+)
 from fitting.material.experiments.datasets import load_dataset
 from fitting.material.experiments.measurements import StressTest
 
@@ -281,6 +285,15 @@ def test_a_file_of_another_kind_of_test_is_doubted(
         assert not any("kind" in w or "grow" in w for w in load_dataset(mode, file).warnings)
 
 
+def test_tension_counted_as_negative_is_refused_with_a_way_out(tmp_path: pathlib.Path) -> None:
+    text = "# area: 12 mm2\nstrain,Load (N)\n" + rows(STRETCH - 1, -NOMINAL * 12e-6)
+    file = written(tmp_path, text)
+    with pytest.raises(ValueError, match='"force=NAME -1 N"'):
+        refuse_without_information(load_dataset("uniaxial", file))
+    data = load_dataset("uniaxial", file, columns={"force": "Load (N) -1 N"})
+    np.testing.assert_allclose(data.value, NOMINAL)
+
+
 def test_columns_of_another_mode_are_told(tmp_path: pathlib.Path) -> None:
     file = written(tmp_path, "# radius: 25 mm\napex_height_mm,pressure_kPa\n1,2\n3,4\n5,6\n")
     with pytest.raises(DataError, match="--data bulge=FILE"):
@@ -291,7 +304,12 @@ def test_columns_of_another_mode_are_told(tmp_path: pathlib.Path) -> None:
     ("name", "quantity"),
     [
         *(("拉伸应力(MPa)", "nominal"), ("力值(N)", "force"), ("夹头位移(mm)", "displacement")),
-        *(("压缩力(N)", "force"), ("伸び率(%)", "strain"), ("引張荷重(N)", "force")),
+        *(
+            ("压缩力(N)", "force"),
+            ("高さ (mm)", "height"),
+            ("伸び率(%)", "strain"),
+            ("引張荷重(N)", "force"),
+        ),
         *(
             ("Last (N)", "force"),
             ("Charge (kN)", "force"),

@@ -83,7 +83,8 @@ _WORDS = dict(
     伸长率=strain 伸び率=strain 試験応力=stress 公称ひずみ=nominal_strain 歪み=strain 歪=strain
     夹具间距=grip_separation つかみ間隔=grip_separation つかみ具間距離=grip_separation
     横截面积=area 截面积=area 厚み=thickness
-    试验力=test_force 試験力=test_force 载荷=load 负荷=load 荷重=load 真应力=true_stress
+    试验力=test_force 試験力=test_force 试验=test_ 試験=test_ 高さ=height
+    载荷=load 负荷=load 荷重=load 真应力=true_stress
     真応力=true_stress 工程应力=nominal_stress 名义应力=nominal_stress 公称応力=nominal_stress
     应力=stress 応力=stress 真应变=true_strain 工程应变=nominal_strain 名义应变=nominal_strain
     应变=strain ひずみ=strain 位移=displacement 変位=displacement 变形=extension

@@ -261,6 +261,7 @@ class NamedColumns:
                 f"--mode {mode})"
                 for mode in sorted(others)
             )
+            + (' or, of a stress, "stress=NAME MPa"' if quantity == "force" else "")
             + (' or, of a strain, "strain=NAME %", "green_strain=NAME"' if moved else "")
         )
 
