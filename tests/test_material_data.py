@@ -10,8 +10,13 @@ from typer.testing import CliRunner
 
 from fitting.cli.app import app
 from fitting.material.data.cells import decimal_mark, number
+from fitting.material.data.columns import quantity_of
 from fitting.material.data.errors import DataError
-from fitting.material.experiments.data_checks import contradictions, warnings_of
+from fitting.material.experiments.data_checks import (
+    contradictions,
+    refuse_without_information,
+    warnings_of,
+)
 from fitting.material.experiments.datasets import load_dataset
 from fitting.material.experiments.measurements import StressTest
 
@@ -252,3 +257,67 @@ def test_shear_by_its_letters(tmp_path: pathlib.Path) -> None:
     data = load_dataset("simple_shear", file)
     np.testing.assert_allclose(data.coordinate, shear, rtol=1e-8)
     np.testing.assert_allclose(data.value, 6e5 * shear, rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("# mode: pure shear\nstrain,nominal_stress_MPa\n", '"pure shear" speaks of another'),
+        (
+            "Uniaxial,,Equibiaxial,\nstrain,nominal_stress_MPa,strain,nominal_stress_MPa\n",
+            "Equi",
+        ),
+        ("Strain X,Strain Y,nominal_stress_MPa\n", "grow together"),
+    ],
+    ids=["stated", "two kinds side by side", "two strains"],
+)
+def test_a_file_of_another_kind_of_test_is_doubted(
+    tmp_path: pathlib.Path, text: str, said: str
+) -> None:
+    strain, stress = STRETCH - 1, NOMINAL / 1e6
+    columns = [
+        strain if "train" in name else stress for name in text.split("\n")[-2].split(",")
+    ]
+    file = written(tmp_path, text + rows(*columns))
+    assert any(said in warning for warning in load_dataset("uniaxial", file).warnings)
+    if "X" in text or "pure" in text:
+        mode = "pure_shear" if "pure" in text else "equibiaxial"
+        assert not any("kind" in w or "grow" in w for w in load_dataset(mode, file).warnings)
+
+
+def test_tension_counted_as_negative_is_refused_with_a_way_out(tmp_path: pathlib.Path) -> None:
+    text = "# area: 12 mm2\nstrain,Load (N)\n" + rows(STRETCH - 1, -NOMINAL * 12e-6)
+    file = written(tmp_path, text)
+    with pytest.raises(ValueError, match='"force=NAME -1 N"'):
+        refuse_without_information(load_dataset("uniaxial", file))
+    data = load_dataset("uniaxial", file, columns={"force": "Load (N) -1 N"})
+    np.testing.assert_allclose(data.value, NOMINAL)
+
+
+def test_columns_of_another_mode_are_told(tmp_path: pathlib.Path) -> None:
+    file = written(tmp_path, "# radius: 25 mm\napex_height_mm,pressure_kPa\n1,2\n3,4\n5,6\n")
+    with pytest.raises(DataError, match="--data bulge=FILE"):
+        load_dataset("uniaxial", file)
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity"),
+    [
+        *(("拉伸应力(MPa)", "nominal"), ("力值(N)", "force"), ("夹头位移(mm)", "displacement")),
+        *(
+            ("压缩力(N)", "force"),
+            ("高さ (mm)", "height"),
+            ("伸び率(%)", "strain"),
+            ("引張荷重(N)", "force"),
+        ),
+        *(
+            ("Last (N)", "force"),
+            ("Charge (kN)", "force"),
+            ("Contrainte vraie (MPa)", "cauchy"),
+        ),
+        *(("Déplacement traverse (mm)", "displacement"), ("인장응력 (MPa)", "nominal")),
+        *(("Longueur de jauge (mm)", "length"), ("つかみ具間距離 (mm)", "grip_separation")),
+    ],
+)
+def test_names_of_other_languages(name: str, quantity: str) -> None:
+    assert quantity_of(name) == quantity

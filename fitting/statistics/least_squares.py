@@ -138,7 +138,9 @@ def minimise_one_by_one(
     found.sort(key=lambda run: run[1])
     theta, cost, decrease = (np.array(column) for column in zip(*found, strict=True))
     count = int(residuals.used.sum())
-    converged = _is_minimum(cost, decrease, count) | (cost * decrease < enough)
+    with np.errstate(invalid="ignore"):  # a start without numbers has an infinite cost
+        settled = cost * decrease < enough
+    converged = _is_minimum(cost, decrease, count) | settled
     return Minima(theta, cost, converged, decrease, max(_ROUNDING, enough))
 
 

@@ -11,6 +11,8 @@ _WORDS = dict(
         r"(\S+)=(\S+)",
         """
     standardkraft=standard_force pruefkraft=test_force zugkraft=tensile_force
+    zuglast=tensile_load zugverlaengerung=tensile_extension zugdehnung=tensile_strain
+    maschinenweg=machine_travel traverse=crosshead
     druckkraft=compressive_force kraft=force standardweg=standard_travel
     traversenweg=crosshead_travel kolbenweg=actuator_travel verlaengerung=extension
     laengenaenderung=extension verformung=extension verschiebung=displacement weg=travel
@@ -23,24 +25,38 @@ _WORDS = dict(
     innendruck=pressure druck=pressure pruefzeit=test_time versuchszeit=test_time zeit=time
     zyklus=cycle anfangsquerschnitt=initial_area querschnittsflaeche=area querschnitt=area
     bei_startposition=at_start_position einspannlaenge=grip_separation
-    klemmlaenge=clamping_length messlaenge=gauge_length anfangslaenge=initial_length
+    klemmlaenge=clamping_length anfangsmesslaenge=gauge_length messlaenge=gauge_length
+    bezugslaenge=gauge_length anfangslaenge=initial_length
     probendicke=specimen_thickness dicke=thickness
     probenbreite=specimen_width breite=width probendurchmesser=specimen_diameter
     durchmesser=diameter hoehe=height
 
-    allongement=elongation deplacement=displacement deformation=strain contrainte=stress
+    charge_de_traction=tensile_load charge_de_compression=compressive_load
+    allongement=elongation deplacement_de_la_traverse=crosshead_displacement
+    deplacement_traverse=crosshead_displacement deplacement=displacement
+    extension_en_traction=tensile_extension deformation_en_traction=tensile_strain
+    deformation_en_compression=compressive_strain deformation_vraie=true_strain
+    deformation_nominale=nominal_strain deformation=strain
+    contrainte_de_traction=tensile_stress contrainte_en_traction=tensile_stress
+    contrainte_de_compression=compressive_stress contrainte_en_compression=compressive_stress
+    contrainte_vraie=true_stress contrainte_nominale=nominal_stress contrainte=stress
     pression=pressure rapport_de_volume=volume_ratio epaisseur=thickness largeur=width
-    longueur_initiale=initial_length longueur=length diametre=diameter temps=time
+    longueur_initiale=initial_length longueur_de_jauge=gauge_length
+    longueur_utile=gauge_length longueur_entre_mors=grip_separation longueur=length
+    section_initiale=initial_area diametre=diameter temps=time
 
     forza=force carico=load spostamento=displacement corsa=travel allungamento=elongation
     deformazione_vera=true_strain deformazione_reale=true_strain
     deformazione_nominale=nominal_strain deformazione=strain tensione_vera=true_stress
     tensione_reale=true_stress tensione_nominale=nominal_stress tensione=stress
     sforzo_nominale=nominal_stress sforzo=stress pressione=pressure larghezza=width
-    spessore=thickness lunghezza_iniziale=initial_length lunghezza=length diametro=diameter
+    spessore=thickness lunghezza_utile=gauge_length lunghezza_iniziale=initial_length
+    lunghezza=length diametro=diameter
     altezza=height tempo=time
 
-    fuerza=force carga=load desplazamiento=displacement recorrido=travel
+    tension_de_traccion=tensile_stress deformacion_por_traccion=tensile_strain
+    longitud_de_calibre=gauge_length fuerza=force carga=load desplazamiento=displacement
+    recorrido=travel
     alargamiento=elongation deformacion_verdadera=true_strain deformacion_real=true_strain
     deformacion_nominal=nominal_strain deformacion=strain tension_verdadera=true_stress
     tension_real=true_stress tension_nominal=nominal_stress esfuerzo_verdadero=true_stress
@@ -61,7 +77,14 @@ _WORDS = dict(
     drukspanning=compressive_stress spanning=stress druk=pressure breedte=width
     dikte=thickness meetlengte=gauge_length beginlengte=initial_length hoogte=height tijd=time
 
-    试验力=test_force 試験力=test_force 载荷=load 负荷=load 荷重=load 真应力=true_stress
+    拉伸=tensile_ 引張=tensile_ 拉力=tensile_force 压缩=compressive_ 圧縮=compressive_
+    原始=initial_ 初期長さ=initial_length 試験片=specimen_ 夹头=crosshead_ 横梁=crosshead_
+    クロスヘッド=crosshead_ 引伸计=extensometer 力值=force ロードセル=load_cell 行程=stroke
+    伸长率=strain 伸び率=strain 試験応力=stress 公称ひずみ=nominal_strain 歪み=strain 歪=strain
+    夹具间距=grip_separation つかみ間隔=grip_separation つかみ具間距離=grip_separation
+    横截面积=area 截面积=area 厚み=thickness
+    试验力=test_force 試験力=test_force 试验=test_ 試験=test_ 高さ=height
+    载荷=load 负荷=load 荷重=load 真应力=true_stress
     真応力=true_stress 工程应力=nominal_stress 名义应力=nominal_stress 公称応力=nominal_stress
     应力=stress 応力=stress 真应变=true_strain 工程应变=nominal_strain 名义应变=nominal_strain
     应变=strain ひずみ=strain 位移=displacement 変位=displacement 变形=extension
@@ -71,7 +94,8 @@ _WORDS = dict(
     宽度=width 厚度=thickness 厚さ=thickness 直径=diameter 面积=area 断面積=area 高度=height
     力=force 幅=width
 
-    시험력=test_force 하중=load 변위=displacement 신장=elongation 진응력=true_stress
+    인장=tensile_ 압축=compressive_ 신율=strain 시험력=test_force 하중=load
+    변위=displacement 신장=elongation 진응력=true_stress
     공칭응력=nominal_stress 응력=stress 진변형률=true_strain 공칭변형률=nominal_strain
     변형률=strain 압력=pressure 시간=time 표점거리=gauge_length 너비=width 두께=thickness
     직경=diameter 단면적=area 높이=height 힘=force 폭=width
@@ -125,7 +149,8 @@ stress stress (?:axial_)?stress|σ
 pressure pressure (?:inflation_|gauge_|differential_|oil_|hydrostatic_|confining_|chamber_
     |internal_|inner_|applied_|balloon_)*pressure|p
 force force (?:axial_|ax_|static_|standard_|tensile_|tension_|compressive_|compression_|test_
-    |shear_|normal_|applied_|load_cell_)*(?:force|load)(?:_cell)?|f(?=_[mk]?n$|$)
+    |shear_|normal_|applied_|load_cell_)*(?:force|load)(?:_cell)?
+    |(?:f|last|charge)(?=_[mk]?n$|$)
 time time (?:test_|running_|total_|elapsed_|step_)*time|t(?=_s$|_min$|$)
 cycle number (?:total_|elapsed_)?cycles?(?:_(?:count|number|no))?
 volume_ratio number (?:relative_)?volume_(?:ratio|stretch)|relative_volume|v/v_?[0o]|jacobian|j

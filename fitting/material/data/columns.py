@@ -28,7 +28,7 @@ _SUGGESTED = {
     "angle": ("deg", "deg, rad"),
 }
 # A number of units for one of the column's.
-_SCALED = re.compile(r"([\d.,]*\d[.,]?(?:e[+-]?\d+)?)([^\d\s/].*?)(?:/m?v)?")
+_SCALED = re.compile(r"(-?[\d.,]*\d[.,]?(?:e[+-]?\d+)?)([^\d\s/].*?)(?:/m?v)?")
 # Which specimen of a file a column or a size belongs to.
 _SPECIMEN = re.compile(
     r"(?:^|_)(?:specimen|sample|probekoerper|probe|eprouvette)_*(?:no_|nr_)?#?(\d+)(?=_|$)"

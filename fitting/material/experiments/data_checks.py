@@ -80,6 +80,21 @@ def refuse_without_information(data: Dataset) -> None:
             f"{data.file}: the material is deformed, and every reading is zero; check the "
             "columns, or leave the file out"
         )
+    if isinstance(data, StressTest) and data.mode in PATHS and np.mean(_opposed(data)) > 0.9:
+        state, column = data.origin.state, data.origin.column
+        squeezed = f'--columns "compressive {state}={column}" where it was squeezed, or '
+        raise ValueError(
+            f"{data.file}: stresses have the sign opposite to their strain, as no rubber's; "
+            f"{'' if state == 'stretch' else squeezed}turn the sign of the stress or force by "
+            f'its unit, such as --columns "force=NAME -1 N" or "stress=NAME -1 MPa"'
+        )
+
+
+def _opposed(data: StressTest) -> np.ndarray:
+    """Which of the stresses that are not near zero pull where the material is squeezed."""
+    size = np.abs(data.value)
+    wrong = data.value * np.sign(data.unit_stress) < 0.0
+    return wrong[size > 0.02 * np.max(size)]
 
 
 def warnings_of(data: Dataset) -> list[str]:
@@ -97,10 +112,7 @@ def warnings_of(data: Dataset) -> list[str]:
             f"can't follow; choose one branch with --branch loading"
         )
     found += [f"{data.file}: {text}" for text in _unit_doubts(data)]
-    wrong = (data.value * np.sign(data.unit_stress) < 0.0) & (
-        np.abs(data.value) > 0.02 * np.max(np.abs(data.value))
-    )
-    if np.mean(wrong) > 0.5:
+    if np.mean(_opposed(data)) > 0.5:
         found.append(
             f"{data.file}: most stresses have the sign opposite to their strain; compression "
             f"is a stretch below one (negative strain) with negative stress"

@@ -16,8 +16,26 @@ from suas_jax.config.errors import listed
 # Readings whose sign tells tension from compression.
 _SIGNED = ("force", "stress", "nominal", "cauchy", "strain", "log_strain", "displacement")
 # What a file says of its test: the kind, method or standard of it.
+_STRAINS = ("strain", "log_strain", "green_strain", "stretch")
+_TOGETHER = 0.3  # share of the strain along, across, beyond which both are loaded
 _OF_TEST = re.compile(r"test|pruef|(?:method|procedure|standard|norm|type|mode)(?![a-z])")
 _COMPRESSION = r"compress(?!ion_mou?ld)|druckversuch|stauch|iso_7743|astm_d_?575"
+# Words for a kind of test, of the modes that a curve's columns can't tell apart.
+_KINDS = {
+    "uniaxial": re.compile(r"uni_?axial|einachsig|单轴|単軸|一軸"),
+    "equibiaxial": re.compile(r"(?:equi|aequi)_?bi_?axial|bulge|等双轴|等二軸"),
+    "pure_shear": re.compile(r"pure_?shear|planar|平面|純せん断"),
+}
+# By their columns: modes that read them, for a file whose stress or state is missed.
+_READ_BY = {
+    frozenset({"pressure", "height"}): "bulge",
+    frozenset({"pressure", "radius"}): "balloon",
+    frozenset({"shear"}): "simple_shear",
+    frozenset({"shear_angle"}): "simple_shear",
+    frozenset({"pressure", "volume_ratio"}): "volumetric",
+    frozenset({"pressure", "volumetric_strain"}): "volumetric",
+    frozenset({"pressure", "volumetric_compression"}): "volumetric",
+}
 _CLOCK = re.compile(r"(?:(\d+):)?(\d+):(\d+(?:\.\d*)?)\s*([AaPp][Mm])?")
 
 
@@ -53,9 +71,24 @@ class NamedColumns:
                 self.columns[key] = (index, column)
         if self.mode in PATHS:
             self._along_the_load()
+            self._doubt_the_mode()
         if ignored:
             names = ", ".join(f'"{name}"' for name in ignored)
             self.warnings.append(f"column {names} is not used: not a quantity known here")
+
+    def _doubt_the_mode(self) -> None:
+        """Where the file, or a specimen's name, speaks of another kind of test, say so."""
+        said = [text for key, text in self.table.metadata.items() if _OF_TEST.match(key)]
+        if found := self.columns.get(("specimen", 0)):
+            said += [texts[found[0]] for texts in self.table.texts]
+        for text in dict.fromkeys(said):
+            kinds = [kind for kind, known in _KINDS.items() if known.search(plain_words(text))]
+            if kinds and self.mode not in kinds:
+                self.warnings.append(
+                    f'"{text[:60]}" speaks of another kind of test than {self.mode}, as which '
+                    f"all its readings are taken; kinds need files of their own, such as "
+                    f"--data {kinds[0]}=FILE (`suas data`: --mode {kinds[0]})"
+                )
 
     def _along_the_load(self) -> None:
         """Of readings along x and y those along the load count, which change by more."""
@@ -70,10 +103,28 @@ class NamedColumns:
             self.columns.setdefault((quantity, 1), along)
             if along is not across:
                 kept, left = (self.table.names[column[0]] for column in (along, across))
+                if quantity in _STRAINS and self.mode != "equibiaxial":
+                    self._doubt_one_direction(along[0], across[0])
+                more = "by more" if changes[0] != changes[1] else "alike"
                 self.warnings.append(
-                    f'column "{left}" is not used: "{kept}" changes by more, so it is taken as '
+                    f'column "{left}" is not used: "{kept}" changes {more}, so it is taken as '
                     f"the one along the load; --columns {quantity}={across[0] + 1} chooses it"
                 )
+
+    def _doubt_one_direction(self, along: int, across: int) -> None:
+        """Strains that grow together belong to no test of one direction."""
+        first, second = (self.table.cells[:, index] for index in (along, across))
+        if not np.isfinite(first + second).any():
+            return
+        rest = np.nanargmin(np.abs(first)), np.nanargmax(np.abs(first))
+        moved = [float(x[rest[1]] - x[rest[0]]) for x in (first, second)]
+        if moved[1] * np.sign(moved[0]) > _TOGETHER * abs(moved[0]):
+            names = '" and "'.join(self.table.names[index] for index in (along, across))
+            self.warnings.append(
+                f'"{names}" grow together, as strains of the mode {self.mode} don\'t; read '
+                f"it as equibiaxial, or as biaxial where they differ (--data "
+                f"equibiaxial=FILE; `suas data`: --mode equibiaxial)"
+            )
 
     def _better_of(self, quantity: str, first: int, second: int) -> int:
         """Which of two columns of the same quantity to use.
@@ -198,11 +249,19 @@ class NamedColumns:
         choices = listed(f'"{name}"' for name in names)
         quantity = names[-1].partition("_")[0]
         moved = quantity == "displacement"
+        measured = {key[0] for key in self.columns}
+        others = {m for known, m in _READ_BY.items() if known <= measured} - {self.mode}
         unit = {"force": "50 N/V", "displacement": "mm"}.get(quantity, "UNIT")
         return DataError(
             f"{self.table.file}: {what} is missing for the mode {self.mode}; expected a "
             f"column such as {choices} (the file has {have}); if one of them is it, say which, "
             f'with its unit or with what a volt stands for: --columns "{quantity}=NAME {unit}"'
+            + "".join(
+                f"; columns such as this file's are read by --data {mode}=FILE (`suas data`: "
+                f"--mode {mode})"
+                for mode in sorted(others)
+            )
+            + (' or, of a stress, "stress=NAME MPa"' if quantity == "force" else "")
             + (' or, of a strain, "strain=NAME %", "green_strain=NAME"' if moved else "")
         )
 
