@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
+from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate, Tap
 from fitting.inverse_load.film_motion import (
     FilmMotion,
     covariance_by_motion,
     fading_time,
     told_moving,
 )
+from fitting.inverse_load.report.text import frame_json
 from fitting.inverse_load.taps import LONGEST, ForceCurve, Motion, MotionWatch
 from suas_jax.config import load_skin
 from tests.skins import CASE_B
@@ -109,6 +110,14 @@ def test_the_impulse_of_a_tap_is_that_of_its_motion(bend: float) -> None:
     # The mean of the gaps is that of a steady load only where the skin answers in proportion.
     steady = motion.duration * curve.at(motion.share @ scaled)
     assert (abs(steady / impulse - 1) < 0.02) == (bend == 0.0)
+
+
+def test_a_tap_is_told_with_deviations_of_its_place() -> None:
+    place = Contact(np.deg2rad(15.0), 0.2, None, np.diag([1e-4, 4e-6, 1e-2]), axial=0.01)
+    estimate = LoadEstimate(False, tap=Tap(0.3, 0.6, place, 7e-3, 2e-3))
+    told = frame_json(0.95, 95, estimate)["tap"]
+    assert told["angle_deviation_deg"] == pytest.approx(np.rad2deg(1e-2))
+    assert told["axial_deviation_m"] == pytest.approx(2e-3)
 
 
 def test_a_press_that_lasts_is_no_tap() -> None:

@@ -134,7 +134,13 @@ def field_text(field: LoadField) -> str:
 def _tap_json(tap: Tap) -> dict[str, Any]:
     """A tap: when, where and with which impulse."""
     place = contact_json(tap.place)
-    kept = {key: place[key] for key in ("angle_deg", "arc_m", "axial_m") if key in place}
+    keys = "angle_deg", "arc_m", "axial_m"
+    kept: dict[str, Any] = {key: place[key] for key in keys if key in place}
+    for name in tap.place.names:
+        key, scale, *_ = _SHOWN[name]
+        if key in kept:
+            quantity, unit = key.split("_")
+            kept[f"{quantity}_deviation_{unit}"] = scale * tap.place.deviation(name)
     told = {"impulse_Ns": tap.impulse, "impulse_deviation_Ns": tap.deviation}
     return {"t_s": tap.time, "duration_s": tap.duration, **kept, **told}
 
