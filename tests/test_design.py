@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fitting.datasheet.sheet import Figure
 from fitting.datasheet.variants import STEP
 from fitting.design import design
 from fitting.design.design import Design, _changed, designed_skin
@@ -454,6 +455,29 @@ def test_a_limit_is_told_at_its_place_of_the_data_sheet() -> None:
         assert made._place(price) == {"angle_deg": a, "axial_mm": x}
     assert made._place(Price("geometry.thickness", True, 1e-3, None, 0.1)) == {}
     assert made._place(Price("buckling_share", False, 0.5, 0, 0.1)) == {}
+
+
+def test_a_limit_that_is_not_kept_between_the_places_of_the_search_is_told() -> None:
+    limits = Limit("range_N", 30.0, True), Limit("force_resolution_N", 0.1, False)
+    want: Any = SimpleNamespace(limits=limits, places=5)
+    coordinates = {"angle_deg": np.array([0.0, 10.0]), "arc_m": np.array([0.0, 0.0125])}
+
+    def made(force_range: float, resolution: float) -> Design:
+        figures = (
+            Figure("range_N", force_range, place=1),
+            Figure("force_resolution_N", resolution, place=0),
+        )
+        after: Any = SimpleNamespace(
+            figures=figures, measured=SimpleNamespace(coordinates=coordinates)
+        )
+        none: Any = None
+        return Design(SimpleNamespace(want=want), none, none, after, [], 0)  # type: ignore[arg-type]
+
+    assert made(29.98, 0.1).missed == []
+    assert [limit.key for limit, _ in made(40.0, 0.11).missed] == ["force_resolution_N"]
+    ((limit, figure),) = made(29.1, 0.05).missed
+    told = made(29.1, 0.05)._miss(limit, figure)
+    assert "Range at 12 mm is 29.1 N, not at least 30 N" in told
 
 
 def test_designs_between_two_goals_are_told_in_the_units_of_each() -> None:

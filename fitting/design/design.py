@@ -16,13 +16,14 @@ from fitting.arrays import Floats
 from fitting.datasheet.page import figure_text
 from fitting.datasheet.pictures import plot_skin
 from fitting.datasheet.sheet import DataSheet, data_sheet
+from fitting.datasheet.sheet import Figure as SheetFigure
 from fitting.datasheet.words import WORDS, place_text
 from fitting.design.front import FrontPoint, front
 from fitting.design.pad import PadProblem
 from fitting.design.problem import Problem
 from fitting.design.search import Found, Kept, Price, search
 from fitting.design.section import SectionProblem
-from fitting.design.want import Want
+from fitting.design.want import Limit, Want
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.report.description import Headline, Part, Remark, ReportTable
 from suas_jax import skin_of
@@ -33,6 +34,8 @@ from suas_jax.config.toml_file import MOST_BYTES
 from suas_jax.config.units import find_unit
 from suas_jax.figures.style import FIRST, styled
 from suas_jax.files.reading import read_bytes
+
+_MISSED = 1e-3  # share of a limit by which it is not kept
 
 
 class Design(NamedTuple):
@@ -72,6 +75,16 @@ class Design(NamedTuple):
                 }
                 for p in found.prices
             ],
+            "missed_between": [
+                {
+                    "name": limit.key,
+                    "bound": "at_least" if limit.least else "at_most",
+                    "limit": limit.value,
+                    "value": figure.value,
+                    **self._coordinates(figure.place),
+                }
+                for limit, figure in self.missed
+            ],
             "front": [
                 {
                     want.goal: point.goal,
@@ -107,11 +120,23 @@ class Design(NamedTuple):
             ReportTable("Data sheets", ("figure", "before", "after"), rows),
             *self._front(),
             *(Remark(self._price(p)) for p in found.prices),
+            *(Remark(self._miss(*missed)) for missed in self.missed),
             *self._ended(),
             Remark(
                 f"{found.agreeing} of {len(found.trials)} starts agree on the goal; "
                 f"{self.calls} designs were evaluated."
             ),
+        ]
+
+    @property
+    def missed(self) -> list[tuple[Limit, SheetFigure]]:
+        """Limits that the data sheet does not keep, between the places of the search."""
+        told = {f.key: f for f in self.after.figures if f.place is not None}
+        limits = [limit for limit in self.problem.want.limits if limit.key in told]
+        return [
+            (limit, told[limit.key])
+            for limit in limits
+            if (told[limit.key].value / limit.value - 1) * (1 if limit.least else -1) < -_MISSED
         ]
 
     def drawn(self) -> Figure:
@@ -155,8 +180,27 @@ class Design(NamedTuple):
         if price.place is None or not WORDS[price.name].field:
             return {}
         own = self.after.measured
-        index = np.arange(len(own.arc)).reshape(own.grid)[::2, ::2].flat[price.place]
-        return {key: float(values[index]) for key, values in own.coordinates.items()}
+        places = np.arange(len(own.arc)).reshape(own.grid)[::2, ::2]
+        return self._coordinates(int(places.flat[price.place]))
+
+    def _coordinates(self, place: int | None) -> dict[str, float]:
+        """Of a place of the data sheet after; none where no place decides."""
+        if place is None:
+            return {}
+        coordinates = self.after.measured.coordinates
+        return {key: float(values[place]) for key, values in coordinates.items()}
+
+    def _miss(self, limit: Limit, figure: SheetFigure) -> str:
+        """A limit that is kept at the places of the search, and not between them."""
+        word = WORDS[limit.key]
+        place = place_text(self._coordinates(figure.place))
+        side = "at least" if limit.least else "at most"
+        return (
+            f"{word.title}{f' at {place}' if place else ''} is {word.told(figure.value)}, not "
+            f"{side} {word.told(limit.value)}: the search kept that at its "
+            f"{self.problem.want.places} places, and this one lies between them. More places "
+            "in [at] hold it."
+        )
 
     def _price(self, price: Price) -> str:
         goal = WORDS[self.problem.want.goal].title.lower()
