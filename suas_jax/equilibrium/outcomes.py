@@ -31,12 +31,12 @@ class RESULTS(enum.Enum):
     outside_material_domain = (
         "The state found lies outside the material law's domain, such as beyond a locking "
         "stretch, inside or on a face: the law has no energy there, and no membrane can be in "
-        "it. Reduce the load, choose constants whose domain holds the stretches, or try the "
-        "solid, which resolves the thickness."
+        "it. Reduce the load, choose constants whose domain holds the stretches, or, of the "
+        "shell, try the solid, which resolves the thickness."
     )
     inverted = (
         "The state found has fibres that are turned inside out: no membrane can be in it. "
-        "Reduce the load, refine the mesh, or use the solid."
+        "Reduce the load, refine the mesh, or, of the shell, try the solid."
     )
     unbalanced = (
         "The state found leaves forces that nothing balances: rounding is too large for these "
