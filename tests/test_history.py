@@ -5,7 +5,7 @@ import itertools
 import json
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -219,6 +219,44 @@ def test_a_step_starts_where_a_parabola_leads() -> None:
     for found, exact, line in zip(after(0.3), at(0.75), after(0.0), strict=True):
         assert float(found[0]) == pytest.approx(float(exact[0]), rel=1e-12)
         assert float(line[0]) == pytest.approx(float(exact[0]) + 0.15 * 0.25, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "share"),
+    [
+        ((100.0, 0.0), (0.0, 0.0), 0.0),  # a ramp that ends: the state that it led to stays
+        ((100.0, 0.0), (40.0, 5.0), 0.4),
+        ((100.0, 0.0), (900.0, 0.0), 1.0),  # no farther than the pace leads
+        ((100.0, 0.0), (-50.0, 0.0), -0.5),
+        ((0.0, 0.0), (3.0, 1.0), 1.0),  # it crept
+        ((0.0, 0.0), (0.0, 0.0), 1.0),
+    ],
+)
+def test_a_pace_goes_on_as_far_as_loads_do(
+    before: tuple[float, float], after: tuple[float, float], share: float
+) -> None:
+    """A path of two states under 2 N (of the solid) left its stable one as a load was held."""
+
+    def values(own: tuple[float, float], size: float = 1.0) -> dict[str, Array]:
+        return {key: jnp.asarray(size * x) for key, x in zip("ab", own, strict=True)}
+
+    class Now(NamedTuple):
+        drive: dict[str, Array]
+        last: Array = jnp.asarray(0.1)
+        smooth: Array = jnp.asarray(0.1)
+        pace: Array = jnp.array([3.0, -1.0])
+        iterations: Array = jnp.zeros(1, int)
+        steps: Array = jnp.asarray(4)
+
+    begin, length = (2.0, 1.0), 0.02
+    final = tuple(x + length * y for x, y in zip(begin, after, strict=True))
+    row = steps.Rows(
+        *map(jnp.asarray, (1.0, 1.0 + length)), values(begin), values(final), jnp.asarray(True)
+    )
+    now: Any = Now(values(before))
+    found: Any = steps.entered(now, row)
+    np.testing.assert_allclose(found.pace, share * now.pace, atol=1e-12)
+    assert (float(found.last), float(found.smooth)) == (pytest.approx(0.1), 0.0)
 
 
 def test_the_next_step_allows_for_errors_that_grow() -> None:

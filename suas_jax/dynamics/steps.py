@@ -62,6 +62,7 @@ class Moment(NamedTuple):
     step: Float[Array, ""]  # that is tried next [s]
     stride: Float[Array, ""]  # share of what is left of a jump that is tried next
     values: Values  # that the history changes
+    drive: Values  # their rates over the last step, per second
     travels: Travels  # of bodies that are pressed by forces
     state: State  # the equilibrium
     # of the unknowns over the last step, and of the travels, per
@@ -136,6 +137,7 @@ def begun(skin: AbstractDriven, time: Array, values: Values) -> Moment:
         none + jnp.inf,
         none + 1,
         values,
+        jax.tree.map(jnp.zeros_like, values),
         travels,
         state,
         jax.tree.map(jnp.zeros_like, (state, travels.length)),
@@ -223,10 +225,28 @@ def read_where_told(read: Callable[[Any], Any], now: Any, row: Rows) -> Any:
 
 
 def entered(now: Moment, row: Rows) -> Moment:
-    """A moment at the begin of a row, where rates may jump; a row without length is a jump."""
+    """A moment at the begin of a row, where rates may jump; a row without length is a jump.
+
+    The pace goes on as far as loads do. After a ramp that ends it would lead away from the
+    state that is held, and to another one where there are two.
+    """
     last = jnp.where(row.end <= row.begin, 0.0, now.last)
     smooth, *counts = map(jnp.zeros_like, (now.smooth, now.iterations, now.steps))
-    return now._replace(last=last, smooth=smooth, iterations=counts[0], steps=counts[1])
+    share = _going_on(now.drive, _pace(row.first, row.final, row.end - row.begin))
+    return now._replace(
+        last=last,
+        smooth=smooth,
+        pace=jax.tree.map(lambda x: share * x, now.pace),
+        iterations=counts[0],
+        steps=counts[1],
+    )
+
+
+def _going_on(before: Values, after: Values) -> Array:
+    """Share of rates that goes on in other ones; all of it where nothing was driven."""
+    size = sum(jnp.vdot(x, x) for x in before.values())
+    along = sum(jnp.vdot(x, after[key]) for key, x in before.items())
+    return jnp.where(size > 0, jnp.clip(along / jnp.where(size > 0, size, 1.0), -1, 1), 1.0)
 
 
 def unfinished(now: Moment, row: Rows) -> Bool[Array, ""]:
@@ -336,6 +356,7 @@ def attempt(skin: AbstractDriven, now: Moment, row: Rows, tolerance: Array) -> M
         following,
         jnp.minimum(2 * now.stride, 1.0),
         values,
+        _pace(now.values, values, step),
         travels,
         found.state,
         pace,
