@@ -132,12 +132,8 @@ class Design(NamedTuple):
     def missed(self) -> list[tuple[Limit, SheetFigure]]:
         """Limits that the data sheet does not keep, between the places of the search."""
         told = {f.key: f for f in self.after.figures if f.place is not None}
-        limits = [limit for limit in self.problem.want.limits if limit.key in told]
-        return [
-            (limit, told[limit.key])
-            for limit in limits
-            if (told[limit.key].value / limit.value - 1) * (1 if limit.least else -1) < -_MISSED
-        ]
+        pairs = [(x, told[x.key]) for x in self.problem.want.limits if x.key in told]
+        return [(x, figure) for x, figure in pairs if x.margin(figure.value) < -_MISSED]
 
     def drawn(self) -> Figure:
         """The front where two goals are traded, else the section with its dimensions."""

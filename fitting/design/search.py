@@ -315,6 +315,5 @@ def _limits(want: Want, outcome: Outcome) -> tuple[Floats, Floats]:
 
 def _row(limit: Limit, outcome: Outcome) -> tuple[Floats, Floats]:
     """One limit over the places."""
-    share = outcome.values[limit.key] / limit.value - 1
     slope = outcome.slopes[limit.key] / limit.value
-    return (share, slope) if limit.least else (-share, -slope)
+    return limit.margin(outcome.values[limit.key]), slope if limit.least else -slope

@@ -50,6 +50,11 @@ class Limit(NamedTuple):
     value: float  # in SI units
     least: bool  # whether the figure must be at least as large; else at most
 
+    def margin(self, figure: Any) -> Any:
+        """Share of the limit by which a figure keeps it; negative where it does not."""
+        share = figure / self.value - 1
+        return share if self.least else -share
+
 
 class Front(NamedTuple):
     """A second figure that the goal is traded against."""

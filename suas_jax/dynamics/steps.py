@@ -302,16 +302,8 @@ def attempt(skin: AbstractDriven, now: Moment, row: Rows, tolerance: Array) -> M
     step = jnp.where(left <= wanted, left, jnp.where(left < 2 * wanted, left / 2, wanted))
     arrived = left <= wanted
     time = jnp.where(arrived, row.end, now.time + step)
-    share = (time - row.begin) / jnp.where(row.end > row.begin, row.end - row.begin, 1.0)
     jumps = row.end <= row.begin
-
-    def between(now_at: Array, first: Array, final: Array) -> Array:
-        over = jnp.where(now.stride < 1, now_at + now.stride * (final - now_at), final)
-        return jnp.where(
-            jumps, over, jnp.where(arrived, final, first + share * (final - first))
-        )
-
-    values = jax.tree.map(between, now.values, row.first, row.final)
+    values = _values_at(time, arrived, now, row)
     expected, length = _expected(now, step)
     guessed = (step > 0) & jnp.any(now.pace[0].q != 0)
     # The search for travels needs states as they are read at a row's end: exact ones.
@@ -373,6 +365,20 @@ def attempt(skin: AbstractDriven, now: Moment, row: Rows, tolerance: Array) -> M
         result.astype(now.result.dtype),
     )
     return jax.tree.map(lambda a, b: jnp.where(good, a, b), taken, tried)
+
+
+def _values_at(time: Array, arrived: Array, now: Moment, row: Rows) -> Values:
+    """Values at a time within a row, or after the next stride of a jump."""
+    jumps = row.end <= row.begin
+    share = (time - row.begin) / jnp.where(jumps, 1.0, row.end - row.begin)
+
+    def between(now_at: Array, first: Array, final: Array) -> Array:
+        over = jnp.where(now.stride < 1, now_at + now.stride * (final - now_at), final)
+        return jnp.where(
+            jumps, over, jnp.where(arrived, final, first + share * (final - first))
+        )
+
+    return jax.tree.map(between, now.values, row.first, row.final)
 
 
 def _expected(now: Moment, step: Array) -> tuple[State, Array]:

@@ -15,9 +15,9 @@ from suas_jax.config.errors import listed
 
 # Readings whose sign tells tension from compression.
 _SIGNED = ("force", "stress", "nominal", "cauchy", "strain", "log_strain", "displacement")
-# What a file says of its test: the kind, method or standard of it.
 _STRAINS = ("strain", "log_strain", "green_strain", "stretch")
 _TOGETHER = 0.3  # share of the strain along, across, beyond which both are loaded
+# What a file says of its test: the kind, method or standard of it.
 _OF_TEST = re.compile(r"test|pruef|(?:method|procedure|standard|norm|type|mode)(?![a-z])")
 _COMPRESSION = r"compress(?!ion_mou?ld)|druckversuch|stauch|iso_7743|astm_d_?575"
 # Words for a kind of test, of the modes that a curve's columns can't tell apart.
@@ -76,9 +76,14 @@ class NamedColumns:
             names = ", ".join(f'"{name}"' for name in ignored)
             self.warnings.append(f"column {names} is not used: not a quantity known here")
 
+    @property
+    def _of_test(self) -> list[str]:
+        """What the file's head says of its test."""
+        return [text for key, text in self.table.metadata.items() if _OF_TEST.match(key)]
+
     def _doubt_the_mode(self) -> None:
         """Where the file, or a specimen's name, speaks of another kind of test, say so."""
-        said = [text for key, text in self.table.metadata.items() if _OF_TEST.match(key)]
+        said = self._of_test
         if found := self.columns.get(("specimen", 0)):
             said += [texts[found[0]] for texts in self.table.texts]
         for text in dict.fromkeys(said):
@@ -204,7 +209,7 @@ class NamedColumns:
             index for (quantity, _), (index, _) in self.columns.items() if quantity in _SIGNED
         }
         said = [self.table.names[index] for index in read]
-        said += [text for key, text in self.table.metadata.items() if _OF_TEST.match(key)]
+        said += self._of_test
         words = [plain_words(text) for text in said]
         return (
             self.mode in PATHS
@@ -256,13 +261,13 @@ class NamedColumns:
             f"{self.table.file}: {what} is missing for the mode {self.mode}; expected a "
             f"column such as {choices} (the file has {have}); if one of them is it, say which, "
             f'with its unit or with what a volt stands for: --columns "{quantity}=NAME {unit}"'
+            + (' or, of a stress, "stress=NAME MPa"' if quantity == "force" else "")
+            + (' or, of a strain, "strain=NAME %", "green_strain=NAME"' if moved else "")
             + "".join(
                 f"; columns such as this file's are read by --data {mode}=FILE (`suas data`: "
                 f"--mode {mode})"
                 for mode in sorted(others)
             )
-            + (' or, of a stress, "stress=NAME MPa"' if quantity == "force" else "")
-            + (' or, of a strain, "strain=NAME %", "green_strain=NAME"' if moved else "")
         )
 
 
