@@ -158,13 +158,15 @@ class TapFinder:
         found, parameters = self._explain(y[None], weight[None])
         if len(found.contacts) != 1 or found.contacts[0].covariance is None:
             return None
+        told = found.contacts[0]
+        if not told.force > 0:
+            return None
         curve = self._curve(int(self._nodes.nearest_to(parameters[None], 1)[0]))
         amplitude, noise = curve.amplitudes(motion.gap, self._slope**2 * self._variance)
         impulse = motion.duration * (share @ curve.at(amplitude))
         bent = impulse - motion.duration * curve.at(share @ amplitude)
         rate = (curve.at(amplitude + 1e-6) - curve.at(amplitude)) / 1e-6
         read = motion.duration * np.sqrt(((share * rate * noise) ** 2).sum())
-        told = found.contacts[0]
         inputs = told.deviation("force") / told.force * impulse
         error = np.sqrt(read**2 + (bent / 2) ** 2 + inputs**2)
         return Tap(float(motion.time[0]), motion.duration, told, float(impulse), float(error))
