@@ -1,5 +1,7 @@
 """What may be motion of the film, and impulses of taps, against closed forms."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -9,10 +11,11 @@ from fitting.inverse_load.film_motion import (
     FilmMotion,
     covariance_by_motion,
     fading_time,
+    mostly_motion,
     told_moving,
 )
 from fitting.inverse_load.report.text import frame_json
-from fitting.inverse_load.taps import LONGEST, ForceCurve, Motion, MotionWatch
+from fitting.inverse_load.taps import LONGEST, ForceCurve, Motion, MotionWatch, TapFinder
 from suas_jax.config import load_skin
 from tests.skins import CASE_B
 from tests.stand_ins import explanations
@@ -77,6 +80,20 @@ def test_a_status_says_where_motion_matters(
     assert (found.status, found.contact) == (told, contact)
 
 
+def test_a_moving_frame_tells_no_force_without_a_deviation() -> None:
+    contacts = Contact(0.0, 5.0, None, np.eye(2)), Contact(1.5, 8.0, None, None)
+    estimate = LoadEstimate(True, contacts, status="at_edge")
+    (found,) = told_moving([estimate], np.array([[50.0]]), np.array([[100.0]]))
+    assert found.contacts == contacts[:1]
+    assert found.contact
+
+
+def test_a_frame_is_mostly_motion_where_half_of_its_change_may_be() -> None:
+    change = np.array([[30.0, np.nan, 40.0]] * 3 + [[0.0, np.nan, 0.0]])
+    moved = np.array([[0.0, 0.0, 26.0], [0.0, 9.0, 24.0], [0.0] * 3, [0.0] * 3])
+    assert mostly_motion(moved, change).tolist() == [True, True, False, False]
+
+
 def _motion(force: np.ndarray, amplitude: np.ndarray) -> tuple[np.ndarray, float]:
     """Amplitudes of m a'' + c a' + F(a) = f(t) under a half sine, and its impulse."""
     curve = ForceCurve(np.ones(1), amplitude, force)
@@ -135,3 +152,27 @@ def test_a_press_that_lasts_is_no_tap() -> None:
 def test_a_file_without_densities_says_nothing_of_motion() -> None:
     spec = load_skin(CASE_B.parent.parent / "skins/suas.toml")
     assert fading_time(spec) is None
+
+
+class _EvenFilm:
+    """Taxels that read a count less for every micrometre more of gap."""
+
+    def film(self, so: np.ndarray) -> np.ndarray:
+        return np.asarray(6e-3 - 1e-6 * so)
+
+    def readings(self, film: np.ndarray) -> np.ndarray:
+        return np.asarray((6e-3 - film) / 1e-6)
+
+
+def test_a_motion_whose_mean_shows_no_press_is_no_tap() -> None:
+    # What pushes as much out as in leaves a force of zero, over which no error is known.
+    none = LoadEstimate(True, (Contact(0.0, 0.0, None, np.eye(2)),))
+    film, nodes = _EvenFilm(), SimpleNamespace(rest=np.full(3, 1000.0))
+    explain = lambda y, weight: (none, np.zeros(2))  # noqa: E731
+    finder = TapFinder(MotionWatch(FADING), film, nodes, 3, 4.0, explain)  # type: ignore[arg-type]
+    swings = [0.0, 0.0, 1.0, -1.0, *[0.0] * 20]
+    told = [
+        finder.follow(0.02 * k, 5e-3 + 1e-5 * a * np.ones(3), touched=a != 0.0)
+        for k, a in enumerate(swings)
+    ]
+    assert told == [None] * len(swings)

@@ -31,6 +31,8 @@ from suas_jax.runtime.start import before_computing
 
 MATTERS = 0.05
 """Share of a frame's change of readings that may be motion before its status says so."""
+_MOSTLY = 0.5
+"""Share beyond which a frame shows motion more than it shows loads."""
 _MODES = 3  # the lowest, which taxels see
 _KEPT, _WINDOW = 16, 4.0  # frames kept in a fading time, and fading times looked back
 _BEYOND_NOISE = 6.0  # deviations of chi2 beyond which a change is not noise
@@ -120,24 +122,39 @@ def covariance_by_motion(best: Explanations, moved: Floats, per_contact: int) ->
     return covariance
 
 
+def mostly_motion(moved: Floats, change: Floats) -> Flags:
+    """Frames that show motion more than loads: no number of contacts is told by them.
+
+    Motion and changes of readings from rest are [frame, taxel] [counts].
+    """
+    return np.asarray(_share(moved, change) > _MOSTLY)
+
+
+def _share(moved: Floats, change: Floats) -> Floats:
+    """Of changes of readings, that may be motion [frame]."""
+    size, whole = (np.linalg.norm(np.nan_to_num(x), axis=1) for x in (moved, change))
+    return np.asarray(size / np.maximum(whole, 1e-300))
+
+
 def told_moving(
     estimates: Sequence[LoadEstimate], moved: Floats, change: Floats
 ) -> list[LoadEstimate]:
     """Estimates whose status says where motion matters.
 
     Motion and changes of readings from rest are [frame, taxel] [counts]. A force that is less
-    than twice its deviation may then be motion alone.
+    than twice its deviation may then be motion alone, and one without a deviation is not told.
     """
-    size, whole = ((np.nan_to_num(x) ** 2).sum(1) for x in (moved, change))
-    matters: Flags = (size > 0) & (size > MATTERS**2 * whole)
+    matters = _share(moved, change) > MATTERS
     return [_moving(e) if m else e for e, m in zip(estimates, matters, strict=True)]
 
 
 def _moving(estimate: LoadEstimate) -> LoadEstimate:
     if estimate.status in _STANDING:
         return estimate
-    felt = any(abs(c.force) > _FELT * c.deviation("force") for c in estimate.contacts)
-    return replace(estimate, contact=felt or None, status="moving", at_least=None)
+    told = tuple(c for c in estimate.contacts if np.isfinite(c.deviation("force")))
+    felt = any(abs(c.force) > _FELT * c.deviation("force") for c in told)
+    contact = felt or None
+    return replace(estimate, contact=contact, contacts=told, status="moving", at_least=None)
 
 
 @dataclass(frozen=True)

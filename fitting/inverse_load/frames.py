@@ -15,7 +15,7 @@ from fitting.inverse_load.estimate.at_rest import chi2_at_rest, drifting, untouc
 from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimate.measured_pressure import with_doubts
 from fitting.inverse_load.estimate.parts import EstimationParts
-from fitting.inverse_load.film_motion import covariance_by_motion, told_moving
+from fitting.inverse_load.film_motion import covariance_by_motion, mostly_motion, told_moving
 from fitting.inverse_load.fit.explanation import Alternative, Explanations
 from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.fit.systematic import (
@@ -89,22 +89,27 @@ class FrameEstimator:
         full_scale = (so >= FULL_SCALE) & ~faulty
         if not touched.any():
             selection.untouched()
-        for index, pulled in (
-            (np.flatnonzero(touched), False),
-            (np.flatnonzero(enough & ~touched & ~at_rest), True),
+        swings = np.zeros(len(so), bool)
+        if moved is not None:
+            swings = mostly_motion(moved, change[:, taxels])
+        for group, kind in (
+            (touched & ~swings, "pressed"),
+            (touched & swings, "moving"),
+            (enough & ~touched & ~at_rest, "pulled"),
         ):
+            index = np.flatnonzero(group)
             if index.size:
                 own_motion = None if moved is None else moved[index]
                 own_frames = y[index], weight[index], full_scale[index], own_motion
                 beside = None if measured is None else measured[:, index]
-                how = pulled, beside
+                how = kind, beside
                 best, found = self._explained(selection, systematic, *own_frames, *how)
                 for i, estimate in zip(index, found, strict=True):
                     results[i] = estimate
-                if not pulled:
+                if kind != "pulled":
                     alone[index] = selection.seconds
                 if memory is not None:
-                    told = results[0].contacts and not selection.coarse
+                    told = results[0].contacts and results[0].status != "coarse"
                     memory.after(best if told else None)
         if memory is not None and results[0].contact is False:
             memory.untouched()
@@ -125,20 +130,21 @@ class FrameEstimator:
         weight: Any,
         full_scale: Any,
         moved: Floats | None,
-        pulled: bool,
+        kind: str,  # pressed, moving or pulled
         # oil pressure [Pa] and its inverse variance [2, frame], where no channel has it
         measured: Floats | None = None,
     ) -> tuple[Explanations, list[LoadEstimate]]:
-        """Estimates of frames that are not at rest, whether pressed or pulled."""
-        discrepancy, left = None if pulled else self.discrepancy, None
+        """Estimates of frames that are not at rest, all of one kind."""
+        discrepancy, left = self.discrepancy if kind == "pressed" else None, None
         others: list[Alternative | None]
         if discrepancy is not None:
             y, weight, left, best, others = discrepancy.explain(selection, y, weight)
-        elif pulled:
-            best, others = selection.pulled(y, weight), [None] * len(y)
+        elif kind != "pressed":
+            fit = selection.pulled if kind == "pulled" else selection.one_contact
+            best, others = fit(y, weight), [None] * len(y)
         else:
             best, others = selection.explain(y, weight)
-        if not pulled and selection.coarse:
+        if kind == "pressed" and selection.coarse:
             return best, [self.parts.assessment.so_far(best)]
         motion = None
         per_contact = self.parts.fitter.per_contact
@@ -161,7 +167,8 @@ class FrameEstimator:
         told = assess(best, others, full_scale, covariance, motion)
         if measured is not None:
             y, weight = (np.column_stack(x) for x in zip((y, weight), measured, strict=True))
-        field = self.load_field() if selection is self.selection else None
+        known = kind != "moving" and selection is self.selection
+        field = self.load_field() if known else None
         if field is not None:
             told = field.told(told, best, y, weight)
         return best, with_doubts(told, y, weight)
@@ -175,5 +182,5 @@ class FrameEstimator:
         of_one = self.selection.of_one
         of_one.forget()
         frame = y, weight, np.zeros((1, len(self.parts.rest)), bool), None
-        best, told = self._explained(of_one, self.parts.systematic, *frame, False)
+        best, told = self._explained(of_one, self.parts.systematic, *frame, "pressed")
         return told[0], best.parameters[0]

@@ -102,6 +102,12 @@ class Selection:
         """The best explanation of every frame by one force that pulls outwards."""
         return finished(self.pulls.fit(y, weight))
 
+    def one_contact(self, y: Floats, weight: Floats) -> Explanations:
+        """The best single contact of every frame, however much it leaves."""
+        self.seconds, self.known = np.zeros(len(y)), None
+        node, _ = self.nodes.nearest(y, weight)
+        return finished(self._from_node(y, weight, node))
+
     def steps(
         self, y: Floats, weight: Floats
     ) -> Steps[tuple[Explanations, list[Alternative | None]]]:
