@@ -222,6 +222,17 @@ def noise_warning(noise: np.ndarray, data: SensorData) -> str:
     )
 
 
+def wall_warning(touching: np.ndarray) -> str:
+    """A warning of frames left out as the membrane touches the wall [taxel, frame], or none."""
+    frames = int(touching.any(0).sum())
+    if not frames:
+        return ""
+    return (
+        f"{frames} of {touching.shape[1]} frames are left out: their known loads bring the "
+        "membrane to the wall, or nearly; lighter presses count"
+    )
+
+
 def masked_taxels(
     problem: SensorProblem, touching: np.ndarray, data: SensorData
 ) -> list[Masked]:
