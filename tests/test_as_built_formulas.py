@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 from fitting.calibration import next_press
 from fitting.calibration.next_press import Candidates, force_errors, planned, told_by
 from fitting.calibration.plan import Press
+from fitting.calibration.plan_figure import plot_plan
 from fitting.cli.app import app
 from fitting.inverse_load.estimator import MODEL_ERROR as ESTIMATOR_ERROR
 from fitting.inverse_load.estimator import PAD_MODEL_ERROR
@@ -552,6 +553,19 @@ def test_known_loads_of_a_unit_stay_where_the_drawing_has_them() -> None:
     np.testing.assert_allclose(_as_built(data).loads.angle, 1.5 * angle, atol=1e-9)
 
 
+def test_the_picture_of_a_plan_counts_presses_and_writes_per_cents() -> None:
+    presses = tuple(Press(x, 1.0, None, "arc") for x in (-0.02, 0.0, 0.02))
+    errors = np.array([[0.18, 0.18, 0.18], [0.02, 0.05, 0.06], [0.02, 0.03, 0.04]])
+    plan = next_press.Plan(presses[:2], (0.18, 0.05, 0.03), errors, presses)
+    figure = plot_plan(plan)
+    figure.canvas.draw()
+    _, right = figure.axes
+    assert {float(x) for x in right.get_xticks()} == {round(x) for x in right.get_xticks()}
+    shown = [text.get_text() for text in right.get_yticklabels(which="both")]
+    assert "10" in shown
+    assert not [text for text in shown if "times" in text]
+
+
 class _Bent(eqx.Module):
     """Counts that bend away from their tangent, which a step follows too far."""
 
@@ -568,6 +582,9 @@ class _Bent(eqx.Module):
 
     def so_with_slopes(self, constants: Any) -> Any:
         return self.so(constants), jnp.moveaxis(jax.jacfwd(self.so)(constants), -1, 0)
+
+    def through_the_wall(self, constants: Any) -> Any:
+        return jnp.zeros(1, bool)
 
 
 def test_a_step_that_would_worsen_the_fit_is_damped() -> None:

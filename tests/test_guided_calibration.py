@@ -15,6 +15,7 @@ from skins import shaped
 from typer.testing import CliRunner
 
 from fitting.calibration.html_report import Verification, _drawing
+from fitting.calibration.next_press import _places
 from fitting.calibration.plan import Press, Step, press_of, usual_presses
 from fitting.calibration.recording import REST_FRAMES, Rest, SteadyWindow, StepRecorder
 from fitting.calibration.session import _known
@@ -284,8 +285,11 @@ def test_presses_on_a_path_are_told_by_the_arc(tmp_path: Path) -> None:
     assert press == Press(pytest.approx(-12e-3), 5.0, None, "arc")
     assert press.text == "at -12 mm with 5 N"
     usual, _ = usual_presses(skin, 5.0)
-    half = 20e-3 + 30e-3 * np.pi / 2 + 27.5e-3
-    assert [p.place for p in usual] == pytest.approx([-half / 2, 0, half / 2])
+    # Half of 94.624 mm, in tenths that a person can set.
+    assert [p.place for p in usual] == pytest.approx([-47.3e-3, 0, 47.3e-3], rel=1e-12)
+    assert usual[0].text == "at -47.3 mm with 5 N"
+    planned = _places(skin, 6.0)
+    assert [p.text for p in planned[:2]] == ["at -75.7 mm with 3 N", "at -64.9 mm with 3 N"]
     for text, words in (("10 deg, 5 N", '"22 mm, 5 N"'), ("95 mm, 5 N", "an arc within 94.6")):
         with pytest.raises(ValueError, match=words):
             press_of(text, skin, "--press")

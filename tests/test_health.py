@@ -100,6 +100,22 @@ def test_every_fault_is_found_where_it_is(rest: np.ndarray) -> None:
     }
 
 
+def test_presses_between_two_frames_couple_no_noise(rest: np.ndarray) -> None:
+    """A hand is quick: neighbours jump together in a tenth of the frames."""
+    load = np.interp(np.arange(FRAMES) % 100, [80, 82, 95, 97], [0.0, 1.0, 1.0, 0.0])
+    so = rest + 300 * load[:, None, None] * np.linspace(-0.3, 1, TAXELS)
+    assert faults(log_health(log_of(so))) == {}
+
+
+def test_taxels_of_another_layout_are_named(rest: np.ndarray) -> None:
+    places = {(m, k + 1): (0.0, 0.01 * k) for m in range(MODULES) for k in range(TAXELS)}
+    del places[2, 10]
+    health = log_health(log_of(rest), {**places, (3, 1): (0.0, 0.1)})
+    assert "the log has not: 3.1:" in health.notes[0]
+    assert "the skin file has not: 2.10:" in health.notes[1]
+    assert not log_health(log_of(rest), {**places, (2, 10): (0.0, 0.1)}).notes
+
+
 def test_a_drift_is_measured(rest: np.ndarray) -> None:
     """Ten seconds at 30 counts a minute: five counts, below the noise of three frames."""
     rest[:, 1, 3] += np.linspace(0, 5, FRAMES)

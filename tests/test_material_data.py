@@ -285,6 +285,35 @@ def test_a_file_of_another_kind_of_test_is_doubted(
         assert not any("kind" in w or "grow" in w for w in load_dataset(mode, file).warnings)
 
 
+@pytest.mark.parametrize(
+    ("names", "count"),
+    [
+        ("Stress S1 (MPa),Stress S2 (MPa)", 2),
+        ("Stress 1 (MPa),Stress 2 (MPa),Stress 3 (MPa)", 3),
+    ],
+)
+def test_stresses_beside_one_strain_are_of_a_specimen_each(
+    tmp_path: pathlib.Path, names: str, count: int
+) -> None:
+    stresses = [(1 + 0.1 * k) * NOMINAL / 1e6 for k in range(count)]
+    file = written(tmp_path, f"Strain (-),{names}\n" + rows(STRETCH - 1, *stresses))
+    data = load_dataset("uniaxial", file)
+    np.testing.assert_allclose(data.value, 1e6 * np.concatenate(stresses))
+    np.testing.assert_allclose(data.coordinate, np.tile(STRETCH, count))
+
+
+@pytest.mark.parametrize(
+    ("travel", "force"), [("Course", "Effort"), ("Zugdehnung", "Zugkraft"), ("Strain", "Load")]
+)
+def test_names_of_travel_and_force(tmp_path: pathlib.Path, travel: str, force: str) -> None:
+    """A strain in millimetres is a travel."""
+    text = f"# area: 12 mm2\n# gauge_length: 25 mm\n{travel} [mm],{force} [N]\n"
+    file = written(tmp_path, text + rows(25 * (STRETCH - 1), NOMINAL * 12e-6))
+    data = load_dataset("uniaxial", file)
+    np.testing.assert_allclose(data.coordinate, STRETCH)
+    np.testing.assert_allclose(data.value, NOMINAL)
+
+
 def test_tension_counted_as_negative_is_refused_with_a_way_out(tmp_path: pathlib.Path) -> None:
     text = "# area: 12 mm2\nstrain,Load (N)\n" + rows(STRETCH - 1, -NOMINAL * 12e-6)
     file = written(tmp_path, text)

@@ -31,6 +31,7 @@ from suas_jax.config import (
 )
 from suas_jax.config.input_errors import as_assembled
 from suas_jax.config.oils.vented import VentedOilSpec
+from suas_jax.runtime.compiled import jit
 from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import skin_of
@@ -271,6 +272,21 @@ def test_faults_are_listed_and_do_not_bias(
         found, error = value(fit, name)
         assert abs(found - true) < 4 * error
         assert error < 2e-3 * true
+
+
+def test_frames_whose_membrane_lies_on_the_wall_are_left_out(tmp_path: Path) -> None:
+    """The shapes know no wall: what it holds reads otherwise at taxels away from it, too."""
+    force = np.linspace(0.0, 90.0, 60)  # 38 N bring the membrane to the wall
+    loads = Loads.line(np.full(60, np.pi / 4), force)
+    output = jit(forward)(skin_of(load_skin(SKIN)), loads)
+    so, gap = np.asarray(output.readings.so), np.asarray(output.min_gap)
+    columns = {"load_0_force_N": force, "load_0_angle_deg": 45.0}
+    log = write_log(tmp_path / "a.csv", np.nan_to_num(so, nan=65535.0), columns)
+    fit = fitted(log, model="shell")
+    for name, true in (("relative_permittivity", 2.2), ("oil_gap", 5e-3)):
+        found, error = value(fit, name)
+        assert abs(found - true) < 3 * error
+    assert not fit.problem.readings.used[:, gap < 1e-4].any()
 
 
 @pytest.mark.long  # programs with drift; test_drift

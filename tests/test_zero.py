@@ -282,6 +282,9 @@ def test_readings_at_rest_count_where_the_inputs_explain_them(
         mean = zero.posterior.mean @ model.rest_by_error[:, 0]
         walked = 1200 * (3e-4 * 100) ** 2  # of a gain of 3e-4 / sqrt(s) in 20 minutes
         assert mean == pytest.approx(told * 25 / (25 + walked), abs=0.02)
+        assert zero.rest_factor == (pytest.approx(1.1) if told else None)
+    another_oil = zero_at(np.full(8, 150.0))
+    assert (another_oil.at_rest, another_oil.rest_factor) == (False, 1.5)
     missing = zero_at(np.array([110.0, np.nan] * 4))
     assert missing.posterior.mean == pytest.approx(
         zero_at(np.full(8, 110.0)).posterior.mean, abs=0.02

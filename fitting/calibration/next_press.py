@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Array
 
 from fitting.arrays import Floats
-from fitting.calibration.plan import Press, edge_of, place_name
+from fitting.calibration.plan import Press, edge_of, place_name, settable
 from fitting.inverse_load.zero.update import force_deviations
 from fitting.sensor.fit.priors import as_built_priors
 from fitting.sensor.logs.data import SensorData
@@ -250,7 +250,8 @@ def _places(spec: SkinSpec, force: float) -> tuple[Press, ...]:
     half = spec.geometry.width / 2
     axial: Sequence[float | None] = [None]
     if pad:
-        axial = (_REACH * half * np.linspace(-1, 1, _AXIAL)).tolist()
+        axial = [settable(z, "arc") for z in _REACH * half * np.linspace(-1, 1, _AXIAL)]
+    places = [settable(float(s), by) for s in arc]
     return tuple(
-        Press(float(s), share * force, z, by) for share in _FORCES for s in arc for z in axial
+        Press(s, share * force, z, by) for share in _FORCES for s in places for z in axial
     )

@@ -31,6 +31,12 @@ def edge_of(spec: SkinSpec) -> tuple[float, str]:
     return clamped_edge(spec.geometry, by_arc=place_name(spec) == "arc")
 
 
+def settable(place: float, by: PlaceName) -> float:
+    """The nearest place that a person can set: tenths of a degree, or of a millimetre."""
+    unit = math.radians(1) if by == "angle" else 1e-3
+    return round(place / unit, 1) * unit
+
+
 @dataclass(frozen=True)
 class Press:
     """A known load."""
@@ -85,7 +91,7 @@ def usual_presses(spec: SkinSpec, force: float) -> tuple[tuple[Press, ...], tupl
     by = place_name(spec)
     edge, _ = edge_of(spec)
     pressed, verified = (
-        tuple(Press(share * edge, force, axial, by) for share in shares)
+        tuple(Press(settable(share * edge, by), force, axial, by) for share in shares)
         for shares in (_PRESSED, _VERIFIED)
     )
     return pressed, verified

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter
 
 from fitting.calibration.next_press import Plan
 from fitting.calibration.plan import Press
@@ -60,6 +61,10 @@ def plot_plan(plan: Plan, file: Path | None = None) -> Figure:
         ylabel="deviation of forces, median over the skin [%]",
         yscale="log",
     )
+    right.locator_params(axis="x", integer=True)
     for axes in (left, right):
         axes.grid(alpha=0.3)
+        if axes.get_yscale() == "log":  # 6 %, not 6 x 10^0
+            axes.yaxis.set_major_formatter(LogFormatter())
+            axes.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2, 0.7)))
     return written(figure, file)

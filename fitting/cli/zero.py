@@ -78,6 +78,7 @@ def _report(found: "Zero", target: Path) -> dict[str, Any]:
         "zero_file": str(target),
         "chi2_per_dof": found.chi2_per_dof,
         "readings_at_rest_used": found.at_rest,
+        "readings_at_rest_factor": found.rest_factor,
         "presses": [
             {
                 "known": press.text,
@@ -124,9 +125,14 @@ def _print(found: "Zero", target: Path) -> None:
     say(f"what moved, the likeliest first (± one standard deviation): {causes}")
     say(f"chi2 per degree of freedom {found.chi2_per_dof:.2f}, {found.status}")
     if not found.at_rest:
-        say(
+        factor = found.rest_factor
+        cause = (
             "readings at rest are not what the skin file leaves open, as with offsets of the "
-            "taxels: only changes counted. Give suas invert a --baseline",
-            err=True,
+            "taxels"
+            if factor is None
+            else f"at rest all taxels read {factor:.3g} times what the skin file says, beyond "
+            "its deviations: its permittivity, gap or scale is another, which suas fit sensor "
+            "finds from known presses"
         )
+        say(f"{cause}. Only changes counted: give suas invert a --baseline", err=True)
     say(f"written: {target}", err=True)

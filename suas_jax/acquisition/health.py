@@ -1,6 +1,7 @@
 """Health of the taxels in a log: noise, stuck, saturation, drift, loss, what neighbours do."""
 
 import math
+from collections.abc import Collection
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -18,7 +19,9 @@ from suas_jax.acquisition.taxel_faults import (
 )
 
 _NEIGHBOURS = 4
+_NAMED = 6  # taxels of another layout that are named
 _SMOOTHED = 10  # frames averaged to see signals below the noise of one
+_STILL = 4.0  # standard deviations of noise, beyond which a second difference is a load's
 _MOVED = 10.0  # standard errors by which neighbours must move to be followed
 
 
@@ -61,7 +64,10 @@ def correlations(
     slow = mean(parts.swapaxes(0, 1))
     slow = slow - median(slow)
     spread = np.nan_to_num(deviation(slow))
+    # Of second differences those that noise explains: a press moves neighbours together.
     quick = np.diff(so, 2, axis=0)
+    usual = math.sqrt(6) * np.hypot(noise, 1 / math.sqrt(12))
+    quick = np.where(np.abs(quick) < _STILL * usual, quick, np.nan)
     follows, coupling = np.full(taxels, np.nan), np.full(taxels, np.nan)
     for k, others in enumerate(groups):
         if not others:
@@ -158,6 +164,7 @@ def log_health(
         )
     notes = [*log.notes, *sequence_notes(log)]
     so, names = _counts(frames)
+    notes += _layout_notes(names, places or dict.fromkeys(names))
     time = np.where(np.isfinite(frames.t_device), frames.t_device, frames.t_host)
     most = max(_MOST_VALUES // max(so.shape[1], 1), MIN_FRAMES)
     if len(so) > most:
@@ -219,6 +226,22 @@ _JSON_KEYS = {
     "follows": "follows_neighbours",
     "coupling": "noise_coupling",
 }
+
+
+def _layout_notes(
+    names: list[tuple[int, int]], known: Collection[tuple[int, int]]
+) -> list[str]:
+    """What a person should know where a skin file's taxels are others than a log's."""
+    found = []
+    for which, others, words in (
+        (known, set(names), "the skin file has, but the log has not"),
+        (names, set(known), "the log has, but the skin file has not"),
+    ):
+        own = [f"{module}.{taxel}" for module, taxel in which if (module, taxel) not in others]
+        if own:
+            text = ", ".join(own[:_NAMED]) + ", ..." * (len(own) > _NAMED)
+            found.append(f"taxels that {words}: {text}: another skin, or columns are missing")
+    return found
 
 
 def _counts(frames: Frames) -> tuple[NDArray[np.float64], list[tuple[int, int]]]:

@@ -42,6 +42,7 @@ from suas_jax.scene.skin import Skin, skin_of
 _ROUNDS = 12
 _SHORTER = 5  # halvings of a step beyond which the model has no state
 _ENDED = 1e-2  # step in standard deviations
+_FEW, _ALIKE = 3, 0.02  # taxels, and how far apart readings may be that are alike
 _BEYOND = 9.0  # chi2 per degree of freedom beyond which nothing is concluded
 _UNSETTLED = (
     "the update by the known presses does not settle: more than the tolerances allow would be "
@@ -213,7 +214,7 @@ def zero_of(
     weight = np.where(used, 1 / variance, 0.0)
     at, size_of = prior.mean.copy(), np.sqrt(np.diag(prior.covariance))
     now = model.at(at[:count], at[count:].reshape(model.known.shape))
-    rest = _Rest.of(readings, now, model_error)
+    rest, factor = _Rest.of(readings, now, model_error), rest_factor(readings.rest, now.rest)
     all_weights = np.append(weight, np.ones(len(rest.so)))
     for _ in range(_ROUNDS):
         residual = np.where(used, readings.change - now.change, 0.0)
@@ -244,8 +245,20 @@ def zero_of(
     )
     posterior = Gaussian(found.mean[:count], own)
     status = "poor_fit" if poor else "ok"
-    at_rest = bool(len(rest.so))
-    return Zero(errors, posterior, presses, before, after, ratio, status, at_rest=at_rest)
+    zero = Zero(errors, posterior, presses, before, after, ratio, status)
+    return dataclasses.replace(zero, at_rest=bool(len(rest.so)), rest_factor=factor)
+
+
+def rest_factor(read: Floats | None, model: Floats) -> float | None:
+    """How many times a model's readings at rest all taxels read [taxel], None if not alike.
+
+    Of electrodes as they are: offsets and exchanged wires differ from taxel to taxel, an oil,
+    a gap or a scale of another kind does not.
+    """
+    ratio = np.zeros(0) if read is None else (read / model)[np.isfinite(read)]
+    if len(ratio) < _FEW or np.ptp(ratio) > _ALIKE * ratio.mean():
+        return None
+    return float(ratio.mean())
 
 
 class _Rest(NamedTuple):

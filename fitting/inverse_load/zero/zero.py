@@ -83,6 +83,8 @@ class Zero:
     status: str  # "ok", or "poor_fit" where the covariance is scaled up by chi2
     taken: str = ""  # when the log began, as its header says
     at_rest: bool = False  # whether the readings at rest counted, too, as they are
+    # how many times the skin file's readings all taxels read at rest; None where not alike
+    rest_factor: float | None = None
 
     @property
     def values(self) -> Floats:

@@ -41,7 +41,7 @@ _WORDS = dict(
     contrainte_de_compression=compressive_stress contrainte_en_compression=compressive_stress
     contrainte_vraie=true_stress contrainte_nominale=nominal_stress contrainte=stress
     pression=pressure rapport_de_volume=volume_ratio epaisseur=thickness largeur=width
-    longueur_initiale=initial_length longueur_de_jauge=gauge_length
+    course=travel effort=force longueur_initiale=initial_length longueur_de_jauge=gauge_length
     longueur_utile=gauge_length longueur_entre_mors=grip_separation longueur=length
     section_initiale=initial_area diametre=diameter temps=time
 

@@ -161,6 +161,8 @@ def _with_unit(
     if dimension == "number":
         if not bare or known == "":
             return Column(kind, direction, "", 1.0)
+        if kind == "strain" and known in ("mm", "cm", "um"):  # "Zugdehnung [mm]"
+            return Column("displacement", direction, known, unit_size(known, "length"))
         return Column(kind, direction, "%", 0.01) if known == "%" else None
     if dimension == "time":
         bare = "s" if bare in _CLOCKS else bare

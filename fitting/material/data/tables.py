@@ -14,13 +14,24 @@ from typing import Any
 import numpy as np
 
 from fitting.material.data.cells import Cells, decimal_mark, number, read_cells
-from fitting.material.data.columns import split_specimen, understand, understood, with_unit
+from fitting.material.data.columns import (
+    quantity_of,
+    split_specimen,
+    understand,
+    understood,
+    with_unit,
+)
 from fitting.material.data.errors import DataError
 from fitting.material.data.header import Header, read_header
 from fitting.material.data.layout import TableLayout, find_table, stacked
 from suas_jax.config.errors import listed
 
 _SAMPLED = 2000  # rows that tell the decimal mark
+# "Stress 2 (MPa)", "Stress S2 (MPa)"
+_NUMBERED = re.compile(
+    r"(?P<what>.*?[^\W\d])(?P<letter>[ _][SsPp])?[ _]?(?P<number>\d{1,2})(?P<unit>\s*[\[(].*)?"
+)
+_ANSWERS = ("stress", "nominal", "cauchy", "force")  # of specimens that share a strain
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,7 +142,7 @@ def _part(
         raise DataError(f'{file}: line {layout.line}: column "{repeated[0]}" stands twice')
     parts = []
     for label, positions in groups:
-        own = [split_specimen(shown[i])[0] if label else shown[i] for i in positions]
+        own = [_unnumbered(shown[i]) if label else shown[i] for i in positions]
         taken = [[row[i] for i in positions] for row in rows]
         kept = [k for k, row in enumerate(taken) if len(groups) == 1 or any(row)]
         of_part = [taken[k] for k in kept], [lines[k] for k in kept]
@@ -307,13 +318,32 @@ def side_by_side(
 
 
 def _numbered(names: list[str]) -> list[str]:
-    """Numbers at the ends of names, such as 2 in "Stress 2 (MPa)", where all sets are alike."""
-    found = [re.fullmatch(r"(.*?[^\W\d])[ _]?(\d{1,2})(\s*[\[(].*)?", name) for name in names]
+    """Numbers at the ends of names, such as 2 in "Stress 2 (MPa)", where all sets are alike.
+
+    A set of one column is a stress or a force beside strains of all: of two such, "Stress 1"
+    may be a direction, "Stress S1" is a specimen.
+    """
+    found = [_NUMBERED.fullmatch(name) for name in names]
     sets: dict[str, list[str]] = {}
     for match in found:
         if match is not None:
-            sets.setdefault(match.group(2), []).append(match.group(1) + (match.group(3) or ""))
+            sets.setdefault(match["number"], []).append(match["what"] + (match["unit"] or ""))
     alike = len(sets) > 1 and len({tuple(own) for own in sets.values()}) == 1
-    if not alike or len(next(iter(sets.values()))) < 2:
+    if not alike:
         return [""] * len(names)
-    return [match.group(2) if match is not None else "" for match in found]
+    own, *others = next(iter(sets.values()))
+    lettered = any(match is not None and match["letter"] for match in found)
+    if not others and not (
+        (lettered or len(sets) > 2)
+        and quantity_of(own) in _ANSWERS
+        and any(name for name, match in zip(names, found, strict=True) if match is None)
+    ):
+        return [""] * len(names)
+    return [match["number"] if match is not None else "" for match in found]
+
+
+def _unnumbered(name: str) -> str:
+    """A specimen's column without what says which specimen it is of."""
+    name = split_specimen(name)[0]
+    match = _NUMBERED.fullmatch(name)
+    return name if match is None else match["what"] + (match["unit"] or "")

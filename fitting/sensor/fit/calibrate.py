@@ -10,8 +10,10 @@ file within a stated tolerance (a prior), and the report says so.
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float
 
 from fitting.sensor.fit.assumptions import elastic_warning, exact_membrane_warning
 from fitting.sensor.fit.checks import check_agreement, drift_warning
@@ -54,10 +56,11 @@ from fitting.sensor.model.constants import (
     single_gaps,
     starting_values,
 )
+from fitting.sensor.model.counts import SensorModel
 from fitting.sensor.shapes.shapes import Shapes, ShapeSolver
 from fitting.statistics.residuals import sensitivity
 from suas_jax.acquisition.baseline import Baseline
-from suas_jax.runtime.compiled import require_float64
+from suas_jax.runtime.compiled import COMPILED, require_float64
 from suas_jax.skin.plain import angles_at, plain_geometry
 
 _ROUNDS = 16
@@ -65,7 +68,7 @@ _ROUNDS = 16
 # first step is that of Gauss and Newton, the next ones are damped, each ten times as much.
 _RISE, _TRIALS, _DAMPING = 0.5, 7, 10.0
 _SAME, _SAME_AS_BUILT = 1e-7, 0.02  # of a constant's size, or of its prior's deviation
-# LoggedCounts are left out where the membrane would touch the wall in a gap smaller by this.
+# Frames are left out where the membrane would touch the wall in a gap smaller by this.
 _NEAR_CONTACT = 0.85
 _FIELD_ROUNDS = 2
 _UNSTEADY = (
@@ -249,7 +252,10 @@ def _given(
 def _away_from_the_wall(
     problem: SensorProblem, constants: np.ndarray
 ) -> tuple[SensorProblem, np.ndarray]:
-    """Leave out readings of taxels that the membrane touches, or nearly."""
+    """Leave out frames in which the membrane touches the wall, or nearly.
+
+    The shapes know no wall: where it holds the membrane all taxels read something else.
+    """
     near, model = constants.copy(), problem.model
     gap = f"{PATHS[GAP]}."
     names = problem.family.names
@@ -260,9 +266,9 @@ def _away_from_the_wall(
             k: _NEAR_CONTACT * x for k, x in model.inputs.items() if f"{k}.".startswith(gap)
         }
         model = dataclasses.replace(model, inputs=model.inputs | gaps)
-    so = problem.replace(model=model).predicted(near)
     readings = problem.readings
-    touching = ~np.isfinite(so) & np.isfinite(readings.so)
+    through = np.asarray(COMPILED.run(_through_the_wall, model, jnp.asarray(near), once=True))
+    touching = through[readings.state] & np.isfinite(readings.so)
     present = np.isfinite(readings.so) & ~touching
     if not present.any():
         raise NoCalibration(
@@ -271,6 +277,13 @@ def _away_from_the_wall(
         )
     readings = dataclasses.replace(readings, present=present, used=present)
     return problem.replace(readings=readings), touching
+
+
+@eqx.filter_jit
+def _through_the_wall(
+    model: SensorModel, constants: Float[Array, " p"]
+) -> Bool[Array, " state"]:
+    return model.through_the_wall(constants)
 
 
 def _settled(
@@ -302,7 +315,15 @@ def _settled(
             for name, prior in told.priors.items()
         )
         if not moved and not needed and known:
-            return problem, found, shapes, touching, True
+            # Of a gap that was found smaller than the file's, more frames touch.
+            away, now = _away_from_the_wall(problem, found.constants)
+            if not (now & ~touching).any():
+                return problem, found, shapes, touching, True
+            touching |= now
+            present = away.readings.present & ~touching
+            readings = dataclasses.replace(away.readings, present=present, used=present)
+            problem, found = robust(problem.replace(readings=readings), found.constants)
+            continue
         step = _step(solver, problem, found.constants, damping) if moved else None
         if moved and step is None:
             break

@@ -18,6 +18,7 @@ _PLAUSIBLE = (0.9, 200.0)
 _FACTORS = {PERMITTIVITY: 4.0, "gap": 3.0}
 _DOUBTFUL = 2.0
 _DRIFTING = 5.0
+_PART_LEFT = 0.1  # of a taxel's readings
 _FOLLOWS = 3.0  # standard deviations of the noise that a taxel's readings are off
 _DRIFT_FRAMES, _POWERS = 20, 7
 # Share of the time's course that must differ from the load's.
@@ -187,10 +188,14 @@ def disagreement_warning(problem: SensorProblem, constants: np.ndarray) -> str:
 
 
 def exchanged_warning(problem: SensorProblem, constants: np.ndarray, data: SensorData) -> str:
-    """A warning where taxels that were left out read as each other should, or nothing."""
+    """A warning where taxels read as each other should, not as themselves, or nothing.
+
+    Those count of which a part is left out: at rest most taxels read alike.
+    """
     here, so = problem.readings, problem.predicted(constants)
     modules, numbers = data.spec.sensing.taxel_names
-    out = np.flatnonzero(here.present.any(1) & ~here.used.any(1))
+    left = (here.present & ~here.used).sum(1)
+    out = np.flatnonzero(left > _PART_LEFT * here.present.sum(1))
 
     def follows(i: int, k: int) -> bool:
         """Whether taxel i reads what taxel k should."""
@@ -219,6 +224,17 @@ def noise_warning(noise: np.ndarray, data: SensorData) -> str:
     return (
         f"readings scatter by {found:.3g} counts about the model, electrodes.noise says "
         f"{stated:.3g}: noise, or a model that is not this skin's"
+    )
+
+
+def wall_warning(touching: np.ndarray) -> str:
+    """A warning of frames left out as the membrane touches the wall [taxel, frame], or none."""
+    frames = int(touching.any(0).sum())
+    if not frames:
+        return ""
+    return (
+        f"{frames} of {touching.shape[1]} frames are left out: their known loads bring the "
+        "membrane to the wall, or nearly; lighter presses count"
     )
 
 

@@ -16,6 +16,7 @@ from fitting.sensor.fit.checks import (
     exchanged_warning,
     masked_taxels,
     noise_warning,
+    wall_warning,
 )
 from fitting.sensor.fit.priors import findings, log_contributions
 from fitting.sensor.fit.residuals import Prior, SensorProblem, SensorResiduals, bounds_of
@@ -169,6 +170,7 @@ def judged_fit(
         exchanged_warning(problem, constants, data),
         pulled_warning(problem, constants),
         noise_warning(noise, data),
+        wall_warning(touching),
     ]
     offsets, drift = _taken_out(problem, constants)
     return SensorFit(

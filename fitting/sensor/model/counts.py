@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from fitting.sensor.model.as_built import is_gain
 from fitting.sensor.model.constants import LAYERS, SensorFamily, with_constants
@@ -26,6 +26,8 @@ from suas_jax.sensing.electrodes import Electrodes
 from suas_jax.sensing.field import field_capacitance_under
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil
+
+_RAYS = 181  # from clamp to clamp, along which contact with the wall is looked for
 
 
 def parts_of(
@@ -127,6 +129,20 @@ class SensorModel(eqx.Module):
             return readings.so
         own = readings.capacitance - electrodes.stray
         return (electrodes.stray + self.factor * own) / electrodes.lsb
+
+    def through_the_wall(self, constants: Float[Array, " p"]) -> Bool[Array, " state"]:
+        """Whether the membrane passes through the wall, of which its shape knows nothing.
+
+        Told along the taxels' rays and, on sections, along rays between them.
+        """
+        geometry = parts_of(self.spec, self.numbers(constants))[0]
+        face = self._face(constants)
+        through = jnp.any(jnp.isnan(self.so(constants)), 0)
+        if face.varies_along_axis:
+            return through
+        angle = geometry.half_angle * jnp.linspace(-1, 1, _RAYS)[:, None]
+        (gap,) = face.gaps([(angle, jnp.zeros_like(angle))], geometry)
+        return through | jnp.any(gap <= 0, 0)
 
     def with_field(self, constants: Float[Array, " p"]) -> "SensorModel":
         """The same with the electrostatic field's capacitances at some constants.

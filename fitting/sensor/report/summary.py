@@ -200,8 +200,14 @@ def described(report: dict[str, Any], fit: SensorFit) -> Iterator[Part]:
             yield Remark(f"  {name}: {middle}, 95 % from {low} to {high}")
     for text in report["unidentifiable"]:
         yield Remark(text, "not determined")
+    left_out: dict[tuple[str, int], list[str]] = {}
     for row in report["masked"]:
-        taxel = f"module {row['module']}, taxel {row['taxel']}"
-        yield Remark(f"left out: {taxel}, {row['frames']} readings: {row['reason']}")
+        taxel = f"module {row['module']}, taxel {row['taxel']}, {row['frames']} readings"
+        left_out.setdefault((row["reason"], row["frames"]), []).append(taxel)
+    for (reason, frames), taxels in left_out.items():
+        if len(taxels) == len(report["taxels"]):
+            taxels = [f"all taxels, {frames} readings each"]
+        for taxel in taxels:
+            yield Remark(f"left out: {taxel}: {reason}")
     for text in report["warnings"]:
         yield Remark(text, "warning")

@@ -169,4 +169,4 @@ def _insist(found: Response, loads: KnownLoads, force: np.ndarray) -> None:
         f"{force[k, at]:.4g} N at {np.rad2deg(loads.angle[k, at]):.4g} deg"
         for k in range(len(force))
     )
-    raise NoDeformation(f"{where}: {name}. {advice(name)}; check the columns' units")
+    raise NoDeformation(f"{where}: {name}; check the columns' units. {advice(name)}")

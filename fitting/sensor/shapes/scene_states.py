@@ -316,4 +316,4 @@ def _insist(found: SolvedState, loads: KnownLoads, row: int) -> None:
             f"a body {where} presses the membrane onto the wall; leave such rows out"
         )
     name = NAMES[result]
-    raise NoDeformation(f"{where}: {name}. {advice(name)}; check the columns' units")
+    raise NoDeformation(f"{where}: {name}; check the columns' units. {advice(name)}")
