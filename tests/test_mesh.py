@@ -78,7 +78,9 @@ def test_every_load_has_a_station() -> None:
 
 @pytest.mark.parametrize("elements", [2, 8, 20])
 @pytest.mark.parametrize(
-    "angles", [(), (0.0,), (-0.5, 0.5), (-0.9, 0.0, 0.9)], ids=lambda a: f"{len(a)} loads"
+    "angles",
+    [(), (0.0,), (-0.5, 0.5), (-0.9, 0.0, 0.9), (-0.5, -0.5, 0.5, 0.5)],
+    ids=lambda a: f"{len(a)} loads",
 )
 def test_symmetric_loads_have_symmetric_stations(
     elements: int, angles: tuple[float, ...]

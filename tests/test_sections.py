@@ -11,15 +11,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from scipy.interpolate import CubicSpline
 from skins import WIDTH, half_cylinder, line, quick, shaped
 
 from suas_jax.config import ConfigError, SceneSpec, continuous_inputs, structure
 from suas_jax.figures.curve import plot_sweep
+from suas_jax.figures.pad import _draw_load, plot_pad
+from suas_jax.mechanics.contact.face import ContactState
 from suas_jax.mesh.section import measures
+from suas_jax.scene.contact_zone import contact_zone
 from suas_jax.scene.curve import contact_of
+from suas_jax.scene.parts import scene_parts
 from suas_jax.skin.charted import ChartedSection
 from suas_jax.skin.geometry import SkinGeometry
+from suas_jax.skin.pad_loads import PadLoad
 from suas_jax.skin.registry import CURVES, build_geometry
 from suas_jax.skin.section import AbstractSection, outward
 
@@ -608,3 +614,44 @@ def test_a_place_is_told_once(geometry: str, load: dict[str, Any], words: list[s
         shaped(EXAMPLES[geometry], load)
     for word in words:
         assert word in str(error.value)
+
+
+FLAT_TOPPED: dict[str, Any] = {
+    "section": "path",
+    "path": [{"line": "20 mm"}, arc(30, 90), {"line": "27.5 mm"}],
+    "start": "90 deg",
+    "mirror": True,
+}
+
+
+def test_contact_on_a_flat_has_the_area_of_the_flat_wall() -> None:
+    spec = shaped(FLAT_TOPPED)
+    geometry = scene_parts(spec, continuous_inputs(spec)).skin.geometry
+    places = jnp.linspace(-8e-3, 8e-3, 33)[None, :, None]
+    angle = geometry.section.from_arc(places)
+    ones = jnp.ones_like(places)
+    touched = ContactState(angle, angle, jnp.abs(places) - 4e-3, ones, ones)
+    area = float(contact_zone(touched, geometry)["area_m2"][0])
+    assert area == pytest.approx(8e-3 * WIDTH, rel=1e-9)
+
+
+def test_the_map_of_a_pad_tells_places_as_scenes_do() -> None:
+    taxel = {"arc": "11 mm", "axial": "0 mm", "diameter": "4 mm"}
+    patch = {"kind": "patch", "arc": "12 mm", "axial": "3 mm", "size": ["6 mm", "4 mm"]}
+    scene = shaped(
+        {**FLAT_TOPPED, "ends": "clamped"},
+        {**patch, "force": "1 N"},
+        oil={"model": "incompressible", "relative_permittivity": 2.2},
+        electrodes={"lsb": "0.3 fF", "noise": 2.0, "layout": "list", "taxels": [taxel]},
+    )
+    parts = scene_parts(scene, continuous_inputs(scene))
+    axes = Figure().subplots()
+    (load,) = parts.forces
+    assert isinstance(load, PadLoad)
+    _draw_load(axes, load, parts)
+    box = axes.patches[0].get_bbox()  # type: ignore[attr-defined]
+    np.testing.assert_allclose([box.x0, box.x1, box.y0, box.y1], [9, 15, 1, 5], atol=1e-9)
+    figure = plot_pad(scene, [100.0])
+    discs = figure.axes[0].collections[0].get_paths()[0].get_extents()
+    np.testing.assert_allclose([discs.x0, discs.x1], [9, 13], atol=1e-2)
+    assert not figure.axes[0].child_axes  # no angle has a meaning there

@@ -22,7 +22,8 @@ from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mechanics.pad.shape import PadShape
 from suas_jax.scene.parts import SceneParts, scene_parts, skin_parts
 from suas_jax.scene.solve import Solution
-from suas_jax.skin.geometry import SkinGeometry, thickness_beyond_mean
+from suas_jax.skin.body import Body
+from suas_jax.skin.geometry import thickness_beyond_mean
 from suas_jax.skin.pad_loads import PadLoad
 
 
@@ -48,42 +49,40 @@ def plot_pad(
         ValueError: the skin has no electrodes, or values don't match its taxels.
     """
     parts = skin_parts(skin, continuous_inputs(skin))
-    wall, taxels = parts.geometry.wall_size, parts.sensing().taxels
+    geometry, taxels = parts.geometry, parts.sensing().taxels
     value = np.asarray(values, float)
     if value.shape != (len(taxels.number),):
         raise ValueError(f"{value.size} values for {len(taxels.number)} taxels")
-    scale = 1e3 * float(wall[0])  # mm of wall per radian
-    x = scale * np.asarray(taxels.angle)[:, 0]
+    x = 1e3 * np.asarray(geometry.wall_arc(taxels.angle))[:, 0]
     y, radius = 1e3 * np.asarray(taxels.axial)[:, 0], 5e2 * np.asarray(taxels.diameter)[:, 0]
     width = 1e3 * skin.geometry.width / 2
-    length = scale * float(parts.geometry.half_angle[0])
+    fine = jnp.linspace(-1, 1, _FINE)[:, None] * geometry.half_angle
+    along = 1e3 * np.asarray(geometry.wall_arc(fine))[:, 0]
+    length = float(np.abs(along).max())
     figure = Figure(figsize=(9, 1.2 + 8 * min(1.0, width / length)), layout="constrained")
     axes = figure.subplots()
     discs = [Circle((a, b), r) for a, b, r in zip(x, y, radius, strict=True)]
     patches = PatchCollection(discs, array=np.ma.masked_invalid(value), ec="0.3", lw=0.4)
-    patches.get_cmap().set_bad("0.9")
+    patches.set_cmap(patches.get_cmap().with_extremes(bad="0.9"))
     axes.add_collection(patches)
     axes.plot(*[c[np.isnan(value)] for c in (x, y)], "x", color=CONTACT, ms=6)
     axes.set(
-        xlim=(-length, length),
+        xlim=(along[0], along[-1]),
         ylim=(-width, width),
         aspect="equal",
         xlabel="along the unrolled wall [mm]",
         ylabel="along the axis [mm]",
     )
-
-    def degrees_of(arc: Any) -> Any:
-        return np.rad2deg(arc / scale)
-
-    def arc_of(degrees: Any) -> Any:
-        return np.deg2rad(degrees) * scale
-
-    degrees = axes.secondary_xaxis("top", functions=(degrees_of, arc_of))
-    degrees.set_xlabel("angle from the symmetry axis [deg]")
+    if skin.geometry.has_angle:
+        told = np.rad2deg(np.asarray(geometry.section.given_angle(fine))[:, 0])
+        ways = (lambda x: np.interp(x, along, told)), (lambda x: np.interp(x, told, along))
+        degrees = axes.secondary_xaxis("top", functions=ways)
+        degrees.set_xlabel("angle from the symmetry axis [deg]")
     figure.colorbar(patches, ax=axes, label=label, shrink=0.8)
     return written(figure, file)
 
 
+_FINE = 2001  # places along the arc between which the angle is interpolated
 _SAMPLES = 3  # intervals along either side of an element
 _LABEL = {"boxstyle": "round,pad=0.15", "facecolor": "w", "edgecolor": "none", "alpha": 0.85}
 
@@ -127,7 +126,7 @@ def plot_pad_surface(solution: Solution) -> Figure:
     at = jnp.asarray(angle)[..., None]
     wall = geometry.gap(at, jnp.asarray(face[2])[..., None])
     gap = 1e3 * (height + np.asarray(wall)[..., 0])
-    place = np.rad2deg(np.asarray(geometry.section.given_angle(at))[..., 0]), 1e3 * face[2]
+    place = _told(parts, at)[..., 0], 1e3 * face[2]
 
     figure = Figure(figsize=(13, 5.2), layout="constrained")
     panels = figure.add_gridspec(1, 2, width_ratios=(1, 1.1))
@@ -138,11 +137,12 @@ def plot_pad_surface(solution: Solution) -> Figure:
     _draw_taxels(flat, parts, solution.report["taxels"])
     for load in parts.forces:
         assert isinstance(load, PadLoad)
-        _draw_load(flat, load, geometry)
-    for entry in solution.report["loads"]:
-        if entry["kind"] == "body":
-            _draw_contact(flat, entry, geometry)
-    flat.set(xlabel="angle [deg]", ylabel="position along the axis [mm]")
+        _draw_load(flat, load, parts)
+    touching = [x for x in solution.report["loads"] if x["kind"] == "body"]
+    for entry, body in zip(touching, parts.bodies, strict=True):
+        _draw_contact(flat, entry, body, parts)
+    what = "angle [deg]" if parts.scene.geometry.has_angle else "arc from the middle [mm]"
+    flat.set(xlabel=what, ylabel="position along the axis [mm]")
 
     space = figure.add_subplot(panels[1], projection="3d")
     assert isinstance(space, Axes3D)
@@ -171,6 +171,24 @@ def _around(values: np.ndarray, rest: float) -> Normalize:
     return Normalize(rest - reach, rest + reach)
 
 
+def _told(parts: SceneParts, angle: Array) -> np.ndarray:
+    """Places along the arc as scenes tell them: angles [deg], or arc lengths [mm]."""
+    section = parts.skin.geometry.section
+    if parts.scene.geometry.has_angle:
+        return np.asarray(jnp.rad2deg(section.given_angle(angle)))
+    return 1e3 * np.asarray(section.arc(angle))
+
+
+def _span(parts: SceneParts, angle: Array, half: Any, height: Any) -> tuple[Any, Any]:
+    """Middle and extent, as `_told`, of what reaches so far along a line beside the mid-line.
+
+    `half`: to either side [m]. `height`: of the line over the mid-line [m].
+    """
+    section = parts.skin.geometry.section
+    low, high = (_told(parts, section.moved(angle, x, height))[:, 0] for x in (-half, half))
+    return (low + high) / 2, high - low
+
+
 def _draw_taxels(axes: Axes, parts: SceneParts, readings: list[dict[str, Any]]) -> None:
     """Draw the electrodes on the wall in the colours of their counts, white without one."""
     electrodes = parts.skin.electrodes
@@ -178,47 +196,48 @@ def _draw_taxels(axes: Axes, parts: SceneParts, readings: list[dict[str, Any]]) 
         return
     taxels = electrodes.taxels
     axial, diameter = (np.asarray(x)[:, 0] for x in (taxels.axial, taxels.diameter))
-    wide = np.rad2deg(diameter / float(parts.skin.geometry.wall_size[0]))
-    given = np.asarray(parts.skin.geometry.section.given_angle(taxels.angle))[:, 0]
-    places = np.stack([np.rad2deg(given), 1e3 * axial], 1)
+    geometry = parts.skin.geometry
+    depth = geometry.thickness / 2 + geometry.oil_gap
+    place, wide = _span(parts, taxels.angle, taxels.diameter / 2, -depth)
+    places = np.stack([place, 1e3 * axial], 1)
     discs = EllipseCollection(
         wide, 1e3 * diameter, np.zeros_like(wide), units="xy", offsets=places,
         offset_transform=axes.transData, edgecolors="0.25", linewidths=0.5,
     )  # fmt: skip
     counts = np.array([taxel["so"] for taxel in readings], float)
     discs.set(array=np.ma.masked_invalid(counts), cmap="viridis")
-    discs.get_cmap().set_bad("w")
+    discs.set_cmap(discs.get_cmap().with_extremes(bad="w"))
     axes.add_collection(discs)
     axes.figure.colorbar(discs, ax=axes, label="sensor output [counts]", shrink=0.9)
 
 
-def _draw_contact(axes: Axes, load: dict[str, Any], geometry: SkinGeometry) -> None:
+def _draw_contact(axes: Axes, load: dict[str, Any], body: Body, parts: SceneParts) -> None:
     """Mark where a body comes in, as large as what it touches, with its force."""
-    x, y = load["angle_deg"], 1e3 * load["axial_m"]
-    half = np.rad2deg(load["contact_half_width_m"] / float(geometry.outer_size[0]))
-    reach = 1e3 * load["contact_half_width_axial_m"]
+    above = parts.skin.geometry.thickness / 2
+    ends = _span(parts, body.angle[None], load["contact_half_width_m"], above)
+    (x,), (wide,) = ends
+    y, reach = 1e3 * load["axial_m"], 1e3 * load["contact_half_width_axial_m"]
     axes.plot(x, y, "+", color=SECOND, ms=10, zorder=3)
     axes.add_patch(
-        Ellipse((x, y), 2 * half, 2 * reach, fill=False, edgecolor=SECOND, lw=1.8, zorder=3)
+        Ellipse((x, y), wide, 2 * reach, fill=False, edgecolor=SECOND, lw=1.8, zorder=3)
     )
     axes.annotate(
-        f"body, {load['force_N']:.3g} N", (x + half, y + reach), xytext=(5, 5),
+        f"body, {load['force_N']:.3g} N", (x + wide / 2, y + reach), xytext=(5, 5),
         textcoords="offset points", fontsize=9, zorder=4, bbox=_LABEL,
     )  # fmt: skip
 
 
-def _draw_load(axes: Axes, load: PadLoad, geometry: SkinGeometry) -> None:
+def _draw_load(axes: Axes, load: PadLoad, parts: SceneParts) -> None:
     """Outline a load's part of the outer face, with its force."""
     arc, length = (float(np.asarray(x)[0]) for x in load.extent())
-    given = geometry.section.given_angle(load.angle)
-    x, y = np.rad2deg(float(given[0])), 1e3 * float(load.axial[0])
-    half, reach = np.rad2deg(arc / float(geometry.outer_size[0])), 1e3 * length
-    outline: Ellipse | Rectangle = Ellipse((x, y), 2 * half, 2 * reach)
+    (x,), (wide,) = _span(parts, load.angle[None], arc, parts.skin.geometry.thickness / 2)
+    y, reach = 1e3 * float(load.axial[0]), 1e3 * length
+    outline: Ellipse | Rectangle = Ellipse((x, y), wide, 2 * reach)
     if load.diameter is None:
-        outline = Rectangle((x - half, y - reach), 2 * half, 2 * reach)
+        outline = Rectangle((x - wide / 2, y - reach), wide, 2 * reach)
     outline.set(fill=False, edgecolor=SECOND, linewidth=1.8, zorder=3)
     axes.add_patch(outline)
     axes.annotate(
-        f"{float(load.force[0]):.3g} N", (x + half, y + reach), xytext=(3, 3),
+        f"{float(load.force[0]):.3g} N", (x + wide / 2, y + reach), xytext=(3, 3),
         textcoords="offset points", fontsize=9, zorder=4, bbox=_LABEL,
     )  # fmt: skip

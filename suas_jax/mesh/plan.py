@@ -201,8 +201,12 @@ def plan_mesh(
 
 
 def _mirror(values: np.ndarray) -> np.ndarray:
-    """For each breakpoint the index of the one at the opposite angle."""
-    return np.array([int(np.argmin(np.abs(values + v))) for v in values])
+    """For each breakpoint one at the opposite angle; of those that coincide one for each."""
+    index = np.arange(len(values))
+    rising, falling = (np.lexsort((index, np.round(x, 12))) for x in (values, -values))
+    swap = np.empty_like(index)
+    swap[rising] = falling
+    return swap
 
 
 def _with_loads(

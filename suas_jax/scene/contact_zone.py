@@ -33,23 +33,24 @@ def contact_zone(contact: ContactState, geometry: SkinGeometry) -> dict[str, Any
             _along_arc(jnp.broadcast_to(x, contact.gap.shape))
             for x in (contact.gap, contact.polar_angle)
         )
-        start, end, covered = _closed(gap, angle)
         half = geometry.width / 2
         force, width = force * geometry.width, geometry.width
         axial = [-half, half]
     else:
-        start, end, covered = _closed(contact.gap, contact.polar_angle)
+        gap, angle = contact.gap, contact.polar_angle
         across = [jnp.swapaxes(x, 0, 1) for x in (contact.gap, contact.axial)]
         axial = list(_closed(*across)[:2])
         steps = jnp.diff(jnp.mean(contact.axial, 0), axis=0) / 2
         width = jnp.pad(steps, ((1, 0), (0, 0))) + jnp.pad(steps, ((0, 1), (0, 0)))
     section = geometry.section
+    start, end, _ = _closed(gap, angle)
+    covered = _closed(gap, geometry.wall_arc(angle))[2]
     places = {"angle_deg": [jnp.rad2deg(section.given_angle(x)) for x in (start, end)]}
     if not isinstance(section, Circle):
         places["arc_m"] = [section.arc(x) for x in (start, end)]
     return {
         "force_N": force,
-        "area_m2": jnp.sum(covered * width, 0) * geometry.wall_size,
+        "area_m2": jnp.sum(covered * width, 0),
         **places,
         "axial_m": axial,
     }
