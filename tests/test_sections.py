@@ -655,3 +655,16 @@ def test_the_map_of_a_pad_tells_places_as_scenes_do() -> None:
     discs = figure.axes[0].collections[0].get_paths()[0].get_extents()
     np.testing.assert_allclose([discs.x0, discs.x1], [9, 13], atol=1e-2)
     assert not figure.axes[0].child_axes  # no angle has a meaning there
+
+
+def test_the_upper_axis_of_a_map_ends_at_the_clamps() -> None:
+    taxel = {"angle": "10 deg", "axial": "0 mm", "diameter": "4 mm"}
+    electrodes = {"lsb": "0.3 fF", "noise": 2.0, "layout": "list", "taxels": [taxel]}
+    oil = {"model": "incompressible", "relative_permittivity": 2.2}
+    spec = shaped(
+        {"inner_radius": "57.5 mm", "half_angle": "90 deg"}, oil=oil, electrodes=electrodes
+    )
+    (upper,) = plot_pad(spec, [1.0]).axes[0].child_axes
+    to_mm = upper._functions[1]  # type: ignore[attr-defined]
+    np.testing.assert_allclose(to_mm(90.0), 52.5 * np.pi / 2, rtol=1e-9)
+    assert to_mm(100.0) > to_mm(90.0) + 1  # no tick of 100 degrees at the clamp

@@ -75,7 +75,9 @@ def plot_pad(
     )
     if skin.geometry.has_angle:
         told = np.rad2deg(np.asarray(geometry.section.given_angle(fine))[:, 0])
-        ways = (lambda x: np.interp(x, along, told)), (lambda x: np.interp(x, told, along))
+        # Ticks beyond the clamps shall lie beyond them, not on them.
+        mm, deg = (np.concatenate([[x[0] - 1e3], x, [x[-1] + 1e3]]) for x in (along, told))
+        ways = (lambda x: np.interp(x, mm, deg)), (lambda x: np.interp(x, deg, mm))
         degrees = axes.secondary_xaxis("top", functions=ways)
         degrees.set_xlabel("angle from the symmetry axis [deg]")
     figure.colorbar(patches, ax=axes, label=label, shrink=0.8)
