@@ -74,9 +74,10 @@ class ModelVerdict:
             )
         if self.name is None:
             return f"{begin}, and no single input of it would"
+        would = "it would" if self.explained < LARGER else "it would do so better"
         if self.name == WIDTH:
             arc = f"contacts that press an arc of some {1e3 * self.change:.0f} mm"
-            return f"{begin}; it would with {arc} (chi2 per dof {self.explained:.2f})"
+            return f"{begin}; {would} with {arc} (chi2 per dof {self.explained:.2f})"
         change = _changed(self.name, self.change, self.error)
         if np.isnan(self.explained):
             return (
@@ -89,7 +90,6 @@ class ModelVerdict:
         if self.chi2_per_dof < LARGER:
             better = f"{self.explained:.2f} instead of {self.chi2_per_dof:.2f}"
             return f"the {change} would explain the log better (chi2 per dof {better}){listed}"
-        would = "it would" if self.explained < LARGER else "it would do so better"
         return f"{begin}; {would} with the {change} (chi2 per dof {self.explained:.2f}){listed}"
 
     def command(self, skin: str, log: str, *, zeroed: bool = False) -> str:
