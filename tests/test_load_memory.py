@@ -169,6 +169,10 @@ def test_a_relaxing_membrane_tells_true_loads_and_leaves_no_ghost(
     assert np.abs(force[held] / truth[held] - 1).max() < 0.03
     free = (time > 7.15) & (time < 8.9)
     assert {e.status for e, f in zip(found, free, strict=True) if f} == {"no_contact"}
+    # The dent that is left draws on the oil as it fades.
+    drawn = np.array([e.oil_pressure for e, f in zip(found, free, strict=True) if f])
+    assert (drawn < -1).all()
+    assert drawn[-1] > 0.9 * drawn[0]
     # Without its memory the same estimator calls the dent that is left a load.
     plain = estimator.estimate(readings.so[dropped], readings.stuck[dropped])
     ghosts = [c.force for e, f in zip(plain, free, strict=True) if f for c in e.contacts]

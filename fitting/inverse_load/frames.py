@@ -83,9 +83,8 @@ class FrameEstimator:
         for i in np.flatnonzero(~touched):
             ratio = float(chi2_rest[i] / max(int(count[i]), 1))
             used = weight[i, taxels] > 0
-            results[i] = untouched(
-                so[i], used, bool(enough[i]), ratio, self.parts.rest_pressure
-            )
+            oil = self.parts.rest_pressure if memory is None else memory.pressure
+            results[i] = untouched(so[i], used, bool(enough[i]), ratio, oil)
         full_scale = (so >= FULL_SCALE) & ~faulty
         if not touched.any():
             selection.untouched()

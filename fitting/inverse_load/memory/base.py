@@ -13,6 +13,7 @@ class AbstractMemoryFollower(abc.ABC):
 
     selection: Selection  # of what explains a frame, less what the past leaves of it
     errors: AbstractSystematicErrors  # of the inputs and of the memory
+    pressure: float  # of the oil in the frame, if nothing presses [Pa]
 
     @abc.abstractmethod
     def forget(self) -> None:

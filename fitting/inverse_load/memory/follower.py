@@ -146,7 +146,7 @@ class MemoryFollower(AbstractMemoryFollower):
             self.forget()
             self._begin(now)
             found = self._expected(now)
-        self._now = found
+        self._now, self.pressure = found, float(found.pressure)
         shift = np.asarray(found.so) - self._rest_so
         skin = RememberingSkin(self._skin, found.response, shift)  # type: ignore[arg-type]
         self._fitter.skin = skin  # type: ignore[assignment]

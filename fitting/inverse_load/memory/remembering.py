@@ -96,6 +96,7 @@ class Expected(NamedTuple):
     so: Float[Array, " taxel"]  # readings [counts]
     slopes: Float[Array, "error taxel"]  # their change by every error [error, taxel]
     state: State  # of the membrane
+    pressure: Array  # of the oil [Pa]
     result: Array  # index of the outcome, zero where it was found
 
 
@@ -148,7 +149,8 @@ def expected(
     slopes = [_slope(skin, problem, response, one, state)[:, 0] for one in by_error]
     taxels = so.shape[0]
     rows = jnp.stack(slopes) if slopes else jnp.zeros((0, taxels))
-    return Expected(past, response, tuple(by_error), so, rows, state, found.outcome[0])
+    given = past, response, tuple(by_error), so, rows
+    return Expected(*given, state, shown.pressure[0], found.outcome[0])
 
 
 def _slope(

@@ -111,6 +111,8 @@ class PadMemoryFollower(AbstractMemoryFollower):
     ) -> None:
         self._memory, self._interpolant, self._noise = memory, interpolant, noise
         self.selection, self.errors = selection, errors
+        # To first order oil and loads relax alike: without loads it is at rest.
+        self.pressure = interpolant.table.rest_pressure
         self.forget()
 
     def forget(self) -> None:
