@@ -103,10 +103,11 @@ class Selection:
         return finished(self.pulls.fit(y, weight))
 
     def one_contact(self, y: Floats, weight: Floats) -> Explanations:
-        """The best single contact of every frame, however much it leaves."""
-        self.seconds, self.known = np.zeros(len(y)), None
+        """A single contact that explains every frame best, however much it leaves."""
+        self.seconds = np.zeros(len(y))
         node, _ = self.nodes.nearest(y, weight)
-        return finished(self._from_node(y, weight, node))
+        start = self.nodes.near(y, weight, node)
+        return self.fitter.roughly(Attempt(y, weight, start, self.nodes.states(node), 1))
 
     def steps(
         self, y: Floats, weight: Floats

@@ -111,9 +111,10 @@ class PadFitter(AbstractLoadFitter):
         y, weight, start, state, contacts, _ = asked
         kept = self._kept.get(contacts)
         start = self._found_before(start[:, : PLAIN * contacts], state, contacts)
-        if contacts == 1 and not self._near(kept, start[0], 1, live=True):
+        if contacts == 1 and not (self.live and self._near(kept, start[0], 1, live=True)):
             kept = None
-        fit = finished(self.fitting(y, weight, start, contacts, kept, most=_FEW))
+        most = _FEW if self.live else STEPS
+        fit = finished(self.fitting(y, weight, start, contacts, kept, most=most))
         gaps = None
         if kept is not None or contacts > 1:
             gaps = np.full(len(y), kept.min_gap if kept else self._gap)
