@@ -60,6 +60,8 @@ def moved(skin: Path, angle: int, length: float | None) -> tuple[np.ndarray, np.
 
 def wrong(estimate: LoadEstimate, force: float) -> bool:
     """Whether the sum of forces lies outside of three deviations of what a frame tells."""
+    if estimate.contact is None and not estimate.contacts:
+        return False  # it tells nothing
     told = sum(c.force for c in estimate.contacts)
     # What may be motion moves all contacts at once.
     error = sum(c.deviation("force") for c in estimate.contacts)

@@ -137,6 +137,18 @@ def test_a_tap_is_told_with_deviations_of_its_place() -> None:
     assert told["axial_deviation_m"] == pytest.approx(2e-3)
 
 
+@pytest.mark.parametrize("still", [1, 7, 200])
+def test_what_is_known_of_rest_has_the_variance_of_its_frames(still: int) -> None:
+    # Many watches side by side are draws of the same noise.
+    rng, watch, motion = np.random.default_rng(1), MotionWatch(FADING), None
+    touched = np.r_[np.zeros(still), np.ones(3), np.zeros(20)] > 0
+    for k, one in enumerate(touched):
+        gap = 0.0 if one else rng.normal(0.0, 1.0, 40_000)
+        motion = watch.follow(0.01 * k, gap + np.zeros(40_000), touched=bool(one)) or motion
+    assert isinstance(motion, Motion)
+    assert motion.rest_variance == pytest.approx(np.var(motion.gap[1]), rel=0.03)
+
+
 def test_a_press_that_lasts_is_no_tap() -> None:
     watch = MotionWatch(FADING)
     assert FRAMES[-1] * 1.1 > LONGEST * FADING

@@ -1040,6 +1040,20 @@ def test_nearest_node_and_the_nearest_far_from_it() -> None:
     assert second.tolist() == [-1]
 
 
+@pytest.mark.parametrize("place", [0.0, 0.1, 0.35])
+def test_a_light_contact_is_sought_where_it_is(place: float) -> None:
+    # A tenth of the lightest node's force: a node that moves no taxel in use is nearer to its
+    # readings than the one at its place.
+    nodes = DimpleNodes()
+    y = dimple_readings([place, 0.2])
+    weight = np.ones((1, 13))
+    weight[0, :4] = 0.0
+    lightest = nodes.costs(y, weight)[0, ::3]
+    assert nodes.places[lightest.argmin(), 0] < -0.3
+    first, _ = nodes.nearest(y, weight)
+    np.testing.assert_allclose(nodes.loads[first[0]], [place, 2.0], atol=1e-12)
+
+
 def test_minima_of_a_frame_lie_apart_and_best_first() -> None:
     nodes = DimpleNodes()
     y = dimple_readings([-0.3, 0.3, 8.0, 6.0], 2)[0]

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -172,14 +173,23 @@ class FrameEstimator:
             told = field.told(told, best, y, weight)
         return best, with_doubts(told, y, weight)
 
+    @cached_property
+    def _of_changes(self) -> tuple[Selection, AbstractSystematicErrors | None]:
+        """What explains changes from rest by one contact, beside which errors."""
+        errors = self.parts.systematic
+        errors = None if errors is None else errors.from_rest()
+        return replace(self.selection.of_one, errors=errors), errors
+
     def alone(self, y: Floats, weight: Floats) -> tuple[LoadEstimate, Floats]:
-        """A frame that no frame came before, and its parameters; no load where none is felt."""
-        errors = None if self.parts.systematic is None else self.parts.systematic.rest
-        test = self.parts.detector.test(y - self.parts.nodes.rest, weight, errors)
+        """A frame of changes from rest, and its parameters; no load where none is felt.
+
+        The changes are beside the model's readings at rest; no frame came before.
+        """
+        of_one, errors = self._of_changes
+        test = self.parts.detector.test(y - self.parts.nodes.rest, weight, None)
         if test.p_value[0] >= self.false_alarm:
             return LoadEstimate(False), np.zeros(0)
-        of_one = self.selection.of_one
         of_one.forget()
         frame = y, weight, np.zeros((1, len(self.parts.rest)), bool), None
-        best, told = self._explained(of_one, self.parts.systematic, *frame, "pressed")
+        best, told = self._explained(of_one, errors, *frame, "pressed")
         return told[0], best.parameters[0]

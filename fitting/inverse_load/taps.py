@@ -35,6 +35,7 @@ class Motion(NamedTuple):
 
     time: Floats  # [frame] [s]
     gap: Floats  # less that at rest [frame, taxel] [m]; NaN where a reading was missing
+    rest_variance: float  # of what is known of rest, over that of a reading
 
     @property
     def duration(self) -> float:
@@ -58,6 +59,7 @@ class MotionWatch:
     fading: float  # time in which free motions fade [s]
     _rest: tuple[float, Floats] | None = None  # time of the last frame, and mean gaps [taxel]
     _still: int = 0  # frames that the mean is of
+    _variance: float = 1.0  # of the mean, over that of a frame
     _frames: list[tuple[float, Floats]] = field(default_factory=list)
     _untouched: float | None = None  # since when nothing has touched
 
@@ -69,7 +71,7 @@ class MotionWatch:
         """Take a frame's gaps [taxel] [m]; return the motion that it ends."""
         if self._rest is None:
             if not touched:
-                self._rest, self._still = (time, gap), 1
+                self._rest, self._still, self._variance = (time, gap), 1, 1.0
             return None
         begin, rest = self._rest
         if not 0 < time - begin < LONGEST * self.fading:
@@ -81,10 +83,13 @@ class MotionWatch:
             if self._untouched is not None and time - self._untouched >= self.fading:
                 times, gaps = (np.array(x) for x in zip(*self._frames, strict=True))
                 self._rest, self._frames, self._untouched = (time, rest), [], None
-                return Motion(np.append(begin, times), np.vstack([np.zeros_like(rest), gaps]))
+                gaps = np.vstack([np.zeros_like(rest), gaps])
+                return Motion(np.append(begin, times), gaps, self._variance)
         else:
             self._still = min(self._still + 1, _REST)
-            self._rest = time, rest + (gap - rest) / self._still
+            own = 1 / self._still
+            self._rest = time, rest + own * (gap - rest)
+            self._variance = (1 - own) ** 2 * self._variance + own**2
         return None
 
 
@@ -151,7 +156,8 @@ class TapFinder:
         so = self._film.readings(mean)
         used = np.isfinite(so)
         change = np.where(used, so - self._so, 0.0)
-        variance = self._variance * (share**2).sum() + (SHAPE * change) ** 2
+        noise = self._variance * ((share**2).sum() + motion.rest_variance)
+        variance = noise + (SHAPE * change) ** 2
         beside = (0, len(self._nodes.rest) - size)
         y = np.pad(used, beside) * self._nodes.rest + np.pad(change, beside)
         weight = np.pad(used / variance, beside)
@@ -166,7 +172,10 @@ class TapFinder:
         impulse = motion.duration * (share @ curve.at(amplitude))
         bent = impulse - motion.duration * curve.at(share @ amplitude)
         rate = (curve.at(amplitude + 1e-6) - curve.at(amplitude)) / 1e-6
-        read = motion.duration * np.sqrt(((share * rate * noise) ** 2).sum())
+        of_frames = share * rate * noise
+        # An error of what is taken for rest is in all of them.
+        read = (of_frames**2).sum() + motion.rest_variance * of_frames.sum() ** 2
+        read = motion.duration * np.sqrt(read)
         inputs = told.deviation("force") / told.force * impulse
         error = np.sqrt(read**2 + (bent / 2) ** 2 + inputs**2)
         return Tap(float(motion.time[0]), motion.duration, told, float(impulse), float(error))

@@ -18,8 +18,9 @@ Readings that count from a baseline are moved by S less its value at rest.
 """
 
 import abc
+import copy
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +60,12 @@ class AbstractSystematicErrors(abc.ABC):
         `best`: explanations of frames. `per_contact`: parameters of a contact. `contacts`:
         their number, the same in all frames.
         """
+
+    def from_rest(self) -> Self:
+        """The same of readings that count from those at rest, which errors move as well."""
+        other = copy.copy(self)
+        other.rest = np.zeros_like(self.rest)
+        return other
 
     def unexplained(self, best: Explanations, per_contact: int) -> Floats | None:
         """Covariances of the parameters that come from the model itself, if there are any."""

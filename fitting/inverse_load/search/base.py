@@ -223,6 +223,10 @@ class AbstractNodeSearch(abc.ABC):
         frame = np.arange(len(y))
         row = cost.argmin(2)  # [frame, place]
         lowest = np.take_along_axis(cost, row[..., None], 2)[..., 0]
+        # Contacts lighter than any node explain more where they are than the lightest does.
+        along, size = self.score(np.where(weight > 0, y - self.rest, 0.0), weight)
+        light = (along > 0) & (along < size * self._first[:, -1])
+        lowest = np.where(light & (row == 0), np.minimum(lowest, -(along**2) / size), lowest)
         first = lowest.argmin(1)
         best = lowest[frame, first].copy()
         far = self.distance(self._first[None], self._first[first][:, None])
