@@ -9,7 +9,8 @@ With g the gaps less those at rest, phi those of a light steady contact at the t
 F(a) the steady force at the amplitude a = phi.g / phi.phi, the impulse is the integral of F(a)
 over the motion. It is exact where the skin answers in proportion to loads. Where F bends, half
 of what the bend adds is taken for the impulse's standard deviation, beside that of noise and
-inputs. The place is that of a steady contact with the motion's mean gaps.
+that of inputs under the force by which most of it comes. The place is that of a steady contact
+with the motion's mean gaps.
 """
 
 from collections.abc import Callable
@@ -18,8 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fitting.arrays import Floats
-from fitting.inverse_load.estimate.estimate import LoadEstimate, Tap
+from fitting.arrays import Floats, Rows
+from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate, Tap
 from fitting.inverse_load.estimate.parts import Film
 from fitting.inverse_load.search.base import AbstractNodeSearch
 
@@ -150,39 +151,53 @@ class TapFinder:
         return None if motion is None else self._tap(motion)
 
     def _tap(self, motion: Motion) -> Tap | None:
-        """The tap of a motion; None where it does not show one contact and its error."""
-        share, size = motion.share, self._taxels
-        mean = self._gap + share @ motion.gap
-        so = self._film.readings(mean)
-        used = np.isfinite(so)
-        change = np.where(used, so - self._so, 0.0)
+        """The tap of a motion; None where it shows no contact that presses, or no error."""
+        share = motion.share
+        so = self._film.readings(self._gap + share @ motion.gap)
+        change = np.where(np.isfinite(so), so - self._so, np.nan)
         noise = self._variance * ((share**2).sum() + motion.rest_variance)
-        variance = noise + (SHAPE * change) ** 2
-        beside = (0, len(self._nodes.rest) - size)
-        y = np.pad(used, beside) * self._nodes.rest + np.pad(change, beside)
-        weight = np.pad(used / variance, beside)
-        found, parameters = self._explain(y[None], weight[None])
-        if len(found.contacts) != 1 or found.contacts[0].covariance is None:
+        told, parameters = self._contact(change, noise)
+        if told is None or not told.force > 0:
             return None
-        told = found.contacts[0]
-        if not told.force > 0:
+        rows = self._rows(int(self._nodes.nearest_to(parameters[None], 1)[0]))
+        forces = self._nodes.loads[rows, -1]
+        readings = self._nodes.readings[rows, : self._taxels]
+        curve = ForceCurve.of(forces, self.gaps(readings) - self._gap)
+        amplitude, of_reading = curve.amplitudes(motion.gap, self._slope**2 * self._variance)
+        force = curve.at(amplitude)
+        impulse = motion.duration * (share @ force)
+        if not impulse > 0:
             return None
-        curve = self._curve(int(self._nodes.nearest_to(parameters[None], 1)[0]))
-        amplitude, noise = curve.amplitudes(motion.gap, self._slope**2 * self._variance)
-        impulse = motion.duration * (share @ curve.at(amplitude))
         bent = impulse - motion.duration * curve.at(share @ amplitude)
-        rate = (curve.at(amplitude + 1e-6) - curve.at(amplitude)) / 1e-6
-        of_frames = share * rate * noise
+        rate = (curve.at(amplitude + 1e-6) - force) / 1e-6
+        of_frames = share * rate * of_reading
         # An error of what is taken for rest is in all of them.
         read = (of_frames**2).sum() + motion.rest_variance * of_frames.sum() ** 2
-        read = motion.duration * np.sqrt(read)
-        inputs = told.deviation("force") / told.force * impulse
-        error = np.sqrt(read**2 + (bent / 2) ** 2 + inputs**2)
+        # Of a light force errors of the inputs are a larger share than of what tells most.
+        most = np.abs(forces - (share @ force**2) / (share @ force)).argmin()
+        pressed, _ = self._contact(readings[most] - self._so, noise)
+        known = pressed if pressed is not None and pressed.force > 0 else told
+        inputs = known.deviation("force") / known.force * impulse
+        error = np.sqrt(motion.duration**2 * read + (bent / 2) ** 2 + inputs**2)
+        if not np.isfinite(error):
+            return None
         return Tap(float(motion.time[0]), motion.duration, told, float(impulse), float(error))
 
-    def _curve(self, node: int) -> ForceCurve:
-        """At the place of a node of the table."""
+    def _contact(self, change: Floats, noise: float) -> tuple[Contact | None, Floats]:
+        """The one contact that explains changes of readings, and its parameters.
+
+        Changes are [taxel] [counts], NaN where missing, with a variance; None where there is
+        no contact, no error of it, or several.
+        """
+        used, change = np.isfinite(change), np.nan_to_num(change)
+        beside = (0, len(self._nodes.rest) - self._taxels)
+        y = np.pad(used, beside) * self._nodes.rest + np.pad(change, beside)
+        weight = np.pad(used / (noise + (SHAPE * change) ** 2), beside)
+        found, parameters = self._explain(y[None], weight[None])
+        one = len(found.contacts) == 1 and found.contacts[0].covariance is not None
+        return (found.contacts[0] if one else None), parameters
+
+    def _rows(self, node: int) -> Rows:
+        """Nodes that have a state, at the place of one."""
         rows = node // self._nodes.levels * self._nodes.levels + np.arange(self._nodes.levels)
-        rows = rows[self._nodes.known[rows]]
-        gap = self.gaps(self._nodes.readings[rows, : self._taxels]) - self._gap
-        return ForceCurve.of(self._nodes.loads[rows, -1], gap)
+        return np.asarray(rows[self._nodes.known[rows]])
