@@ -223,10 +223,12 @@ class AbstractNodeSearch(abc.ABC):
         frame = np.arange(len(y))
         row = cost.argmin(2)  # [frame, place]
         lowest = np.take_along_axis(cost, row[..., None], 2)[..., 0]
-        # Contacts lighter than any node explain more where they are than the lightest does.
-        along, size = self.score(np.where(weight > 0, y - self.rest, 0.0), weight)
-        light = (along > 0) & (along < size * self._first[:, -1])
-        lowest = np.where(light & (row == 0), np.minimum(lowest, -(along**2) / size), lowest)
+        # Contacts lighter than any node: a share of the lightest one's change explains more.
+        used = weight.astype(np.float32)
+        own = np.maximum(used @ self._squares[:, :: self.levels], 1e-30)
+        along = (weight * (y - self.rest)).astype(np.float32) @ self._change[:, :: self.levels]
+        light = (along > 0) & (along < own) & (row == 0)
+        lowest = np.where(light, np.minimum(lowest, -(along**2) / own), lowest)
         first = lowest.argmin(1)
         best = lowest[frame, first].copy()
         far = self.distance(self._first[None], self._first[first][:, None])
