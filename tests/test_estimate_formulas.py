@@ -117,9 +117,9 @@ def test_verdict_names_the_best_input_and_those_that_explain_as_much() -> None:
             "(chi2 per dof 1.10)",
         ),
         (
-            ModelVerdict(3.0, False, WIDTH, 0.0203, explained=1.1),
+            ModelVerdict(3.0, False, WIDTH, 0.0203, explained=1.2),
             "the skin file doesn't explain the log (chi2 per dof 3.00); it would with contacts "
-            "that press an arc of some 20 mm (chi2 per dof 1.10)",
+            "that press an arc of some 20 mm (chi2 per dof 1.20)",
         ),
         (
             ModelVerdict(3.0, False, WIDTH, 0.0203, explained=2.5),

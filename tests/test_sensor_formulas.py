@@ -466,13 +466,14 @@ def test_a_constant_far_from_its_prior_is_told() -> None:
     assert "1 others" in assumptions.pulled_warning(one, np.array([2.51, 4.0e-3]))
 
 
-def test_exchanged_taxels_are_named() -> None:
-    load = np.concatenate([np.zeros(60), np.linspace(0.0, 1.0, 40)])
+@pytest.mark.parametrize("rest", [0, 60])
+def test_exchanged_taxels_are_named(rest: int) -> None:
+    load = np.concatenate([np.zeros(rest), np.linspace(0.0, 1.0, 40)])
     predicted = 200.0 + np.outer([10.0, 90.0, 150.0, 40.0], load)
     for order, told in (([0, 2, 1, 3], "0.2 and 0.3"), ([1, 2, 0, 3], ""), ([0, 1, 2, 3], "")):
         so = predicted[order] + 2.0 * RNG.normal(size=predicted.shape)
         # At rest, where all taxels read alike, none is left out.
-        used = np.equal(order, range(4))[:, None] | (load < 0.05)
+        used = np.equal(order, range(4))[:, None] | (np.arange(load.size) < rest)
         readings = SimpleNamespace(
             so=so, sigma=np.full(so.shape, 2.0), present=~np.isnan(so), used=used, offsets=False
         )

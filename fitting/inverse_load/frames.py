@@ -89,12 +89,12 @@ class FrameEstimator:
         full_scale = (so >= FULL_SCALE) & ~faulty
         if not touched.any():
             selection.untouched()
-        swings = np.zeros(len(so), bool)
+        moving = np.zeros(len(so), bool)
         if moved is not None:
-            swings = mostly_motion(moved, change[:, taxels])
+            moving = mostly_motion(moved, change[:, taxels])
         for group, kind in (
-            (touched & ~swings, "pressed"),
-            (touched & swings, "moving"),
+            (touched & ~moving, "pressed"),
+            (touched & moving, "moving"),
             (enough & ~touched & ~at_rest, "pulled"),
         ):
             index = np.flatnonzero(group)
@@ -167,8 +167,8 @@ class FrameEstimator:
         told = assess(best, others, full_scale, covariance, motion)
         if measured is not None:
             y, weight = (np.column_stack(x) for x in zip((y, weight), measured, strict=True))
-        known = kind != "moving" and selection is self.selection
-        field = self.load_field() if known else None
+        own = kind != "moving" and selection is self.selection
+        field = self.load_field() if own else None
         if field is not None:
             told = field.told(told, best, y, weight)
         return best, with_doubts(told, y, weight)
@@ -183,7 +183,7 @@ class FrameEstimator:
     def alone(self, y: Floats, weight: Floats) -> tuple[LoadEstimate, Floats]:
         """A frame of changes from rest, and its parameters; no load where none is felt.
 
-        The changes are beside the model's readings at rest; no frame came before.
+        y is the model's readings at rest plus the changes; no frame came before.
         """
         of_one, errors = self._of_changes
         test = self.parts.detector.test(y - self.parts.nodes.rest, weight, None)

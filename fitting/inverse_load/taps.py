@@ -9,7 +9,7 @@ With g the gaps less those at rest, phi those of a light steady contact at the t
 F(a) the steady force at the amplitude a = phi.g / phi.phi, the impulse is the integral of F(a)
 over the motion. It is exact where the skin answers in proportion to loads. Where F bends, half
 of what the bend adds is taken for the impulse's standard deviation, beside that of noise and
-that of inputs under the force by which most of it comes. The place is that of a steady contact
+that of inputs at the force that gives most of it. The place is that of a steady contact
 with the motion's mean gaps.
 """
 
@@ -36,7 +36,7 @@ class Motion(NamedTuple):
 
     time: Floats  # [frame] [s]
     gap: Floats  # less that at rest [frame, taxel] [m]; NaN where a reading was missing
-    rest_variance: float  # of what is known of rest, over that of a reading
+    rest_variance: float  # of the mean gaps at rest, over that of a frame
 
     @property
     def duration(self) -> float:
@@ -171,9 +171,10 @@ class TapFinder:
         bent = impulse - motion.duration * curve.at(share @ amplitude)
         rate = (curve.at(amplitude + 1e-6) - force) / 1e-6
         of_frames = share * rate * of_reading
-        # An error of what is taken for rest is in all of them.
+        # An error of the readings at rest is in all of them.
         read = (of_frames**2).sum() + motion.rest_variance * of_frames.sum() ** 2
-        # Of a light force errors of the inputs are a larger share than of what tells most.
+        # Errors of the inputs are a larger share of a lighter force; that of the frames which
+        # give most of the impulse counts.
         most = np.abs(forces - (share @ force**2) / (share @ force)).argmin()
         pressed, _ = self._contact(readings[most] - self._so, noise)
         known = pressed if pressed is not None and pressed.force > 0 else told

@@ -74,7 +74,7 @@ class ModelVerdict:
             )
         if self.name is None:
             return f"{begin}, and no single input of it would"
-        would = "it would" if self.explained < LARGER else "it would do so better"
+        would = "it would" if self.explained <= LARGER else "it would do so better"
         if self.name == WIDTH:
             arc = f"contacts that press an arc of some {1e3 * self.change:.0f} mm"
             return f"{begin}; {would} with {arc} (chi2 per dof {self.explained:.2f})"

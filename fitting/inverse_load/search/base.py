@@ -183,11 +183,20 @@ class AbstractNodeSearch(abc.ABC):
 
     def costs(self, y: Floats, weight: Floats) -> NDArray[np.float32]:
         """Weighted squares of y less every node, but for a constant a frame [frame, node]."""
-        moved = (weight * (y - self.rest)).astype(np.float32)
-        cost = weight.astype(np.float32) @ self._squares
-        cost -= 2 * (moved @ self._change)
+        own, along = self._products(y, weight)
+        cost = own - 2 * along
         cost += self._forbidden
         return np.asarray(cost)
+
+    def _products(
+        self, y: Floats, weight: Floats
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Weighted squares of every node's change from rest, and its products with y's.
+
+        Both are [frame, node].
+        """
+        moved = (weight * (y - self.rest)).astype(np.float32)
+        return weight.astype(np.float32) @ self._squares, moved @ self._change
 
     def score(self, change: Floats, weight: Floats) -> tuple[Floats, Floats]:
         """How well light contacts at all places explain a change of readings.
@@ -219,14 +228,15 @@ class AbstractNodeSearch(abc.ABC):
 
     def nearest(self, y: Floats, weight: Floats) -> tuple[Rows, Rows]:
         """The nearest node of every frame, and the nearest of those far from it, or -1."""
-        cost = self.costs(y, weight).reshape(len(y), -1, self.levels)
+        shape = len(y), -1, self.levels
+        own, along = (x.reshape(shape) for x in self._products(y, weight))
+        cost = own - 2 * along
+        cost += self._forbidden.reshape(shape[1:])
         frame = np.arange(len(y))
         row = cost.argmin(2)  # [frame, place]
         lowest = np.take_along_axis(cost, row[..., None], 2)[..., 0]
         # Contacts lighter than any node: a share of the lightest one's change explains more.
-        used = weight.astype(np.float32)
-        own = np.maximum(used @ self._squares[:, :: self.levels], 1e-30)
-        along = (weight * (y - self.rest)).astype(np.float32) @ self._change[:, :: self.levels]
+        own, along = np.maximum(own[..., 0], 1e-30), along[..., 0]
         light = (along > 0) & (along < own) & (row == 0)
         lowest = np.where(light, np.minimum(lowest, -(along**2) / own), lowest)
         first = lowest.argmin(1)

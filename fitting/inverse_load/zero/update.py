@@ -245,8 +245,8 @@ def zero_of(
     )
     posterior = Gaussian(found.mean[:count], own)
     status = "poor_fit" if poor else "ok"
-    zero = Zero(errors, posterior, presses, before, after, ratio, status)
-    return dataclasses.replace(zero, at_rest=bool(len(rest.so)), rest_factor=factor)
+    told = errors, posterior, presses, before, after, ratio, status
+    return Zero(*told, at_rest=bool(len(rest.so)), rest_factor=factor)
 
 
 def rest_factor(read: Floats | None, model: Floats) -> float | None:
