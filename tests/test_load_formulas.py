@@ -1020,7 +1020,7 @@ def test_costs_are_weighted_squares_but_for_a_constant() -> None:
     y = dimple_readings([[0.05, 8.0]]) + 1.0
     weight = np.linspace(0.5, 2.0, 13)[None]
     exact = (weight * (y - nodes.readings) ** 2).sum(1)
-    found = nodes.costs(y, weight)[0]
+    found = nodes.costs(y, weight)[0][0]
     np.testing.assert_allclose(found - found.min(), exact - exact.min(), rtol=1e-3, atol=0.5)
 
 
@@ -1048,10 +1048,12 @@ def test_a_light_contact_is_sought_where_it_is(place: float) -> None:
     y = dimple_readings([place, 0.2])
     weight = np.ones((1, 13))
     weight[0, :4] = 0.0
-    lightest = nodes.costs(y, weight)[0, ::3]
+    lightest = nodes.costs(y, weight)[0][0, ::3]
     assert nodes.places[lightest.argmin(), 0] < -0.3
     first, _ = nodes.nearest(y, weight)
     np.testing.assert_allclose(nodes.loads[first[0]], [place, 2.0], atol=1e-12)
+    modes = nodes.minima(y[0], weight[0], 1, 1e9)
+    np.testing.assert_allclose(nodes.loads[modes[0]], [place, 2.0], atol=1e-12)
 
 
 def test_minima_of_a_frame_lie_apart_and_best_first() -> None:

@@ -95,6 +95,10 @@ def invert_log(
         command = verdict.command(str(skin), str(log), zeroed=zeroed)
         if command:
             remark(f"to set it right: {command}")
+    left = estimator.main.fading.left
+    if left is not None:
+        remark(f"{log}: {left.text(remembers=estimator.main.remembers)}")
+        remark(f"a log of a held press finds it: suas fit sensor {skin} LOG --fit relaxation")
     filtered = None
     if smooth:
         from fitting.inverse_load.live.filter import LoadFilter

@@ -10,6 +10,7 @@
              -> the same, less what presses showed          `discrepancy`
              -> covariances, statuses                       `systematic`, `assessment`
              -> what may be motion of the film              `film_motion`, `taps`
+             -> dents that a load before has left           `fading`
 
 `frames` goes this way for frames by themselves; what frames before say of them is followed
 here. Readings are compared with the skin's own model in counts, weighed by their variances
@@ -38,6 +39,7 @@ from fitting.inverse_load.drift import (
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
 from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.estimate.place import ContactPlaces
+from fitting.inverse_load.fading import FadingWatch
 from fitting.inverse_load.film_motion import FilmFollower, FilmMotion, fading_time
 from fitting.inverse_load.fit.bounded_selection import BoundedSelection
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
@@ -186,6 +188,7 @@ class LoadEstimator:
         )
         memory = LoadMemory.of(self.spec)
         self._memory = memory and self._follower_of(memory, max(penalty, asked))
+        self.fading = FadingWatch()
 
     def _follower_of(self, memory: LoadMemory, penalty: float) -> "AbstractMemoryFollower":
         """Follows what the membrane remembers."""
@@ -403,7 +406,7 @@ class LoadEstimator:
             self._budget.begin()
         past = self.followed(so, faulty, time)
         found = self.estimate_frames(so, faulty, past, done, pressure=pressure)
-        return found if time is None else self.with_taps(found, so, faulty, time, past)
+        return found if time is None else self.in_course(found, so, faulty, time, past)
 
     def followed(self, so: Floats, faulty: Flags, time: Floats | None) -> PastOfFrames:
         """What the frames before say of each frame; nothing without times."""
@@ -432,7 +435,7 @@ class LoadEstimator:
             done(len(found))
         return found
 
-    def with_taps(
+    def in_course(
         self,
         found: list[LoadEstimate],
         so: Floats,
@@ -440,10 +443,15 @@ class LoadEstimator:
         time: Floats,
         past: PastOfFrames,
     ) -> list[LoadEstimate]:
-        """Estimates of frames, those that end a tap with it."""
-        if self._film is None:
-            return found
-        return self._film.with_taps(found, so, faulty, time, past.drift)
+        """Estimates of frames with what their course tells: taps, and contacts that fade."""
+        if self._film is not None:
+            found = self._film.with_taps(found, so, faulty, time, past.drift)
+        return self._faded(time, found)
+
+    def _faded(self, time: Floats, found: list[LoadEstimate]) -> list[LoadEstimate]:
+        if not self.live:
+            self.fading = FadingWatch()
+        return self.fading.told(time, found)
 
     def _remembered(
         self,
@@ -472,7 +480,7 @@ class LoadEstimator:
                 shift = memory.again()
             found += estimates
             done(len(found))
-        return found
+        return self._faded(time, found)
 
     def _moved(self, so: Floats, faulty: Flags, time: Floats) -> Floats | None:
         """What of frames may be motion [frame, taxel] [counts]; None where nothing tells."""
@@ -491,7 +499,7 @@ class LoadEstimator:
     def forget(self) -> None:
         """Live: start the next frame from the table instead of from the last frame."""
         self.selection.forget()
-        for follower in (self._memory, self._film):
+        for follower in (self._memory, self._film, self.fading):
             if follower is not None:
                 follower.forget()
 

@@ -40,6 +40,8 @@ STATUS = {
     "how far place and force are off is not known.",
     "moving": "The film is still moving: more than 5 % of the readings' change may be motion, "
     "which the covariance counts. A tap is told by its impulse once it is over.",
+    "fading": "A light contact fades where a stronger one has ended, as the dent does that is "
+    "left in a membrane that relaxes: readings cannot say whether anything touches the skin.",
     "poor_fit": "The model is wrong by more than noise and tolerances explain; the covariance "
     "is scaled up accordingly.",
     "wall_contact": "The membrane lies on the wall, which takes all further load unseen: at "

@@ -90,7 +90,7 @@ class LogEstimator:
             )
         given = self.so(self._main, everything), log.stuck, log.time
         past = self.main.followed(*given)
-        return self.main.with_taps(self.of_frames(everything, past, done), *given, past)
+        return self.main.in_course(self.of_frames(everything, past, done), *given, past)
 
     def of_frames(
         self,

@@ -181,22 +181,18 @@ class AbstractNodeSearch(abc.ABC):
         self._squares = self._change**2
         self._forbidden = np.where(self.known, 0.0, np.inf).astype(np.float32)
 
-    def costs(self, y: Floats, weight: Floats) -> NDArray[np.float32]:
-        """Weighted squares of y less every node, but for a constant a frame [frame, node]."""
-        own, along = self._products(y, weight)
-        cost = own - 2 * along
-        cost += self._forbidden
-        return np.asarray(cost)
-
-    def _products(
+    def costs(
         self, y: Floats, weight: Floats
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Weighted squares of every node's change from rest, and its products with y's.
+        """Weighted squares of y less every node, but for a constant a frame [frame, node].
 
-        Both are [frame, node].
+        And weighted products of the changes from rest, of y and every node, likewise.
         """
         moved = (weight * (y - self.rest)).astype(np.float32)
-        return weight.astype(np.float32) @ self._squares, moved @ self._change
+        along = moved @ self._change
+        cost = weight.astype(np.float32) @ self._squares - 2 * along
+        cost += self._forbidden
+        return cost, along
 
     def score(self, change: Floats, weight: Floats) -> tuple[Floats, Floats]:
         """How well light contacts at all places explain a change of readings.
@@ -226,19 +222,25 @@ class AbstractNodeSearch(abc.ABC):
         Coordinates after those of places don't count.
         """
 
-    def nearest(self, y: Floats, weight: Floats) -> tuple[Rows, Rows]:
-        """The nearest node of every frame, and the nearest of those far from it, or -1."""
+    def _lowest(self, y: Floats, weight: Floats) -> tuple[NDArray[np.float32], Rows]:
+        """Cost of every place under the best force there, and the best of its nodes.
+
+        Both are [frame, place].
+        """
         shape = len(y), -1, self.levels
-        own, along = (x.reshape(shape) for x in self._products(y, weight))
-        cost = own - 2 * along
-        cost += self._forbidden.reshape(shape[1:])
-        frame = np.arange(len(y))
-        row = cost.argmin(2)  # [frame, place]
+        cost, along = (x.reshape(shape) for x in self.costs(y, weight))
+        row = cost.argmin(2)
         lowest = np.take_along_axis(cost, row[..., None], 2)[..., 0]
         # Contacts lighter than any node: a share of the lightest one's change explains more.
-        own, along = np.maximum(own[..., 0], 1e-30), along[..., 0]
+        along = along[..., 0]  # zero where there is no state
+        own = np.maximum(cost[..., 0] + 2 * along, 1e-30)
         light = (along > 0) & (along < own) & (row == 0)
-        lowest = np.where(light, np.minimum(lowest, -(along**2) / own), lowest)
+        return np.where(light, np.minimum(lowest, -(along**2) / own), lowest), row
+
+    def nearest(self, y: Floats, weight: Floats) -> tuple[Rows, Rows]:
+        """The nearest node of every frame, and the nearest of those far from it, or -1."""
+        lowest, row = self._lowest(y, weight)
+        frame = np.arange(len(y))
         first = lowest.argmin(1)
         best = lowest[frame, first].copy()
         far = self.distance(self._first[None], self._first[first][:, None])
@@ -256,13 +258,12 @@ class AbstractNodeSearch(abc.ABC):
         within: float,  # chi2, on the table, above its smallest
     ) -> Rows:
         """The nodes of the lowest minima of one frame over the skin, best first."""
-        cost = self.costs(y[None], weight[None]).reshape(-1, self.levels)
-        lowest = cost.min(1)
+        (lowest,), (row,) = self._lowest(y[None], weight[None])
         limit = lowest.min() + within
         chosen: list[int] = []
         while len(chosen) < most and lowest.min() < limit:
             k = int(lowest.argmin())
-            chosen.append(k * self.levels + int(cost[k].argmin()))
+            chosen.append(k * self.levels + int(row[k]))
             lowest[self.distance(self._first, self._first[k]) < self.separate] = np.inf
         return np.array(chosen, np.intp)
 
