@@ -177,6 +177,22 @@ def test_two_contacts_are_told_apart(
     assert 0.87 <= judged.covered.mean() <= 0.99
 
 
+@pytest.mark.long  # the program of free directions; what bends in test_load_formulas
+def test_contacts_of_free_direction_lie_in_the_stated_regions(
+    study: ModuleType, truth: dict[str, Any], estimator: LoadEstimator
+) -> None:
+    free = LoadEstimator(estimator.spec, direction=True, most_contacts=1)
+    so, loads = (np.tile(x, (5, 1)) for x in (truth["turned"].so, truth["turned"].loads[:, 0]))
+    found = free.estimate(study.measured(so, 0))
+    off = np.array([(c.angle, c.force, c.direction) for e in found for c in e.contacts]) - loads
+    covariance = np.array([e.contacts[0].covariance for e in found])
+    distance = np.einsum("fi,fij,fj->f", off, np.linalg.inv(covariance), off)
+    inside = distance < chi2.ppf(0.95, 3)
+    assert 0.91 <= inside.mean() <= 0.99  # 0.83 by the tangent alone
+    far = np.abs(loads[:, 0]) > np.deg2rad(45)
+    assert inside[far].mean() > 0.8  # 0.5 by the tangent alone
+
+
 def test_false_alarms_come_at_the_stated_rate(
     study: ModuleType, estimator: LoadEstimator
 ) -> None:

@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 from concurrent.futures import Future
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -42,6 +43,7 @@ from fitting.inverse_load.fit.section_errors import (
     changed_skin,
     skin_tangents,
 )
+from fitting.inverse_load.fit.section_fitter import SectionFitter
 from fitting.inverse_load.fit.section_least_squares import Fit, Target, _last_step, _step
 from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.fit.systematic import (
@@ -49,6 +51,7 @@ from fitting.inverse_load.fit.systematic import (
     ErrorsOfFrames,
     of_shared_places,
 )
+from fitting.inverse_load.model.contact_parameters import SECTION_WITH_DIRECTION
 from fitting.inverse_load.model.evaluation import Evaluation
 from fitting.inverse_load.search import table as load_table
 from fitting.inverse_load.search.base import _scaled
@@ -1010,6 +1013,37 @@ def test_frames_of_one_contact_are_those_without_a_budget() -> None:
         assert not selection.coarse
         np.testing.assert_array_equal(one.parameters, two.parameters)
         np.testing.assert_array_equal(one.information, two.information)
+
+
+class Bending(SectionFitter):
+    """One contact whose angle reads as angle + b direction^2; taxels tell a parameter each."""
+
+    parameters = SECTION_WITH_DIRECTION
+    bent = np.array([0.7, 0.0, 0.0])
+
+    def __init__(self) -> None:
+        self._bounds = np.array([[-1.5, 1.5], [0.0, 9.0], [-1.5, 1.5]])
+
+    def _derivatives(self, asked: Attempt) -> np.ndarray:
+        slopes = np.tile(np.eye(3), (len(asked.start), 1, 1))
+        slopes[:, 2] += 2 * self.bent * asked.start[:, 2:]
+        return slopes
+
+
+@pytest.mark.parametrize("deviation", [0.02, 0.5])
+def test_a_direction_hardly_known_widens_what_bends_with_it(deviation: float) -> None:
+    # The angle is what is read less b d^2, whose mean square is 3 b^2 s^4 for a normal d.
+    fitter, weight = Bending(), np.array([100.0, 25.0, deviation**-2])
+    known = explanations([0.1, 2.0, 0.0], jacobian=np.eye(3)[None], weight=weight)
+    nowhere = replace(known, chi2=np.full(1, np.inf), information=np.zeros((1, 3, 3)))
+    found = fitter.bend(known.joined(nowhere))
+    assert found is not None
+    expected = np.zeros((2, 3, 3))
+    expected[0, 0, 0] = 3 * 0.7**2 * deviation**4
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-20)
+    # What no taxel tells has no finite error that could bend.
+    blind = explanations([0.1, 2.0, 0.0], jacobian=np.diag([1.0, 1.0, 0.0])[None])
+    assert not np.asarray(fitter.bend(blind)).any()
 
 
 # --- search -------------------------------------------------------------------------------

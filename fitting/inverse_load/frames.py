@@ -146,7 +146,6 @@ class FrameEstimator:
             best, others = selection.explain(y, weight)
         if kind == "pressed" and selection.coarse:
             return best, [self.parts.assessment.so_far(best)]
-        motion = None
         per_contact = self.parts.fitter.per_contact
         parts = []
         if systematic is not None:
@@ -161,14 +160,16 @@ class FrameEstimator:
         if discrepancy is not None and left is not None:
             parts.append(discrepancy.of_loads(best, left, per_contact))
         covariance = sum(parts[1:], parts[0]) if parts else None
+        own = selection.fitter.bend(best)
         if moved is not None:
             motion = covariance_by_motion(best, moved, per_contact)
+            own = motion if own is None else own + motion
         assess = self.parts.assessment.estimates
-        told = assess(best, others, full_scale, covariance, motion)
+        told = assess(best, others, full_scale, covariance, own)
         if measured is not None:
             y, weight = (np.column_stack(x) for x in zip((y, weight), measured, strict=True))
-        own = kind != "moving" and selection is self.selection
-        field = self.load_field() if own else None
+        asked = kind != "moving" and selection is self.selection
+        field = self.load_field() if asked else None
         if field is not None:
             told = field.told(told, best, y, weight)
         return best, with_doubts(told, y, weight)

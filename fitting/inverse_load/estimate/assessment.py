@@ -56,15 +56,15 @@ class LoadAssessment:
         # covariance from the errors that all frames share, as wide as `best`'s information
         # [frame, parameter, parameter]
         systematic: Floats | None = None,
-        motion: Floats | None = None,  # covariance from what may be motion, likewise
+        own: Floats | None = None,  # covariance that frames have of their own, likewise
     ) -> list[LoadEstimate]:
         """Estimates of frames that something touches."""
         wide, several = best.wide, best.contacts > 1
         # What looks wide may be many fingers, of whose patterns noise hides what is left.
         poor = best.p_value(self._per_contact) < np.where(wide, SUSPECT, POOR)
         covariance = covariance_of(best, self._per_contact)
-        if motion is not None:
-            covariance = covariance + motion
+        if own is not None:
+            covariance = covariance + own
         return [
             self._estimate(
                 best,

@@ -225,6 +225,13 @@ class AbstractLoadFitter(abc.ABC):
         """Whether single contacts were fitted by this one, where another serves most."""
         return False
 
+    def bend(self, best: Explanations) -> Floats | None:
+        """Covariance by what readings bend over errors of parameters; None where they do not.
+
+        It is padded as the information is [frame, parameter, parameter].
+        """
+        return None
+
     @abc.abstractmethod
     def inside(self, parameters: Floats, contacts: int) -> Floats:
         """Parameters [frame, parameter] with those beyond their bounds on them."""

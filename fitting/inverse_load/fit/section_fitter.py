@@ -12,6 +12,7 @@ import jax
 import numpy as np
 
 from fitting.arrays import Floats
+from fitting.inverse_load.fit.covariance import inverse
 from fitting.inverse_load.fit.explanation import (
     AbstractLoadFitter,
     Attempt,
@@ -35,6 +36,7 @@ _LITTLE_GAP = 0.05  # share of the film
 # contact the wall holds up the membrane, which then reads like a lighter contact beside it; the
 # fit of that one leaves about 1 % of the film.
 _WALL_GAP = 0.02
+_BEND = np.deg2rad(15.0)  # of a direction over which readings' bend is taken
 _NEVER = 1e9  # stands for an infinite force of first contact [N]
 
 
@@ -90,6 +92,48 @@ class SectionFitter(AbstractLoadFitter):
         """See the base class."""
         low, high = np.repeat(self._bounds, contacts, 0).T
         return np.clip(parameters, low, high)
+
+    def bend(self, best: Explanations) -> Floats | None:
+        """See the base class: over the error of a direction, a large one far from the crown.
+
+        With C the covariance, w = C e / e^T C e the way of all parameters with a direction z,
+        and readings that change by J w z + b z^2, parameters that are fitted to them lie off
+        that way, and normal errors of variance s^2 of the direction cover it by
+
+            d z^2 = -C J^T W b z^2,    <d z^2 (d z^2)^T> = 3 s^4 d d^T
+        """
+        if self.parameters is SECTION:
+            return None
+        found = np.full(best.information.shape, np.nan)
+        for count in np.unique(best.contacts).tolist():
+            frames, width = np.flatnonzero(best.contacts == count), self.per_contact * count
+            own = best.rows(frames)
+            known = inverse(own.information[:, :width, :width])
+            known = np.where(np.isfinite(known), known, 0.0)
+            rows = [self._bend(own, known, count, k) for k in range(2 * count, width)]
+            found[frames, :width, :width] = sum(rows)
+        return found
+
+    def _bend(self, best: Explanations, covariance: Floats, count: int, k: int) -> Floats:
+        """Of frames of some contacts, by the direction in row k of their parameters."""
+        width = covariance.shape[1]
+        variance = covariance[:, k, k, None]
+        way = covariance[:, k] / np.maximum(variance, 1e-30)
+        here, jacobian = (np.nan_to_num(x[:, :width]) for x in (best.parameters, best.jacobian))
+        there = self.inside(here + way * np.minimum(np.sqrt(variance), _BEND), count)
+        moved = self._derivatives(Attempt(best.so, best.weight, there, best.state, count))
+        step = there - here
+        turned = np.where(step[:, k] == 0, np.inf, step[:, k])
+        bend = ((moved - jacobian) * step[..., None]).sum(1) / (2 * turned[:, None] ** 2)
+        bend = np.where(best.weight > 0, np.nan_to_num(bend), 0.0)
+        off = variance[..., None] * (covariance @ jacobian @ (best.weight * bend)[..., None])
+        return np.asarray(3 * off @ off.transpose(0, 2, 1))
+
+    def _derivatives(self, asked: Attempt) -> Floats:
+        """Derivatives of the readings at the starts [frame, parameter, taxel]."""
+        alone = self.live and len(asked.y) == 1
+        fit = self._run(asked, 1) if alone else self._batches(asked, 1)
+        return np.asarray(fit.evaluation.jacobian).transpose(2, 0, 1)
 
     def first_contact(self, places: Floats, extents: Floats) -> Floats:
         """See the base class."""
