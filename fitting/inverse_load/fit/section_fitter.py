@@ -31,6 +31,7 @@ from suas_jax.scene.skin import Skin
 _LANES = 32
 # A few lanes need more steps than most: together they fill fewer batches.
 _FIRST_STEPS, _MORE_STEPS = 2, 30
+_TURNING = 4  # times as many where directions are free: far from the crown their valley bends
 _LITTLE_GAP = 0.05  # share of the film
 # The same where one contact explains a frame. Under two or three times the force of first
 # contact the wall holds up the membrane, which then reads like a lighter contact beside it; the
@@ -57,6 +58,7 @@ class SectionFitter(AbstractLoadFitter):
         self, skin: Skin, table: LoadTable, *, direction: bool, live: bool, most_contacts: int
     ) -> None:
         self.skin, self.table, self.live = skin, table, live
+        self._more_steps = _MORE_STEPS * (_TURNING if direction else 1)
         self.parameters = SECTION_WITH_DIRECTION if direction else SECTION
         self.edge = np.asarray(skin.geometry.half_angle) - edge_margin(skin)
         film = float(skin.geometry.oil_gap[0])
@@ -76,14 +78,14 @@ class SectionFitter(AbstractLoadFitter):
             asked = asked._replace(start=np.concatenate([asked.start, more], 1))
         if self.live and len(asked.y) == 1:
             # The steps of one lane delay no other.
-            fit = self._run(asked, _FIRST_STEPS + _MORE_STEPS)
+            fit = self._run(asked, _FIRST_STEPS + self._more_steps)
             return self._gathered(fit, asked)
         fit = self._batches(asked, _FIRST_STEPS)
         again = np.flatnonzero(np.isfinite(fit.chi2) & ~(fit.predicted_decrease < SETTLED))
         if again.size:
             begin, state = np.asarray(fit.parameters).T, fit.evaluation.state
             own = asked._replace(start=begin, state=state).rows(again)
-            parts = jax.tree.leaves(self._batches(own, _MORE_STEPS))
+            parts = jax.tree.leaves(self._batches(own, self._more_steps))
             for whole, part in zip(jax.tree.leaves(fit), parts, strict=True):
                 whole[..., again] = part
         return self._gathered(fit, asked)
