@@ -70,6 +70,7 @@ def explanations(
         "shift": np.zeros(readings.shape),
         "beside": np.full((frames, 3, 1, 2), np.nan),
         "eliminated": np.zeros((frames, 1, taxels)),
+        "held": slopes.copy(),
     }
     return Explanations(**{**given, **fields})
 
@@ -151,6 +152,7 @@ class DimpleFitter(AbstractLoadFitter):
                     one,
                     parameters=widened(one.parameters, wide),
                     jacobian=widened(one.jacobian, wide),
+                    held=widened(one.held, wide),
                     information=widened(one.information, wide, wide),
                 )
             )

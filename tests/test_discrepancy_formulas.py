@@ -217,6 +217,7 @@ class _OneContact:
         best = Explanations(
             chi2, chi2.copy(), contacts, parameters, jacobian, information, none, none, none,
             so, none[:, None, None], weight.copy(), 0 * y, wide, none[:, None, None],
+            jacobian,
         )  # fmt: skip
         self.seconds, self.asked = none, self.asked + len(y)
         return best, [None] * len(y)

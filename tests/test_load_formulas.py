@@ -342,6 +342,38 @@ def test_errors_of_a_frame_are_those_of_least_squares_with_the_loads() -> None:
     np.testing.assert_allclose(found.pull[0], pull, rtol=1e-9)
 
 
+def test_errors_are_those_of_least_squares_with_what_was_eliminated_under_a_prior() -> None:
+    """An extent that a prior holds was fitted along; the second error is a stiffness."""
+    other, prior = RNG.normal(size=6), 4.0
+    errors = np.stack([ERROR_SLOPES[0], 0.1 * 3.0 * SLOPES[1]])
+    own = WEIGHT @ other**2 + prior
+    share = (SLOPES * WEIGHT) @ other / own
+    information = (SLOPES * WEIGHT) @ SLOPES.T - own * np.outer(share, share)
+    fitted = np.vstack([SLOPES, other])
+    whole = (fitted * WEIGHT) @ fitted.T + np.diag([0.0, 0.0, prior])
+    rest = RESIDUAL - np.linalg.solve(whole, (fitted * WEIGHT) @ RESIDUAL) @ fitted
+    best = explanations(
+        [[0.1, 3.0]],
+        so=np.zeros((1, 6)),
+        jacobian=[SLOPES - np.outer(share, other)],
+        weight=WEIGHT,
+        information=information[None],
+        eliminated=(other / np.sqrt(own))[None, None],
+        held=SLOPES[None],
+    )
+    found = KnownErrors(errors).of(best, rest[None], 2)
+    every = np.vstack([fitted, errors])
+    joint = np.linalg.inv((every * WEIGHT) @ every.T + np.diag([0.0, 0.0, prior, 1.0, 1.0]))
+    x = joint @ (every * WEIGHT) @ RESIDUAL
+    np.testing.assert_allclose(found.spread[0], joint[3:, 3:], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(found.likely[0], x[3:], rtol=1e-9, atol=1e-12)
+    covariance = np.linalg.inv(information) + found.gain[0] @ found.spread[0] @ found.gain[0].T
+    np.testing.assert_allclose(covariance, joint[:2, :2], rtol=1e-9)
+    # A stiffness is a share of the force, and shows in nothing else.
+    np.testing.assert_allclose(found.gain[0, :, 1], [0.0, 0.3], atol=1e-12)
+    np.testing.assert_allclose(found.spread[0, 1], [0.0, 1.0], atol=1e-12)
+
+
 @pytest.mark.parametrize("absorbed", [False, True])
 def test_covariance_by_errors_is_their_spread_and_shift_carried_to_the_loads(
     absorbed: bool,

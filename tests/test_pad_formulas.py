@@ -14,7 +14,7 @@ from fitting.inverse_load.pad import stiffening
 from fitting.inverse_load.pad.columns import Column, _reach, largest_forces
 from fitting.inverse_load.pad.effects import effects_of
 from fitting.inverse_load.pad.fitter import AskewFitter, PadFitter
-from fitting.inverse_load.pad.input_errors import PadErrors, Stiffening
+from fitting.inverse_load.pad.input_errors import InputEffects, PadErrors, Stiffening
 from fitting.inverse_load.pad.interpolant import Correction, PadInterpolant, extents
 from fitting.inverse_load.pad.kept_table import pad_table_of
 from fitting.inverse_load.pad.marginal import Told, beside
@@ -758,10 +758,11 @@ def test_what_is_not_told_is_marginalised() -> None:
     root = random.normal(size=(1, 14, 20))
     information = root @ root.transpose(0, 2, 1)
     whole = np.tile([0.1, 0.02, 5.0, 7e-3, 0.1, 0.0, 0.0], (1, 1)).repeat(2, 1)
-    values, slopes, left, others = told.marginal(whole, root, information, 2)
+    values, slopes, left, others, held = told.marginal(whole, root, information, 2)
     rows, _ = told.columns(2)
     np.testing.assert_array_equal(rows, np.arange(8))
     np.testing.assert_array_equal(values, whole[:, :8])
+    np.testing.assert_array_equal(held, root[:, :8])
     inverse = np.linalg.inv(information)[0][np.ix_(rows, rows)]
     np.testing.assert_allclose(np.linalg.inv(left[0]), inverse, rtol=1e-7)
     # With what the others do nothing of the whole fit is lost: J^T I^-1 J is the sum of both.
@@ -975,6 +976,31 @@ def test_a_strip_is_one_contact_of_its_length_and_force(
     if turn == 45.0:  # straight boxes leave what noise would not
         assert straight.chi2[0] > 20 * askew.chi2[0]
     assert np.isnan(found.beside[0, 0, 2:]).all()  # of tangents this pad says nothing
+
+
+@pytest.mark.parametrize("direction", [False, True])
+def test_a_stiffness_is_a_share_of_the_force_and_shows_in_nothing(
+    spec: SkinSpec, *, direction: bool
+) -> None:
+    # Extents and tangents are fitted along, under priors: they must not tell the stiffness.
+    skin, table = skin_of(spec, elements=(8, 8), contact=False), dent_table()
+    own = lambda: skin, PadShape.of(skin), PadInterpolant(table, RADIUS)
+    fitter = PadFitter(*own, Told(False, direction), live=False, most_contacts=1)
+    y = strip(0.0, 10e-3)
+    weight = np.append(np.full(y.shape[1] - 1, 1.0), 0.0)[None]
+    start = np.array([[0.05, 2e-3, 4.0]])
+    best = fitter.fit(y, weight, start, State(*[np.zeros(0)] * 3), 1)
+    none = np.zeros((1, y.shape[1] - 1))
+    nodes = np.zeros(1), np.zeros(1), np.full((1, 1, 2), [1.0, 20.0]), np.zeros((1, 1, 2, 0))
+    tenth = Stiffening(np.full(1, 0.1), np.zeros((0, 1)).T, *nodes)
+    errors = PadErrors(
+        ("stiffness",), InputEffects(none, none, none, tenth), table, RADIUS, from_rest=True
+    )
+    told = errors.of(best, y - best.so, fitter.per_contact)
+    share = told.gain[0, :, 0] / np.where(np.arange(fitter.per_contact) == 2, 10.0, 1.0)
+    np.testing.assert_allclose(np.abs(share[2]), 0.1 * best.parameters[0, 2] / 10, rtol=1e-8)
+    np.testing.assert_allclose(np.delete(share, 2), 0.0, atol=1e-8)
+    np.testing.assert_allclose(told.spread, 1.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("live", [False, True])

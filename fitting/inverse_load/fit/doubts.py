@@ -73,7 +73,8 @@ class Doubts:
         along, size = self._nodes.score(residual, best.weight)
         own = slice(0, self._per_contact)
         fitted = whitened(best.jacobian[:, own], best.information[:, own, own])
-        fitted = np.concatenate([fitted, best.eliminated], 1)
+        others = best.eliminated[:, best.eliminated.any((0, 2))]
+        fitted = np.concatenate([fitted, others], 1)
         taken = self._nodes.within(fitted, best.weight)
         return np.maximum(along, 0.0) ** 2 / np.maximum(size - taken, _LEAST_OWN * size)
 

@@ -53,9 +53,12 @@ class Explanations:
     # values and standard deviations [frame, contact, quantity, 2]; NaN where not told. On a
     # section the length of the arc that a single contact presses [m].
     beside: Floats
-    # what it does to the readings of a single contact: with J its derivatives of them and
-    # L L^T its information, L^-1 J [frame, row, taxel]; rows of zeros where there is less of it
+    # what it does to readings: with J its derivatives of them and L L^T its information, priors
+    # included, L^-1 J [frame, row, taxel]; rows of zeros where there is less of it
     eliminated: Floats
+    # derivatives of the readings by the parameters, what is eliminated held [frame, parameter,
+    # taxel]
+    held: Floats
 
     def __len__(self) -> int:
         return len(self.chi2)

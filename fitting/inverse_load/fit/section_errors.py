@@ -131,7 +131,7 @@ class SectionErrors(AbstractSectionErrors):
     def slopes(self, best: Explanations, per_contact: int, contacts: int) -> Floats:
         """See the base class."""
         if contacts == 1 and per_contact == _RADIAL:
-            jacobian = best.jacobian[:, :_RADIAL]
+            jacobian = best.held[:, :_RADIAL]
             return self.under_one(best.parameters[:, 0], best.parameters[:, 1], jacobian)
         width = per_contact * contacts
         there = best.state

@@ -199,4 +199,5 @@ class SectionFitter(AbstractLoadFitter):
             shift=np.zeros(fit.evaluation.so.T.shape),
             beside=np.full((len(fit.chi2), wide // self.per_contact, 1, 2), np.nan),
             eliminated=np.zeros((len(fit.chi2), 1, fit.evaluation.so.shape[0])),
+            held=widened(jacobian, wide),
         )

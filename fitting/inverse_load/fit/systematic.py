@@ -9,10 +9,12 @@ errors, W the weights and r the residuals of a frame, to first order::
     dx = -G c,  G = (J^T W J)^-1 J^T W S         what they do to the loads
     chi2 falls by (S'^T W r)^T P (S'^T W r)      less what the errors themselves count
 
-A stiffness hardly shows in the residuals (S' is small, P is 1) and moves every frame's force
-alike; a gap without a baseline shows in every taxel. Loads are fitted with the inputs as
-written; their covariance is that of noise, plus G (P + c c^T) G^T. Only where noise alone
-doesn't explain a frame are errors fitted with its loads (`Selection`).
+What was fitted along and eliminated explains its part of S, too: J and J^T W J are what it
+leaves of them, and c = P (S - J_held G)^T W r. A stiffness hardly shows in the residuals
+(S' is small, P is 1) and moves every frame's force alike; a gap without a baseline shows in
+every taxel. Loads are fitted with the inputs as written; their covariance is that of noise,
+plus G (P + c c^T) G^T. Only where noise alone doesn't explain a frame are errors fitted with
+its loads (`Selection`).
 
 Readings that count from a baseline are moved by S less its value at rest.
 """
@@ -98,13 +100,17 @@ class AbstractSystematicErrors(abc.ABC):
         moved = jacobian * best.weight[:, None]
         across = np.swapaxes(slopes, 1, 2)
         # What a frame doesn't determine at all is no less known for the errors.
-        covariance = inverse(best.information[:, :width, :width])
+        information = best.information[:, :width, :width]
+        covariance = inverse(information)
         covariance = np.where(np.isfinite(covariance), covariance, 0.0)
         gain = covariance @ (moved @ across)
-        free = slopes - np.swapaxes(gain, 1, 2) @ jacobian
-        weighted = free * best.weight[:, None]
-        left = weighted @ np.swapaxes(free, 1, 2)
-        pull = (weighted @ np.where(used, np.nan_to_num(residual), 0.0)[..., None])[..., 0]
+        weighted = slopes * best.weight[:, None]
+        others = best.eliminated @ np.swapaxes(weighted, 1, 2)
+        known = np.swapaxes(gain, 1, 2) @ np.nan_to_num(information) @ gain
+        left = weighted @ across - known - np.swapaxes(others, 1, 2) @ others
+        held = np.where(used[:, None], np.nan_to_num(best.held[:, :width]), 0.0)
+        free = (slopes - np.swapaxes(gain, 1, 2) @ held) * best.weight[:, None]
+        pull = (free @ np.where(used, np.nan_to_num(residual), 0.0)[..., None])[..., 0]
         spread = np.asarray(np.linalg.inv(np.eye(len(self.names)) + left), float)
         likely = (spread @ pull[..., None])[..., 0]
         return ErrorsOfFrames(slopes, gain, left, pull, spread, likely, (pull * likely).sum(1))

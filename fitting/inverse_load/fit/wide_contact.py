@@ -58,6 +58,7 @@ class WideContactFitter(SectionFitter):
             information=information[:2, :2] - share[:, None] * information[2, :2],
         )
         found = super()._gathered(reduced, asked)
+        found.held[:, :2] = np.asarray(jacobian[:2]).transpose(2, 0, 1)
         found.eliminated[:, 0] = np.asarray(jacobian[2] / np.sqrt(own)).T
         length = np.sqrt(np.asarray(fit.parameters[2]))
         variance = 1 / np.maximum(own - (share * information[2, :2]).sum(0), 1e-300)

@@ -322,10 +322,10 @@ class PadFitter(AbstractLoadFitter):
         low = np.where(fit.parameters < low, -np.inf, low)
         _, decrease = step_of(fit, low, high, np.zeros(frames))
         own = self.told.marginal(fit.parameters, fit.jacobian, fit.information, contacts)
-        parameters, jacobian, information, others = own
-        eliminated = np.zeros((frames, ASKEW - PLAIN, fit.readings.shape[1]))
-        if contacts == 1:
-            eliminated[:, : others.shape[1]] = others
+        parameters, jacobian, information, others, held = own
+        rows = (ASKEW - PLAIN) * max(self._most, contacts)
+        eliminated = np.zeros((frames, rows, fit.readings.shape[1]))
+        eliminated[:, : others.shape[1]] = others
         more = np.full((frames, max(self._most, contacts), len(BESIDE), 2), np.nan)
         more[:, :contacts] = beside(
             fit.parameters, fit.information, self.squares.prior, contacts
@@ -349,6 +349,7 @@ class PadFitter(AbstractLoadFitter):
             shift=np.zeros_like(fit.readings),
             beside=more,
             eliminated=eliminated,
+            held=widened(held, wide),
         )
 
 

@@ -102,7 +102,7 @@ class PadErrors(AbstractSystematicErrors):
         """See the base class."""
         del per_contact
         parameters = best.parameters[:, : 3 * contacts].reshape(-1, 3, contacts)
-        by_force = best.jacobian[:, 2 * contacts : 3 * contacts]
+        by_force = best.held[:, 2 * contacts : 3 * contacts]
         angle, axial, force = parameters.swapaxes(0, 1)
         return self.under(angle, axial, force, by_force, best.so[:, :-1], best.pressure)
 

@@ -93,10 +93,11 @@ class Told:
 
     def marginal(
         self, whole: Floats, jacobian: Floats, information: Floats, contacts: int
-    ) -> tuple[Floats, Floats, Floats, Floats]:
+    ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
         """Parameters that are told, jacobian and information with the others eliminated.
 
-        Last what those do to readings, see `Explanations.eliminated` [frame, row, channel].
+        Last what those do to readings, and the jacobian with those held, see
+        `Explanations.eliminated` and `Explanations.held` [frame, row, channel].
         """
         shown, slopes = self.turned(whole, contacts)
         turned = np.swapaxes(slopes, 1, 2)
@@ -110,6 +111,7 @@ class Told:
             jacobian[:, told] - share @ jacobian[:, other],
             information[:, told[:, None], told] - share @ across,
             whitened(jacobian[:, other], own),
+            jacobian[:, told],
         )
 
 
