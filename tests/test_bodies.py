@@ -268,6 +268,8 @@ def test_a_shell_between_two_rigid_surfaces_has_no_answer() -> None:
         (30, 4.0, None, False),
         (30, 5.5, None, True),
         (30, 8.0, "squeezed", True),
+        (30, 16.0, "squeezed", True),  # the face lies nearer to the body's other side
+        (30, 300.0, "squeezed", True),
         (85, 2.0, "body_on_clamp", False),
     ],
 )

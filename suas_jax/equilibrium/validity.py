@@ -48,7 +48,8 @@ def room_for_bodies(problem: Problem) -> tuple[Int[Array, " lane"], Bool[Array, 
         if wall is not None:
             layer = wall.law.thickness if isinstance(wall.law, SoftLayer) else 0.0
             room = wall.geometry.gap(there.angle, there.axial) + layer + thickness
-            left = jnp.min(room + there.gap, (0, 1))
+            # Points deeper in a body than its radius are near its other side again.
+            left = jnp.minimum(jnp.min(room + there.gap, (0, 1)), body.tip_over(wall, layer))
             lost = jnp.where(left < 0, index_of("squeezed"), lost)
             tight |= left < thickness
         deep = there._replace(gap=there.gap + ON_CLAMP * thickness)
