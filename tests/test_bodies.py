@@ -1073,6 +1073,34 @@ def _by_force(angle: float, force: float) -> dict[str, Any]:
     return {key: value for key, value in table.items() if key != "depth"}
 
 
+def test_a_gradient_s_error_under_bodies_is_told_by_the_coarser_mesh(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By a stand-in whose force grows a tenth faster there, along each input alike."""
+    from suas_jax.scene import gradient
+
+    spec = scene(body(20, 2.0))
+    known = continuous_inputs(spec)
+    meshes = [SimpleNamespace(counts=(count,)) for count in (32, 64)]
+
+    def report_with(_: Any, inputs: Any, *, judged: bool) -> Any:
+        moved = sum(inputs[key] / value - 1 for key, value in known.items() if value)
+        return {"oil_pressure_Pa": 3.0 + (2.0 if judged else 2.2) * moved}
+
+    def stated(coarsest: Any) -> float | None:
+        solution: Any = SimpleNamespace(
+            scene=spec,
+            plan=meshes[1],
+            coarsest=SimpleNamespace(plan=coarsest),
+            report={"model_error": 0.01},
+        )
+        return gradient.gradient_error_estimate(solution, "oil_pressure_Pa")
+
+    monkeypatch.setattr(gradient, "report_with", report_with)
+    assert stated(meshes[0]) == pytest.approx(0.01 + 2 / 3 * 0.1)
+    assert stated(meshes[1]) is None
+
+
 @pytest.mark.long  # programs of a scene by force; the search is in the test before
 def test_travel_from_force_inverts_force_from_travel() -> None:
     known = on_the_crown(2.0)
