@@ -268,6 +268,8 @@ def test_a_shell_between_two_rigid_surfaces_has_no_answer() -> None:
         (30, 4.0, None, False),
         (30, 5.5, None, True),
         (30, 8.0, "squeezed", True),
+        (30, 16.0, "squeezed", True),  # the face lies nearer to the body's other side
+        (30, 300.0, "squeezed", True),
         (85, 2.0, "body_on_clamp", False),
     ],
 )
@@ -1038,9 +1040,65 @@ def test_drags_are_found_from_tangential_forces(turn: float) -> None:
     assert outcome["result"][0] == index_of("sliding")
 
 
+def test_drags_are_found_where_points_turn_one_by_one() -> None:
+    """By a stand-in of a ball on a pad, whose points have slid outward as it came in."""
+    table = {"kind": "body", "shape": "sphere", "radius": "8 mm", "angle": "20 deg"}
+    pulls = {"tangential_force": "0.02 N", "tangential_force_axial": "0.01 N"}
+    spec = pad_scene(table | pulls | {"force": "0.1 N", "friction": 0.3, "axial": "5 mm"})
+    offset = np.array([[20.0, 3.0], [-11.0, 15.0], [4.0, -14.0], [-16.0, -5.0]])  # [um]
+
+    def run(inputs: Any, start: Any) -> Any:
+        keys = ("depth", "drag", "drag_axial")
+        depth, *drag = (1e6 * float(inputs[f"load.0.{key}"]) for key in keys)
+        force, slip = 0.06 * (depth / 1e3) ** 1.7, drag + offset * (depth / 1e3)
+        size = np.sqrt((slip**2).sum(1, keepdims=True) + 1.5**2)
+        along, across = 0.3 * force * (slip / size).mean(0)
+        values = {"force_N": force, "depth_m": depth / 1e6}
+        values |= {"tangential_force_N": along, "drag_m": drag[0] / 1e6}
+        values |= {"tangential_force_axial_N": across, "drag_axial_m": drag[1] / 1e6}
+        load = {key: np.array([x]) for key, x in values.items()}
+        return {"loads": [load]}, start, start, start, {"result": np.zeros(1)}
+
+    inputs = {k: np.asarray(v) for k, v in continuous_inputs(spec).items()}
+    zero = np.zeros(1)
+    report, *_, outcome = under_forces(spec, inputs, State(zero, zero, zero), run)
+    assert outcome["result"][0] == 0
+    (load,) = report["loads"]
+    for key, wanted in (("", 0.02), ("_axial", 0.01)):
+        assert abs(load[f"tangential_force{key}_N"][0] - wanted) < 1e-10
+
+
 def _by_force(angle: float, force: float) -> dict[str, Any]:
     table = body(angle, 0.0) | {"force": f"{force!r} N"}
     return {key: value for key, value in table.items() if key != "depth"}
+
+
+def test_a_gradient_s_error_under_bodies_is_told_by_the_coarser_mesh(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By a stand-in whose force grows a tenth faster there, along each input alike."""
+    from suas_jax.scene import gradient
+
+    spec = scene(body(20, 2.0))
+    known = continuous_inputs(spec)
+    meshes = [SimpleNamespace(counts=(count,)) for count in (32, 64)]
+
+    def report_with(_: Any, inputs: Any, *, judged: bool) -> Any:
+        moved = sum(inputs[key] / value - 1 for key, value in known.items() if value)
+        return {"oil_pressure_Pa": 3.0 + (2.0 if judged else 2.2) * moved}
+
+    def stated(coarsest: Any) -> float | None:
+        solution: Any = SimpleNamespace(
+            scene=spec,
+            plan=meshes[1],
+            coarsest=SimpleNamespace(plan=coarsest),
+            report={"model_error": 0.01},
+        )
+        return gradient.gradient_error_estimate(solution, "oil_pressure_Pa")
+
+    monkeypatch.setattr(gradient, "report_with", report_with)
+    assert stated(meshes[0]) == pytest.approx(0.01 + 2 / 3 * 0.1)
+    assert stated(meshes[1]) is None
 
 
 @pytest.mark.long  # programs of a scene by force; the search is in the test before

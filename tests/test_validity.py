@@ -172,6 +172,14 @@ def test_more_is_left_on_a_stiff_wall(problem: Problem, state: State) -> None:
             assert NAMES[int(found[0])] == name
 
 
+def test_a_skin_that_a_body_has_left_is_at_rest(problem: Problem, state: State) -> None:
+    """Of the displacement that Newton's method leaves nothing is in balance."""
+    rest, one = jax.tree.map(jnp.zeros_like, state), jnp.ones(1)
+    forces = jnp.full(1, 1e-109), jnp.full(1, 1e-114)
+    found = validity(problem, rest, forces, one, jnp.zeros(1), jnp.ones(1, bool))
+    assert NAMES[int(found[0])] == "converged"
+
+
 def test_a_volume_that_is_not_kept_is_named(problem: Problem, state: State) -> None:
     """The film's own volume decides: a micrometre of displacement is far too much."""
     grown = 1 + 1e-4 / np.max(np.abs(np.asarray(state.q)))

@@ -26,6 +26,8 @@ _UNBALANCED = 1e-8
 # On a wall, whose stiffness meets Newton's last correction: 1e-12 of the displacement of a soft
 # membrane, 7e-15 m, left 1.2e-6.
 _UNBALANCED_ON_A_WALL = 1e-5
+# What is left of a state that has come back to rest, as when a body leaves the skin [N, N/m].
+_NOTHING = 1e-60
 _VOLUME = 1e-9
 # Of a thickness: how deep a body lies over an edge, which no load takes away from it.
 ON_CLAMP = 1e-3
@@ -48,7 +50,8 @@ def room_for_bodies(problem: Problem) -> tuple[Int[Array, " lane"], Bool[Array, 
         if wall is not None:
             layer = wall.law.thickness if isinstance(wall.law, SoftLayer) else 0.0
             room = wall.geometry.gap(there.angle, there.axial) + layer + thickness
-            left = jnp.min(room + there.gap, (0, 1))
+            # Points deeper in a body than its radius are near its other side again.
+            left = jnp.minimum(jnp.min(room + there.gap, (0, 1)), body.tip_over(wall, layer))
             lost = jnp.where(left < 0, index_of("squeezed"), lost)
             tight |= left < thickness
         deep = there._replace(gap=there.gap + ON_CLAMP * thickness)
@@ -78,7 +81,7 @@ def validity(
     # The last that applies names the state: an energy that is none explains the rest.
     for wrong, name in (
         (~(volume <= _VOLUME), "volume_not_kept"),
-        (~(error <= allowed * scale), "unbalanced"),
+        (~(error <= allowed * scale + _NOTHING), "unbalanced"),
         (~(stretch_min > 0), "inverted"),
         (~(jnp.isfinite(energy) & in_domain), "outside_material_domain"),
     ):

@@ -26,7 +26,7 @@ from suas_jax.scene.travel import driven_by_force, travels_of
 from suas_jax.skin.prestress import is_prestressed
 
 # Error of the finer of two meshes over their difference, twice what order two leaves.
-_FINER_SHARE = 2 / 3
+FINER_SHARE = 2 / 3
 # Stations beneath bodies are rounded to this share of a thickness: mirrored ones shall stay so,
 # and a travel and its force, which a coarser mesh tells of each other to 1e-3, shall have one
 # mesh, as shall slightly different inputs.
@@ -337,7 +337,7 @@ def difference(scene: SceneSpec, a: dict[str, Any], b: dict[str, Any]) -> float:
             pairs.append((old["displacement_m"], new["displacement_m"], largest))
     pairs.append((a["max_displacement_m"], b["max_displacement_m"], largest))
     sizes = [abs(number(x) - number(y)) / abs(z) for x, y, z in pairs if not abs(z) <= _NOTHING]
-    return _FINER_SHARE * float(np.max(sizes, initial=0.0))  # NaN where one is
+    return FINER_SHARE * float(np.max(sizes, initial=0.0))  # NaN where one is
 
 
 def carried(

@@ -18,6 +18,7 @@ from suas_jax.equilibrium.correction import corrected
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.runtime.compiled import COMPILED, require_float64
 from suas_jax.scene.build import problem_of
+from suas_jax.scene.choice import FINER_SHARE
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import unloaded
@@ -203,11 +204,13 @@ def gradient_error_estimate(solution: Solution, path: str) -> float | None:
     of second derivatives would take longer to compile than all of them to run.
 
     Oil pressure and displacement under a line or patch have estimates of their own; the
-    gradients of others take the largest of these. None where it is unknown, as under bodies,
-    whose errors are told by another solve.
+    gradients of others take the largest of these. Under bodies see `_error_between_meshes`.
+    None where it is unknown.
     """
-    if unloaded(solution.scene) or solution.scene.bodies:
+    if unloaded(solution.scene):
         return None
+    if solution.scene.bodies:
+        return _error_between_meshes(solution, path)
     known = continuous_inputs(solution.scene)
     random = np.random.default_rng(0)
     slopes, errors, floor = [], [], 0.0
@@ -232,6 +235,35 @@ def gradient_error_estimate(solution: Solution, path: str) -> float | None:
     share = np.divide(error, size, out=np.zeros_like(error), where=size > 0)
     found = floor + float(share.max() if own is None else share[own])
     return found if math.isfinite(found) else None
+
+
+def _error_between_meshes(solution: Solution, path: str) -> float | None:
+    """The same of a body's scene, whose errors are told by another solve, on a coarser mesh.
+
+    Where a body touches a few points, its force ripples as it moves over them: by little, but
+    so does its derivative by much. On each mesh points lie elsewhere.
+    """
+    scene = solution.scene
+    if solution.coarsest.plan.counts == solution.plan.counts:
+        return None
+    known, random = continuous_inputs(scene), np.random.default_rng(0)
+
+    def on_both(shares: dict[str, float]) -> NDArray[np.float64] | None:
+        inputs = {name: value * (1 + shares[name]) for name, value in known.items()}
+        reports = [report_with(solution, inputs, judged=judged) for judged in (False, True)]
+        found = [None if report is None else picked(report, path) for report in reports]
+        return None if None in found else np.array(found, float)
+
+    here, slopes = on_both(dict.fromkeys(known, 0.0)), []
+    for _ in range(_DIRECTIONS):
+        steps = dict(zip(known, random.choice([-_STEP, _STEP], len(known)), strict=True))
+        there = None if here is None else on_both(steps)
+        if here is None or there is None:
+            return None
+        slopes.append((there - here) / _STEP)
+    coarse, fine = np.stack(slopes, -1)
+    size, error = np.linalg.norm(fine), FINER_SHARE * np.linalg.norm(fine - coarse)
+    return float(solution.report["model_error"] + error / size) if size > 0 else None
 
 
 class _KeyQuantities(NamedTuple):

@@ -142,8 +142,8 @@ def _remarks(
         )
     if any(load["zones"] and not load["contact_resolved"] for load in _bodies(report)):
         remarks.append(
-            "A body touches less than the mesh resolves: its force and travel are right, the "
-            "width of contact and its largest pressure are not known."
+            "A body touches less than the mesh resolves: the errors stated are those of its "
+            "force, the width of contact and its largest pressure are not known."
         )
     if not report["material_stable"]:
         remarks.append("The material leaves its stability window (see the stretches).")

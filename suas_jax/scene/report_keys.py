@@ -97,7 +97,7 @@ LOAD_KEYS = {
     "contact_to_m": "where it ends",
     "max_contact_pressure_Pa": "largest pressure of a body on the skin",
     "contact_resolved": "whether enough points touch to state width and largest pressure; "
-    "force and travel are right in any case",
+    "force and travel have the errors stated in any case",
     "zones": "how many parts of the outer face a body touches",
     "displacement_m": "of the mid-surface under the load, along its direction",
     "inner_displacement_m": "of the inner face under the load, along its direction",

@@ -31,6 +31,9 @@ _SETTLED = 0.1  # largest error of forces along the approach, over those across
 # Steps of bodies that are found together, their halvings, the longest one and the travel that
 # tells slopes, in thicknesses.
 _MOST_TOGETHER, _HALVINGS, _FARTHEST, _PROBED = 30, 6, 1.0, 1e-3
+# The same travel across, over that; the error below which drags are found so, too: points turn
+# to where they are dragged one by one, which differences of far runs do not tell.
+_FINER, _NEAR, _LEAST_FORCE = 1e-2, 0.1, 1e-300
 _PATIENCE = 12  # runs without progress after which a body slides, or goes no further
 
 
@@ -271,7 +274,7 @@ def _ended(
     error, found, y = best
     if error <= _LOOSE:
         return found
-    if len(y) > 1 and not search.across.any():
+    if len(y) > 1 and (error < _NEAR or not search.across.any()):
         together = _together(search, found, run)
         if together is not None:
             return together
@@ -283,17 +286,19 @@ def _ended(
 def _together(
     search: _Search, found: Solved, run: Callable[[Mapping[str, np.ndarray], State], Solved]
 ) -> Solved | None:
-    """A solution of bodies whose forces depend on one another's travels more than on their own.
+    """A solution where forces depend on one another's travels more than on their own.
 
     The skin that one dents meets the other: forces are nearly alike unless the travels are far
     apart, one of them perhaps negative, where no logarithm goes. Newton's method in travels and
     forces themselves, by differences, from the best of the search; None where it fails.
     """
     driven, wanted, length = search
+    probed = _PROBED * np.where(search.across, _FINER, 1.0)
 
     def missed(report: dict[str, Any]) -> np.ndarray:
-        pressed = np.array([d.of(report, d.force) for d in driven])
-        return pressed / wanted - 1
+        apart = np.array([d.of(report, d.force) for d in driven]) - wanted
+        pressed = [number(report["loads"][d.load]["force_N"]) for d in driven]
+        return apart / np.maximum(np.where(search.across, pressed, wanted), _LEAST_FORCE)
 
     def at(gone: np.ndarray) -> tuple[Solved, np.ndarray]:
         rows = zip(driven, length * gone, strict=True)
@@ -304,8 +309,8 @@ def _together(
     gone = np.array([d.of(found[0], d.travel) for d in driven]) / length
     y = missed(found[0])
     for _ in range(_MOST_TOGETHER):
-        probes = [at(gone + _PROBED * row)[1] for row in np.eye(len(gone))]
-        slope = (np.stack(probes, 1) - y[:, None]) / _PROBED
+        probes = [at(gone + row)[1] for row in np.diag(probed)]
+        slope = (np.stack(probes, 1) - y[:, None]) / probed
         if not np.isfinite(slope).all() or np.linalg.matrix_rank(slope) < len(y):
             return None
         step = -np.linalg.solve(slope, y)

@@ -22,7 +22,7 @@ from suas_jax.numerics.jet import Jet, second_order
 from suas_jax.skin.body_shapes import AbstractShape, shape_of
 from suas_jax.skin.circle import Circle
 from suas_jax.skin.section import AbstractSection, outward, tangent
-from suas_jax.skin.wall import AbstractPressureGap
+from suas_jax.skin.wall import AbstractPressureGap, Wall
 
 _STICK = 1e-3  # thicknesses of slip until friction is mobilised
 _ANGLES, _LENGTHS = 1601, 81  # places among which the first touch is sought
@@ -116,6 +116,17 @@ class Body(eqx.Module):
         """
         seen = PlacedBody(self, jnp.zeros_like(self.travel), self.drag).seen(position)
         return self.shape.height(seen[:-1]) - seen[-1]
+
+    def tip_over(self, wall: Wall, layer: Lanes | float) -> Lanes:
+        """Height of its tip over a wall, at full load or little beneath the wall [m].
+
+        `layer`: how far the wall lies beneath the surface of what covers it [m].
+        """
+        start = self.origin if self.drag is None else self.origin + self.drag
+        over = jnp.maximum(wall.gap(start, self.angle) + layer, 0.0)
+        # No further, as a height means nothing far beneath a curved surface.
+        travel = jnp.minimum(self.travel, 2 * over)
+        return wall.gap(start - travel * self.frame[-1], self.angle) + layer
 
     @property
     def along(self) -> Float[Array, "2 lane"]:
