@@ -24,9 +24,12 @@ from fitting.sensor.model.constants import (
     named,
 )
 from fitting.sensor.report.skin_file import _layers, _text
+from fitting.sensor.shapes.deformations import place_text
 from suas_jax.config import UncertainQuantity, load_skin
 from suas_jax.config.inelastic import RelaxationSpec
 from suas_jax.config.sections.circle import CircleSpec
+from suas_jax.config.sections.spline import SplineSpec
+from suas_jax.skin.plain import angles_at, plain_geometry
 
 ROOT = Path(__file__).parent.parent
 
@@ -481,6 +484,16 @@ def test_exchanged_taxels_are_named(rest: int) -> None:
         data: Any = SimpleNamespace(spec=load_skin(ROOT / "configs/skins/suas.toml"))
         text = checks.exchanged_warning(one, np.ones(2), data)
         assert told in text if told else not text
+
+
+def test_places_of_known_loads_are_told_as_scenes_tell_them() -> None:
+    circle = load_skin(ROOT / "configs/skins/suas.toml").geometry
+    points = ((-0.04, 0.0), (-0.022, 0.027), (0.0, 0.03), (0.02, 0.024), (0.038, 0.0))
+    size = {"thickness": 1.2e-3, "width": 0.06, "oil_gap": 3e-3}
+    spline = SplineSpec(section="spline", points=points, **size)
+    assert place_text(plain_geometry(circle).section, np.deg2rad(30)) == "30 deg"
+    angle = float(angles_at(spline, "arc", np.array([-25e-3]))[0])
+    assert place_text(plain_geometry(spline).section, angle) == "arc -25 mm"
 
 
 def test_what_a_fit_leaves_out_is_listed_taxel_by_taxel() -> None:

@@ -114,6 +114,19 @@ def test_a_simulated_log_carries_its_true_loads(folder: Path, played: SoLog) -> 
         load_sensor_data(path.scene.skin, [folder / "played.csv"], [other])
 
 
+def test_a_soft_skin_is_simulated_on_a_fine_mesh(folder: Path) -> None:
+    """With the 32 elements that `forward` takes, readings are off by 4e-4."""
+    soft = SCENE.replace('preset = "epdm-paper"', 'law = "neo-hookean"\nmu = "1.5 MPa"')
+    (folder / "soft.toml").write_text(soft)
+    scene = load_scene(folder / "soft.toml")
+    time, angle, force = np.arange(3.0), np.array([7.0, -21, 33]), np.array([0.3, 0.45, 0.6])
+    columns = {"loads.0.angle_deg": angle, "loads.0.force_N": force}
+    found = capacitances(LoadPath(scene, time, columns), time)
+    fine = skin_of(scene, elements=256, contact=False)
+    want = quick(forward)(fine, Loads.line(np.deg2rad(angle), force)).readings.capacitance
+    np.testing.assert_allclose(found, np.asarray(want).T, rtol=1.5e-4)
+
+
 def test_a_path_warms_and_sinks_the_skin(folder: Path) -> None:
     """Frames are those of the scene in their surroundings, whose columns the log has."""
     grows = SCENE.replace("[oil]", 'expansion = "EPDM"\n[oil]\nbulk_modulus = "1.1 GPa"')

@@ -18,8 +18,10 @@ from suas_jax.equilibrium.equilibrium import State
 from suas_jax.equilibrium.outcomes import NAMES, advice
 from suas_jax.mechanics.section_face import NormalFace
 from suas_jax.runtime.compiled import COMPILED
+from suas_jax.skin.circle import Circle
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil
+from suas_jax.skin.section import AbstractSection
 
 # Most and fewest states solved in one call: few sizes, few compiled programs.
 _BLOCK, _FEWEST = 256, 8
@@ -117,7 +119,7 @@ def _solve(
 
     found = run(force, start)
     if not wanted.any():
-        _insist(found, loads, force)
+        _insist(found, loads, force, geometry.section)
         return force, found
     good, good_found = force, found
     step = np.ones(count)
@@ -150,23 +152,33 @@ def _solve(
     worst = int(np.argmax(np.abs(missing).max(0)))
     if np.abs(missing[:, worst]).max() > 1e3 * _ACCURACY:
         k = int(np.argmax(np.abs(missing[:, worst])))
+        where = place_text(geometry.section, loads.angle[k, worst])
         raise NoDeformation(
-            f"load {k} at {np.rad2deg(loads.angle[k, worst]):.4g} deg: no force moves the "
-            f"membrane by {1e3 * loads.displacement[k, worst]:.4g} mm (the nearest that was "
-            f"reached is {1e3 * float(good_found.displacement[k, worst]):.4g} mm); check the "
+            f"load {k} at {where}: no force moves the membrane by "
+            f"{1e3 * loads.displacement[k, worst]:.4g} mm (the nearest that was reached is "
+            f"{1e3 * float(good_found.displacement[k, worst]):.4g} mm); check the "
             "column's unit and sign, and that the load is one the skin can carry"
         )
     return good, good_found
 
 
-def _insist(found: Response, loads: KnownLoads, force: np.ndarray) -> None:
+def place_text(section: AbstractSection, angle: float) -> str:
+    """A place as scenes tell it [rad]: of a circle its angle, else the arc from the middle."""
+    if isinstance(section, Circle):
+        return f"{np.rad2deg(angle):.4g} deg"
+    return f"arc {1e3 * float(section.arc(jnp.array([angle]))[0]):.4g} mm"
+
+
+def _insist(
+    found: Response, loads: KnownLoads, force: np.ndarray, section: AbstractSection
+) -> None:
     failed = np.flatnonzero(np.asarray(found.result))
     if not failed.size:
         return
     at = failed[0]
     name = NAMES[int(found.result[at])]
     where = ", ".join(
-        f"{force[k, at]:.4g} N at {np.rad2deg(loads.angle[k, at]):.4g} deg"
+        f"{force[k, at]:.4g} N at {place_text(section, loads.angle[k, at])}"
         for k in range(len(force))
     )
     raise NoDeformation(f"{where}: {name}; check the columns' units. {advice(name)}")

@@ -18,7 +18,7 @@ import numpy as np
 from fitting.arrays import Floats
 from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.model.constants import PUSH, with_constants
-from fitting.sensor.shapes.deformations import NoDeformation
+from fitting.sensor.shapes.deformations import NoDeformation, place_text
 from fitting.sensor.shapes.shape_slopes import Moving
 from fitting.sensor.shapes.state_programs import (
     Inputs,
@@ -51,6 +51,7 @@ from suas_jax.scene.skin import PAD_ELEMENTS
 from suas_jax.scene.structure import Structure
 from suas_jax.skin.oil import AbstractOil
 from suas_jax.skin.plain import plain_geometry
+from suas_jax.skin.section import AbstractSection
 
 DIAMETER = 6e-3
 """Of contacts whose diameter no column gives [m]."""
@@ -241,7 +242,7 @@ class SceneStates:
                         long=True,
                     )
             assert found is not None
-            _insist(found, loads, row)
+            _insist(found, loads, row, plain_geometry(self._spec.geometry).section)
             return found
 
         wanted = loads.displacement[:, row]
@@ -300,7 +301,7 @@ def _mesh(plan: AbstractPlan) -> bytes:
     return b"".join(np.asarray(x).tobytes() for x in jax.tree.leaves(plan))
 
 
-def _insist(found: SolvedState, loads: KnownLoads, row: int) -> None:
+def _insist(found: SolvedState, loads: KnownLoads, row: int, section: AbstractSection) -> None:
     """Refuse a state without equilibrium, or one in which a body presses on the wall."""
     result, through = int(number(found.result)), loads.bodies and number(found.gap) <= 0
     if not result and not through:
@@ -308,7 +309,7 @@ def _insist(found: SolvedState, loads: KnownLoads, row: int) -> None:
     amounts = 1e3 * loads.depth[:, row] if loads.bodies else np.ravel(found.force)
     unit = "mm deep" if loads.bodies else "N"
     where = ", ".join(
-        f"{amount:.4g} {unit} at {np.rad2deg(a):.4g} deg, {1e3 * z:.4g} mm axially"
+        f"{amount:.4g} {unit} at {place_text(section, a)}, {1e3 * z:.4g} mm axially"
         for amount, a, z in zip(amounts, loads.angle[:, row], loads.axial[:, row], strict=True)
     )
     if not result:
