@@ -12,6 +12,7 @@ import pytest
 from scipy import stats
 from skins import shaped
 
+from fitting.cli.force_range import _section_rows
 from fitting.force_range import bound as force_bound
 from fitting.force_range import pad as pad_range
 from fitting.force_range.bound import ForceRange, least_errors, smallest_told
@@ -865,6 +866,10 @@ def test_range_is_from_the_first_force_told_to_the_last() -> None:
     np.testing.assert_allclose(found.smallest, [0.75, np.nan, between], rtol=1e-12)
     np.testing.assert_array_equal(found.largest, [4.0, np.nan, 2.0])
     np.testing.assert_array_equal(found.saturation, [4.0, np.nan, np.nan])
+    _, shown, note = _section_rows(found)
+    assert [row[1] for row in shown] == ["6", "–", "4"]
+    assert note is not None
+    assert "no load there brings the membrane to the wall" in note
     rows = found.report()["angles"]
     assert rows[0]["first_contact"] == {
         "force_N": 6.0,

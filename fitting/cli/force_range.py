@@ -26,6 +26,10 @@ if TYPE_CHECKING:
 
 
 _Table: TypeAlias = tuple[list[str], list[list[str]], str | None]
+_NO_CONTACT = (
+    "no first contact (–): no load there brings the membrane to the wall, or the way there has "
+    "no equilibrium (suas solve names it)"
+)
 
 
 def find_range(
@@ -101,7 +105,7 @@ def _section_rows(found: "ForceRange") -> _Table:
         further = (1e-3 * found.oil_pressure, found.smallest, found.largest, found.saturation)
         first = _shown(found.first_contact[i])
         rows.append([f"{place:.1f}", first, interval, *(_shown(x[i]) for x in further)])
-    return names, rows, None
+    return names, rows, None if np.isfinite(found.first_contact).all() else _NO_CONTACT
 
 
 def _pad_rows(found: "PadForceRange") -> _Table:

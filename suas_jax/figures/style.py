@@ -28,7 +28,8 @@ SECOND = "#e69f00"
 _COLOURS = (FIRST, CONTACT, "#009e73", "#cc79a7", "#56b4e9", SECOND, "#000000")
 _DOTS_PER_INCH = 150
 _STYLE: Any = {
-    "axes.prop_cycle": cycler(color=_COLOURS),
+    # An eighth line is dashed: it has the first one's colour.
+    "axes.prop_cycle": cycler(linestyle=["-", "--"]) * cycler(color=_COLOURS),
     "font.size": 9.0,
 }
 _P = ParamSpec("_P")
