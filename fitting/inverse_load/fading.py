@@ -35,7 +35,7 @@ class LeftBehind(NamedTuple):
     """What stayed where a contact had ended."""
 
     before: float  # force of the contact [N]
-    ended: float  # time at which it had [s]
+    ended: float  # time by which it had ended [s]
     first: float  # force that stayed [N]
     until: float  # time of the last frame that shows it [s]
     last: float  # force then [N]
@@ -44,9 +44,9 @@ class LeftBehind(NamedTuple):
         """In a sentence; whether the skin file states a relaxation."""
         why = "too little relaxation" if remembers else "no relaxation"
         return (
-            f"where {self.before:.3g} N had ended at {self.ended:.6g} s, {self.first:.2g} N "
-            f"stayed and faded to {self.last:.2g} N by {self.until:.6g} s (status fading), as "
-            f"the dent does in a membrane that relaxes; [material] states {why}"
+            f"after {self.before:.3g} N ended at {self.ended:.6g} s, {self.first:.2g} N stayed "
+            f"and faded to {self.last:.2g} N by {self.until:.6g} s (status fading), as the dent "
+            f"in a membrane that relaxes does; [material] states {why}"
         )
 
 
@@ -89,9 +89,8 @@ class FadingWatch:
         """Begin with the next frame; what the skin has shown stays known."""
         self._contact: Contact | None = None  # where it was strongest
         self._high = -np.inf  # last time of more than half of its force
-        self._low: tuple[float, float] | None = (
-            None  # first time and force of less than a quarter
-        )
+        # First time, and force then, of less than a quarter.
+        self._low: tuple[float, float] | None = None
         self._fall, self._rows = _Fall(), list[int]()
 
     def told(self, time: Floats, estimates: Sequence[LoadEstimate]) -> list[LoadEstimate]:
