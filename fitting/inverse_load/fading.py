@@ -45,8 +45,8 @@ class LeftBehind(NamedTuple):
         why = "too little relaxation" if remembers else "no relaxation"
         return (
             f"after {self.before:.3g} N ended at {self.ended:.6g} s, {self.first:.2g} N stayed "
-            f"and faded to {self.last:.2g} N by {self.until:.6g} s (status fading), as the dent "
-            f"in a membrane that relaxes does; [material] states {why}"
+            f"and faded to {self.last:.2g} N by {self.until:.6g} s (status fading), as the "
+            f"dent in a membrane that relaxes does; [material] states {why}"
         )
 
 
