@@ -31,7 +31,7 @@ def plot_range(found: ForceRange, file: Path | None = None) -> Figure:
     for i in known[:: max(1, len(known) // 5)]:
         relative = found.force_error[i] / found.force[i]
         label = f"{at[i]:.3g}"
-        right.plot(found.force[i] / found.first_contact[i], relative, ".-", label=label)
+        right.plot(found.force[i] / found.first_contact[i], relative, marker=".", label=label)
     right.axvline(1.0, color="0.5", lw=1)
     right.axhline(TOLD, color="0.5", lw=1, ls="--")
     right.set(
