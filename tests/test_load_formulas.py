@@ -3,7 +3,6 @@
 import dataclasses
 import itertools
 from concurrent.futures import Future
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -1067,7 +1066,9 @@ def test_a_direction_hardly_known_widens_what_bends_with_it(deviation: float) ->
     # The angle is what is read less b d^2, whose mean square is 3 b^2 s^4 for a normal d.
     fitter, weight = Bending(), np.array([100.0, 25.0, deviation**-2])
     known = explanations([0.1, 2.0, 0.0], jacobian=np.eye(3)[None], weight=weight)
-    nowhere = replace(known, chi2=np.full(1, np.inf), information=np.zeros((1, 3, 3)))
+    nowhere = dataclasses.replace(
+        known, chi2=np.full(1, np.inf), information=np.zeros((1, 3, 3))
+    )
     found = fitter.bend(known.joined(nowhere))
     assert found is not None
     expected = np.zeros((2, 3, 3))

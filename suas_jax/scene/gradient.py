@@ -255,10 +255,12 @@ def _error_between_meshes(solution: Solution, path: str) -> float | None:
         return None if None in found else np.array(found, float)
 
     here, slopes = on_both(dict.fromkeys(known, 0.0)), []
+    if here is None:
+        return None
     for _ in range(_DIRECTIONS):
         steps = dict(zip(known, random.choice([-_STEP, _STEP], len(known)), strict=True))
-        there = None if here is None else on_both(steps)
-        if here is None or there is None:
+        there = on_both(steps)
+        if there is None:
             return None
         slopes.append((there - here) / _STEP)
     coarse, fine = np.stack(slopes, -1)

@@ -37,7 +37,7 @@ _LITTLE_GAP = 0.05  # share of the film
 # contact the wall holds up the membrane, which then reads like a lighter contact beside it; the
 # fit of that one leaves about 1 % of the film.
 _WALL_GAP = 0.02
-_BEND = np.deg2rad(15.0)  # of a direction over which readings' bend is taken
+_BEND = np.deg2rad(15.0)  # most of a direction over which readings' bend is taken [rad]
 _NEVER = 1e9  # stands for an infinite force of first contact [N]
 
 
