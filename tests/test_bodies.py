@@ -136,6 +136,7 @@ def test_the_solid_meets_the_reference_off_the_crown() -> None:
         assert found["zones"] == 1
 
 
+@pytest.mark.long  # two meshes of the solid; the test before holds the reference
 def test_elements_beneath_the_material_that_is_touched_turn_no_force() -> None:
     """The solid's mesh follows what has slid beneath the body, from a first solve."""
     for row in references(30)[2:]:
@@ -182,6 +183,7 @@ def test_the_shell_meets_the_reference_within_its_stated_error() -> None:
         assert report["stable"]
 
 
+@pytest.mark.long  # a mesh and its errors of an ellipse; the next one holds the circle
 def test_elements_under_a_body_shear_where_it_touches() -> None:
     """A mid-line that shears has a kink there, which only a station lets elements have.
 
@@ -238,6 +240,7 @@ def strip(problem: Problem, state: State) -> Any:
     return problem.mechanics.strip(state.q, body)
 
 
+@pytest.mark.long  # with walls; scenes are named before they are solved, below
 def test_a_shell_between_two_rigid_surfaces_has_no_answer() -> None:
     """Its error exceeds what it says; against a soft layer the layer gives way instead."""
 
@@ -363,7 +366,9 @@ def _slope_of_shift(problem: Problem, q: Array) -> Array:
 
 def test_a_body_off_the_skin_leaves_the_derivatives_of_other_loads() -> None:
     problem = problem_of(scene(line(20.0, 5.0), body(0, -1.0)), 8)
-    slope = _slope_of_shift(problem, find(problem).state.q)
+    # Any state of a skin that other loads move: it need not be an equilibrium.
+    moved = 1e-5 * np.random.default_rng(0).standard_normal(problem.mechanics.rest().shape)
+    slope = _slope_of_shift(problem, jnp.asarray(moved))
     assert bool(jnp.all(jnp.isfinite(slope)))
 
 
@@ -1180,12 +1185,15 @@ def test_first_touch_lies_beside_the_ray_where_the_skin_is_hollow() -> None:
     def rise(**shape: Any) -> float:
         table = {"kind": "body", "arc": "0 mm", "depth": "1 mm", **shape}
         spec = shaped(geometry, table, material=EPDM)
-        parts = scene_parts(spec, continuous_inputs(spec))
-        section = parts.skin.geometry.section
-        crown = section.mid_line(jnp.zeros(1)) + section.thickness(
-            jnp.zeros(1)
-        ) / 2 * jnp.array([[0.0], [1.0]])
-        return float(parts.bodies[0].origin[1, 0] - crown[1, 0])
+
+        @quick
+        def over_crown(inputs: dict[str, Any]) -> Array:
+            parts, crown = scene_parts(spec, inputs), jnp.zeros(1)
+            section = parts.skin.geometry.section
+            face = section.mid_line(crown)[1] + section.thickness(crown) / 2
+            return parts.bodies[0].origin[1] - face
+
+        return float(over_crown(continuous_inputs(spec))[0])
 
     assert rise(**PLATE) > 4e-3
     assert abs(rise(shape="cylinder", radius="2 mm")) < 1e-9

@@ -317,6 +317,7 @@ def test_front_between_two_goals_is_the_closed_form() -> None:
     np.testing.assert_allclose([p.goal for p in points], goal, rtol=1e-5)
 
 
+@pytest.mark.long  # derivatives of a mounted skin; its limit's place is in the tests below
 def test_a_design_knows_how_near_buckling_its_skin_is(tmp_path: Path) -> None:
     skin = (ROOT / "configs" / "skins" / "suas.toml").read_text()
     filled = skin.replace('model = "incompressible"', 'model = "incompressible"\nfill = 1.0')

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from jaxtyping import Array
 from scipy.integrate import quad
+from skins import quick
 from test_cli import SCENES, suas
 
 from suas_jax import continuous_inputs, load_scene, solve, with_inputs, with_solve
@@ -38,6 +39,7 @@ STILL = Film(False, "")
 HOLD = SCENES / "hold.toml"
 DATA = Path(__file__).parent / "data" / "creep2d.csv"
 SERIES = PronySeries(jnp.array([0.15, 0.10]), jnp.array([0.5, 10.0]))
+deviator = quick(lambda membrane, q: membrane.deviator(q))
 
 
 def total(past: Past) -> float:
@@ -80,7 +82,7 @@ def test_forces_of_what_the_past_leaves_are_those_of_its_energy(
     membrane: Any = problem.mechanics
     random = np.random.default_rng(1)
     q = jnp.asarray(2e-4 * random.standard_normal(membrane.rest().shape))
-    stress = membrane.deviator(q)
+    stress = deviator(membrane, q)
     past = Past(stress, jnp.stack([0.1 * stress, 0.05 * stress[::-1]]))
     problem = answering(problem, past.seen(SERIES, jnp.asarray(0.2)))
     membrane = problem.mechanics
@@ -117,9 +119,9 @@ def test_what_a_quarter_remembers_is_what_the_whole_does(counts: tuple[int, int]
     assert part.parts == 4
     free = jnp.asarray(part.topology.free)[..., None]
     q = jnp.asarray(2e-4 * np.random.default_rng(1).standard_normal(free.shape)) * free
-    stress = part.deviator(q)
-    found = part.mirrored_stress(jnp.stack([stress, 2 * stress]))
-    wanted = whole.deviator(part.mirrored(q))
+    stress = deviator(part, q)
+    found = quick(Pad.mirrored_stress)(part, jnp.stack([stress, 2 * stress]))
+    wanted = deviator(whole, quick(Pad.mirrored)(part, q))
     shear = np.abs(wanted[2]).max()
     np.testing.assert_allclose(found[0], wanted, rtol=0, atol=1e-9 * shear)
     np.testing.assert_allclose(found[1], 2 * wanted, rtol=0, atol=2e-9 * shear)
@@ -147,12 +149,11 @@ def test_all_of_the_stress_remembered_balances_what_the_law_does(
     assert problem.prestressed == warm
     random = np.random.default_rng(1)
     q = jnp.asarray(2e-4 * random.standard_normal(membrane.rest().shape))
-    remembered = Response(jnp.asarray(0.0), membrane.deviator(q))
+    remembered = Response(jnp.asarray(0.0), deviator(membrane, q))
     given = jnp.full(1, 3e3), jnp.ones(1)
-    own, same = (
-        np.asarray(x.assemble(q, *given).residual)
-        for x in (membrane, answering(problem, remembered).mechanics)
-    )
+    residual = quick(lambda membrane: membrane.assemble(q, *given).residual)
+    same = np.asarray(residual(answering(problem, remembered).mechanics))
+    own = np.asarray(residual(membrane))
     np.testing.assert_allclose(same, own, rtol=0, atol=1e-10 * np.abs(own).max())
 
 
@@ -620,6 +621,7 @@ def test_the_travel_at_which_a_force_is_carried_may_lie_before_first_touch(
     np.testing.assert_allclose(travels.length, depth, rtol=1e-8)
 
 
+@pytest.mark.long  # programs by force; what is remembered under a travel is in the tests before
 def test_under_a_constant_force_a_body_goes_on() -> None:
     scene = under_a_cylinder(force="8 N")
     given = history_of([0.0, 0.0, 1e4, 1e4], force_N=[0.0, 8.0, 8.0, 0.0])

@@ -89,6 +89,7 @@ def report(**changes: Any) -> dict[str, Any]:
     return solve(skin(line(0, changes.pop("force", 5.0)), **changes)).report
 
 
+@pytest.mark.long  # a program without stress beside that with it
 def test_a_skin_that_fits_is_the_one_without_stress() -> None:
     oil = {"model": "compressible", "bulk_modulus": "1 GPa"}
     loads = [line(0, 5), {"kind": "pressure", "pressure": "0 Pa"}]

@@ -321,6 +321,7 @@ def film(angle: np.ndarray, gap: Callable[[np.ndarray], np.ndarray], wall: float
     )
 
 
+@pytest.mark.long  # `forward` of an ellipse; the verdict is that of single scenes
 def test_a_state_that_loads_buckle_is_named_and_one_beside_it_is_not() -> None:
     # An ellipse 70 mm high sways under 2.6 to 2.7 N at its crown.
     high = GEOMETRY | {"section": "ellipse", "inner_semi_axes": ["57.5 mm", "70 mm"]}

@@ -120,6 +120,7 @@ def test_a_large_swing_keeps_the_oil_and_comes_to_rest_where_statics_has_it() ->
     )
 
 
+@pytest.mark.long  # thousands of steps; the closed form is above
 def test_a_blow_over_thin_oil_is_followed_until_it_has_faded() -> None:
     given = history_of([0.0, 0.0, 1.0, 1e3], force_N=[0.0, 5.0, 5.0, 5.0])
     points = history_sweep(tapped(viscosity="5 cSt"), given).points

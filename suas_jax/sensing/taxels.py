@@ -128,11 +128,10 @@ class Taxels(eqx.Module):
         `footprint`: where the gap is taken to average over an electrode. `geometry`: of the
         skin whose wall they lie on.
         """
-        radius = self.diameter / 2
-        return [
-            (geometry.along_wall(self.angle, x * radius, self.axial), self.axial + y * radius)
-            for x, y in footprint.places
-        ]
+        x, y = jnp.asarray(footprint.places).T[..., None, None] * self.diameter / 2
+        # All at once: each call traces a section of its own.
+        angles = geometry.along_wall(self.angle, x, self.axial)
+        return list(zip(angles, self.axial + y, strict=True))
 
 
 def taxels_of(
