@@ -24,7 +24,7 @@ from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import MODEL_ERROR
 from suas_jax import Skin, skin_of
 
-_FINER = 4  # times as many places for what two contacts do
+_FINE = 128  # places from clamp to clamp for what two contacts do
 
 
 def between_taxels(skin: Skin, angle: Floats) -> np.ndarray:
@@ -64,8 +64,8 @@ def measure_section(
     lanes = [np.broadcast_to(x, shape).ravel() for x in (angle, known)]
     skins = skins_in_lanes(spec, variants.inputs)
     found = read_all(skins, which, *lanes)
-    # Two contacts are closer to one another than two places.
-    fine = np.linspace(first, last, _FINER * (places - 1) + 1)
+    # Two contacts are closer to one another than two places, and may lie beyond the last.
+    fine = np.linspace(-edge, edge, _FINE)
     light = read_all(skins, np.zeros(len(fine), int), fine, 0 * fine).slope[-1]
     cases = jax.tree.map(lambda x: x.reshape(*x.shape[:-1], *shape), found)
     rest, half, at_rated, near = (
