@@ -64,8 +64,11 @@ def test_sizes_of_tolerances_have_the_units_of_their_inputs() -> None:
         assert found == (pytest.approx(value, rel=1e-9), unit)
 
 
-def test_a_range_says_which_places_have_none() -> None:
-    """Where a membrane loses its equilibrium before the wall, its range is not the skin's."""
+def test_a_figure_says_which_places_have_none() -> None:
+    """Where a membrane loses its equilibrium before the wall, its range is not the skin's.
+
+    Where two contacts are never told apart, their discrimination is not the skin's, either.
+    """
     measured: Any = SimpleNamespace(
         region=np.array([True, True, True, False]),
         coordinates={"angle_deg": np.array([-30.0, 0.0, 30.0, 80.0])},
@@ -75,6 +78,9 @@ def test_a_range_says_which_places_have_none() -> None:
     assert (worst.value, worst.place) == (1.5, 2)
     assert worst.reason.startswith("1 of 3 places are left out, such as 0 deg: there the memb")
     assert not _worst("range_N", np.array([2.0, 3.0, 1.5, np.nan]), measured).reason
+    worst = _worst("two_point_m", np.array([2.0, np.nan, 1.5, np.nan]), measured)
+    assert (worst.value, worst.place) == (2.0, 0)
+    assert "such as 0 deg: there two contacts cannot be told apart" in worst.reason
 
 
 def stand_in(scale: Any, closed: float = 50.0) -> Cases:
@@ -190,6 +196,9 @@ def test_two_points_are_told_apart_at_their_bound() -> None:
     c = np.linalg.inv(j @ j.T)
     distance = np.sqrt(c[0, 0] + c[2, 2] - 2 * c[0, 2])
     assert found / distance == pytest.approx(CURRIE, rel=0.05)  # its table's steps
+    readings = np.array([light(x) for x in arc]).T
+    between = two_point(arc, readings, force, variance, arc[::20] + 1e-9)
+    assert between[1] == pytest.approx(found, rel=1e-4)  # whatever lies beside it
 
 
 def test_creep_undoes_relaxation() -> None:
@@ -311,7 +320,10 @@ def test_a_pads_sheet_tells_places_as_its_scenes_do(monkeypatch: pytest.MonkeyPa
 def test_sheet_of_the_papers_skin() -> None:
     from fitting.datasheet.sheet import data_sheet
 
-    sheet = data_sheet(load_skin(SKIN), (17, 4))
+    spec = load_skin(SKIN)
+    sheet, finer = data_sheet(spec, (17, 4)), data_sheet(spec, (33, 4))
+    # Two contacts that are closer to one another than two places are told apart at as much.
+    np.testing.assert_allclose(sheet.two_point, finer.two_point[::2], rtol=0.05)
     contact = sheet.at["range_N"][0]
     assert contact[8] == pytest.approx(82.8, rel=5e-3)  # the crown, an independent continuum
     row = {name: sheet.effects[i] for i, name in enumerate(sheet.variants.changes)}

@@ -374,6 +374,15 @@ def test_bound_of_units_is_the_quantile_of_a_lognormal_figure(key: str, side: in
         ('"30 N"', "30", "the unit is missing"),
         ("[search]", "[serch]", 'did you mean "search"'),
         ('["-60 deg", "60 deg"]', '["60 deg", "-60 deg"]', "left of the second"),
+        ('["-60 deg", "60 deg"]', '["-95 deg", "60 deg"]', "clamped edges at -90 deg"),
+        ("places = 9", "places = 2", "at least 3"),
+        ('"3 mm"', '"60 mm"', r'thickness = "60 mm": must be less than inner_radius'),
+        ("factor = [0.25", "factor = [-0.25", "must be greater than zero, but C1 is"),
+        ('"material.C2",', '"material.C1",', r'"material\.C1": is named twice'),
+        ('of = ["material.C1", "material.C2", "material.C3"]', "of = []", "at least one"),
+        ('{ at_least = "30 N" }', "{}", "at_least or at_most is needed"),
+        ("[limits]", "[[limits]]", r"a table is expected: \[limits\]"),
+        ("starts = 3", "starts = 3\nseed = -1", "seed = -1"),
     ],
 )
 def test_mistakes_are_named(tmp_path: Path, old: str, new: str, words: str) -> None:

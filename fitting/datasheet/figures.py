@@ -135,26 +135,31 @@ def told(cases: Cases, accuracy: Accuracy, change: Any) -> Float[Array, "coordin
 
 
 def two_point(
-    arc: Floats, light: Float[np.ndarray, "taxel place"], force: float, variance: float
+    arc: Floats,
+    light: Float[np.ndarray, "taxel place"],
+    force: float,
+    variance: float,
+    middle: Floats | None = None,
 ) -> Floats:
-    """Distance from which on two contacts are told apart [place] [m]; NaN where none is.
+    """Distance from which on two contacts are told apart [middle] [m]; NaN where none is.
 
     From the bound of two light contacts of a force each [N], whose readings add: that of their
     distance is 1/3.29 of it. Places along the arc rise [m]; `light` are derivatives of the
-    readings by the force there [counts/N].
+    readings by the force there [counts/N]. `middle`: between the contacts; None: the places.
     """
     spline = CubicSpline(arc, light.T)
+    middle = arc if middle is None else middle
     distance = np.geomspace(1e-3, 1.0, _DISTANCES) * (arc[-1] - arc[0])
-    sides = arc[:, None, None] + distance[:, None] * np.array([-0.5, 0.5])
+    sides = middle[:, None, None] + distance[:, None] * np.array([-0.5, 0.5])
     inside = ((sides >= arc[0]) & (sides <= arc[-1])).all(-1)
     sides = np.clip(sides, arc[0], arc[-1])
     columns = np.stack([force * spline(sides, 1), spline(sides)], -2) / np.sqrt(variance)
-    rows = columns.reshape(len(arc) * _DISTANCES, 4, -1)  # place, force of one, of the other
-    covariance = inverse(rows @ np.swapaxes(rows, 1, 2)).reshape(len(arc), _DISTANCES, 4, 4)
+    rows = columns.reshape(len(middle) * _DISTANCES, 4, -1)  # place, force of one, of the other
+    covariance = inverse(rows @ np.swapaxes(rows, 1, 2)).reshape(len(middle), _DISTANCES, 4, 4)
     of = covariance[..., 0, 0] + covariance[..., 2, 2] - 2 * covariance[..., 0, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
         sure = np.where(inside & (of > 0), np.log(distance / np.sqrt(of) / CURRIE), np.nan)
-    found = np.full(len(arc), np.nan)
+    found = np.full(len(middle), np.nan)
     for i, row in enumerate(sure):
         apart = np.flatnonzero(row >= 0)
         if apart.size and apart[0] > 0 and np.isfinite(row[apart[0] - 1]):
@@ -181,3 +186,6 @@ class Measured(NamedTuple):
     grid: tuple[int, int]  # places along the arc and along the axis
     # why figures have no value on such a skin, by key
     missing: Mapping[str, str] = MappingProxyType({})
+    # arc of many places of a section [m] and the readings' derivatives by the force there at
+    # rest [taxel, place] [counts/N]; None: those of the places have to do
+    light: tuple[Floats, Floats] | None = None

@@ -24,6 +24,8 @@ from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import MODEL_ERROR
 from suas_jax import Skin, skin_of
 
+_FINE = 128  # places from clamp to clamp for what two contacts do
+
 
 def between_taxels(skin: Skin, angle: Floats) -> np.ndarray:
     """Whether places lie between the outermost taxels; all of them where none does."""
@@ -45,7 +47,9 @@ def measure_section(
     """Readings under line loads over a section."""
     spec = variants.spec
     free = skin_of(spec, contact=False)
-    angle = angles_over(free, places) if between is None else np.linspace(*between, places)
+    edge = angles_over(free, 2)[1]
+    first, last = (-edge, edge) if between is None else np.clip(between, -edge, edge)
+    angle = np.linspace(first, last, places)
     progress("first contact")
     readings_at_rest(free, angle)  # a skin without any has no figures
     touch, _ = first_contacts(free, angle)
@@ -58,7 +62,11 @@ def measure_section(
     shape = (count, *known.shape)  # skin, case, place
     which = np.broadcast_to(np.arange(count)[:, None, None], shape).ravel()
     lanes = [np.broadcast_to(x, shape).ravel() for x in (angle, known)]
-    found = read_all(skins_in_lanes(spec, variants.inputs), which, *lanes)
+    skins = skins_in_lanes(spec, variants.inputs)
+    found = read_all(skins, which, *lanes)
+    # Two contacts are closer to one another than two places, and may lie beyond the last.
+    fine = np.linspace(-edge, edge, _FINE)
+    light = read_all(skins, np.zeros(len(fine), int), fine, 0 * fine).slope[-1]
     cases = jax.tree.map(lambda x: x.reshape(*x.shape[:-1], *shape), found)
     rest, half, at_rated, near = (
         Readings(*(np.asarray(x)[..., i, :] for x in cases)) for i in range(4)
@@ -75,4 +83,5 @@ def measure_section(
         rated,
         Accuracy(noise, MODEL_ERROR),
         (places, 1),
+        light=(at.outer_arc(fine), light),
     )

@@ -208,9 +208,10 @@ def data_sheet(
     rows = np.arange(len(measured.arc)).reshape(measured.grid).T  # along the arc
     apart = np.empty(len(measured.arc))
     for row in rows:
-        apart[row] = two_point(
-            measured.arc[row], light[:, row], measured.rated / 2, measured.accuracy.variance
-        )
+        middle = measured.arc[row]
+        arc, slope = measured.light or (middle, light[:, row])
+        variance = measured.accuracy.variance
+        apart[row] = two_point(arc, slope, measured.rated / 2, variance, middle)
     progress("creep, modes and buckling")
     found = [
         *(_worst(key, values, measured, spread) for key, (values, spread) in at.items()),
@@ -251,8 +252,7 @@ def _worst(
         return Figure(key, math.nan, reason=measured.missing.get(key, WORDS[key].missing))
     place = int(np.nanargmin(inside) if WORDS[key].least else np.nanargmax(np.abs(inside)))
     spread = math.nan if deviation is None else float(deviation[place])
-    reason = _left_out(key, inside, measured) if WORDS[key].least else ""
-    return Figure(key, float(inside[place]), spread, reason, place)
+    return Figure(key, float(inside[place]), spread, _left_out(key, inside, measured), place)
 
 
 def _left_out(key: str, inside: Floats, measured: Measured) -> str:

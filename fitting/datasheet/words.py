@@ -72,7 +72,7 @@ WORDS: dict[str, Word] = {
         "Crosstalk",
         "Largest change of a taxel farther from the contact than four times membrane and film, "
         "over the largest of all.",
-        *("%", "crosstalk", False, "no taxel is far from any place"),
+        *("%", "crosstalk", False, "no taxel is far enough to count"),
     ),
     "force_accuracy": Word(
         "Accuracy of force",

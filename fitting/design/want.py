@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, NoReturn, Self
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from fitting.arrays import Floats
 from fitting.datasheet.words import PLACED, WORDS
@@ -16,7 +16,7 @@ from suas_jax.config.fields import AsList, Count, PlacedError, Spec, quantity
 from suas_jax.config.quantities import DimensionName, to_si
 from suas_jax.config.toml_file import read_toml
 from suas_jax.config.validation import validate_table
-from suas_jax.skin.plain import angles_at
+from suas_jax.skin.plain import angles_at, clamped_edge
 
 BY_DIFFERENCES = (
     "lowest_frequency_Hz",
@@ -157,7 +157,7 @@ class _Front(Spec):
 
 class _Search(Spec):
     starts: Count = 3
-    seed: int = 0
+    seed: Annotated[int, Field(ge=0)] = 0
 
 
 class _Taxels(Spec):
@@ -170,6 +170,7 @@ class _Together(Spec):
 
 
 _EDGES = ("geometry.half_angle", "geometry.width")
+_BEYOND = 1 + 1e-9  # of an edge, by rounding
 _TABLES = ("skin", "variables", "taxels", "goal", "front", "limits", "at", "search")
 CHOOSABLE = ("force_resolution_N", "place_resolution_m")
 """Figures that decide which taxels are kept."""
@@ -200,6 +201,12 @@ def load_want(file: Path) -> Want:
         region = low, high
         if low >= high:
             reader.refuse("at.region", at.region, "the first place must be left of the second")
+        edge, text = clamped_edge(spec.geometry, by_arc=kind == "length")
+        if max(-low, high) > edge * _BEYOND:
+            advice = f"reaches beyond the clamped edges at -{text} and {text}"
+            reader.refuse("at.region", at.region, advice)
+    if at.places < 3:
+        reader.refuse("at.places", at.places, "at least 3 are needed")
     keep = None
     if "taxels" in table:
         keep = reader.part(_Taxels, table["taxels"], "taxels").keep
@@ -210,7 +217,7 @@ def load_want(file: Path) -> Want:
         if goal.minimise not in CHOOSABLE:
             advice = f"allowed beside [taxels]: minimise {' or '.join(CHOOSABLE)}"
             reader.refuse("goal", goal.minimise or goal.maximise, advice)
-    limits = tuple(reader.limits(table.get("limits", {})))
+    limits = tuple(reader.limits(reader.table(table, "limits")))
     if at.units is not None:
         alone = [limit.key for limit in limits if limit.key in BY_DIFFERENCES]
         if alone or keep:
@@ -232,7 +239,7 @@ def load_want(file: Path) -> Want:
     return Want(
         path,
         spec,
-        () if keep else tuple(reader.variables(table.get("variables", {}), spec)),
+        () if keep else tuple(reader.variables(reader.table(table, "variables"), spec)),
         goal.minimise or goal.maximise,
         goal.maximise is not None,
         limits,
@@ -257,6 +264,12 @@ class _Reader:
         shown = None if value is None else show(value)
         raise ConfigError([Mistake(self.file, key, advice, shown)])
 
+    def table(self, whole: dict[str, Any], key: str) -> dict[str, Any]:
+        found = whole.get(key, {})
+        if not isinstance(found, dict):
+            self.refuse(key, found, f"a table is expected: [{key}]")
+        return found
+
     def part(self, kind: type[Spec], table: Any, key: str) -> Any:
         found, findings = validate_table(kind, table, key)
         if findings:
@@ -275,6 +288,8 @@ class _Reader:
                 advice = unknown(key, (*GOALS, *BY_DIFFERENCES), "figure")
                 self.refuse(f"limits.{key}", bounds, advice)
             given = self.part(_Limit, bounds, f"limits.{key}")
+            if not given.model_fields_set:
+                self.refuse(f"limits.{key}", bounds, "at_least or at_most is needed")
             kinds: dict[str, DimensionName] = {"N": "force", "mm": "length"}
             for side in given.model_fields_set:
                 name, text = f"limits.{key}.{side}", getattr(given, side)
@@ -286,34 +301,47 @@ class _Reader:
     def variables(self, table: dict[str, Any], spec: SkinSpec) -> Iterator[Variable]:
         if not table:
             self.refuse("variables", None, "at least one is needed")
-        known = continuous_inputs(spec)
+        known, named = continuous_inputs(spec), set[str]()
         for name, value in _flat(table):
             key, factor = f"variables.{name}", isinstance(value, dict)
             paths, bounds = (name,), value
             if factor:
                 together = self.part(_Together, value, key)
                 paths, bounds = together.of, together.factor
+                if not paths:
+                    self.refuse(f"{key}.of", value["of"], "at least one input is needed")
             for path in paths:
                 if path not in known:
                     self.refuse(key, path, unknown(path, known, "input of the skin"))
                 if path in _EDGES and spec.geometry.dimension == 3:
                     advice = "moves a pad's edges, to which its mesh holds; leave it out"
                     self.refuse(key, path, advice)
+                if path in named:
+                    self.refuse(key, path, "is named twice; one variable sets an input")
+                named.add(path)
             if not isinstance(bounds, list | tuple) or len(bounds) != 2:
                 self.refuse(key, bounds, "two values are expected, the lower and the upper one")
-            low, high = bounds if factor else (self._input(key, spec, name, x) for x in bounds)
+            sides = []
+            for x in bounds:
+                own = {path: known[path] * x if factor else x for path in paths}
+                found = self._inputs(key, spec, own, x)
+                sides.append(x if factor else found[name])
+            low, high = sides
             if not low < high:
                 self.refuse(key, bounds, "the lower bound must be below the upper one")
             yield Variable(name, tuple(paths), low, high, factor)
 
-    def _input(self, key: str, spec: SkinSpec, path: str, text: Any) -> float:
-        """A value of an input, read as the skin file's own is."""
+    def _inputs(
+        self, key: str, spec: SkinSpec, values: dict[str, Any], bound: Any
+    ) -> dict[str, float]:
+        """Inputs of the skin at a bound, whose values are read as the skin file's own are."""
         try:
-            return continuous_inputs(with_inputs(spec.unloaded, {path: text}))[path]
+            return continuous_inputs(with_inputs(spec.unloaded, values))
         except ValueError as error:
-            lines = str(error).splitlines()  # of the validation library: where, then why
-            reason = lines[min(2, len(lines) - 1)].strip().removeprefix("Value error, ")
-            self.refuse(key, text, reason.partition(" [type=")[0])
+            reason = str(error)
+            if isinstance(error, ValidationError):
+                reason = error.errors(include_url=False)[0]["msg"].removeprefix("Value error, ")
+            self.refuse(key, bound, reason)
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
