@@ -41,7 +41,7 @@ from suas_jax.config import (
 )
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.correction import corrected_touch
-from suas_jax.equilibrium.equilibrium import differentiable
+from suas_jax.equilibrium.equilibrium import Equilibrium, differentiable
 from suas_jax.equilibrium.friction import equilibrium_with_friction
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.equilibrium.validity import room_for_bodies
@@ -65,6 +65,7 @@ from suas_jax.scene.program import prepared, run_program, structure_of
 from suas_jax.scene.solve import Solution, report_with, solve
 from suas_jax.scene.sweep import SweepError, sweep
 from suas_jax.scene.travel import shares_of_travel, under_forces
+from suas_jax.skin.body import Grip
 from suas_jax.skin.body_shapes import AbstractShape, Box, Plate, Round, Wedge
 from suas_jax.skin.wall import Wall
 
@@ -650,6 +651,57 @@ def test_friction_on_a_thin_skin_has_its_own_bound(
     second = problem.mechanics.gripped(again.state.q, again.state.factor)
     bounds = [np.asarray(m.bodies[0].grip.bound) for m in (first, second)]
     assert np.abs(bounds[1] - bounds[0]).sum() < 1e-7 * bounds[0].sum()
+
+
+class _Held(eqx.Module):
+    """A stand-in for a body, or for a membrane under one, held by bounds of friction."""
+
+    grip: Grip | None
+    has_friction: bool = eqx.field(static=True, default=True)
+
+    @property
+    def bodies(self) -> tuple["_Held"]:
+        return (self,)
+
+    def with_bodies(self, bodies: Sequence["_Held"]) -> "_Held":
+        return bodies[0]
+
+    def holding(self, grip: Grip | None) -> "_Held":
+        return _Held(grip)
+
+    def gripped(self, q: Array, factor: Array) -> "_Held":
+        return _Held(Grip(q, factor))
+
+
+@dataclasses.dataclass
+class _Rubbed:
+    """A stand-in for a problem."""
+
+    mechanics: _Held
+
+
+@pytest.mark.parametrize("rate", [0.2, 0.8, 0.95, -0.9])
+def test_bounds_of_friction_that_hardly_contract_are_found(
+    rate: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As under a rough body that is dragged, of which a round leaves four fifths of the change.
+
+    By a stand-in for the solve, whose bounds follow those held at known rates.
+    """
+    rates, one = jnp.array([[rate], [0.3], [-0.2]]), jnp.ones(1)
+    limit = jnp.array([[2.0], [1.0], [0.5]])
+
+    def solve(problem: Any, start: State) -> Equilibrium:
+        grip = problem.mechanics.grip
+        state = start._replace(q=limit + rates * (grip.bound - limit), factor=one)
+        nothing = jnp.zeros(1, int)
+        return Equilibrium(state, one, nothing, nothing, one, one > 0)
+
+    monkeypatch.setattr("suas_jax.equilibrium.friction.equilibrium", solve)
+    problem: Any = _Rubbed(_Held(None))
+    found = equilibrium_with_friction(problem, State(0 * limit, 0 * one, 0 * one))
+    assert found.result[0] == 0
+    np.testing.assert_allclose(found.state.q, limit, rtol=1e-8)
 
 
 def test_a_body_dragged_either_way_pulls_the_skin_along() -> None:

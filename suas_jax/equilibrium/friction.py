@@ -2,12 +2,15 @@
 
 Coulomb's bound grows with the pressure, so its forces have no potential, and the tangent no
 symmetry. At a given bound they have both. So the bound is taken from the last equilibrium,
-round by round, which contracts by about the coefficient of friction. Derivatives are those of
-the whole, from a series of solves with the symmetric tangent (`solve_near`).
+round by round, which contracts by about the coefficient of friction; beneath a rough body that
+is dragged, by a fifth alone, so each round goes on along the line through the last two.
+Derivatives are those of the whole, from a series of solves with the symmetric tangent
+(`solve_near`).
 """
 
 import dataclasses
 import functools
+from collections.abc import Iterable
 from typing import Any
 
 import jax
@@ -26,6 +29,9 @@ _TOLERANCE = 1e-10  # of the sum of the bounds
 # that has ceased to fall is theirs.
 _NOISE = 1e-7
 _MOST_ROUNDS = 80
+# Below a change of the bound after which points no longer come into touch, rounds that do not
+# leave a smaller share of the change go on along the line through the last two, so far at most.
+_NEAR, _SLOW, _FAR = 0.1, 0.3, 20.0
 
 
 def equilibrium_with_friction(problem: Problem, start: State) -> Equilibrium:
@@ -43,36 +49,72 @@ def equilibrium_with_friction(problem: Problem, start: State) -> Equilibrium:
         return equilibrium(dataclasses.replace(problem, mechanics=held), state)
 
     def go(at: tuple[Any, ...]) -> tuple[Any, ...]:
-        held, before, last, ended, rounds = at
+        held, before, last, ended, rounds, missed = at
         after = solve(held, before.state)
         count = before.iterations + after.iterations
         new = mechanics.gripped(after.state.q, after.state.factor)
         apart = _apart(held, new)
-        settled = (apart <= _TOLERANCE) | ((apart <= _NOISE) & (apart >= last))
-        return new, after._replace(iterations=count), apart, ended | settled, rounds + 1
+        settled = (apart <= _TOLERANCE) | ((apart <= _NOISE) & (apart >= jnp.max(last, 0)))
+        slow = (apart < _NEAR) & (apart > _SLOW * last[1])
+        ahead, missed = _ahead(held, new, missed, slow)
+        after, last = after._replace(iterations=count), jnp.stack([last[1], apart])
+        return ahead, after, last, ended | settled, rounds + 1, missed
 
     def going(at: tuple[Any, ...]) -> Array:
-        _, found, _, ended, rounds = at
+        _, found, _, ended, rounds, _ = at
         return jnp.any(~ended & (found.result == 0)) & (rounds < _MOST_ROUNDS)
 
     held = mechanics.gripped(start.q, start.factor)
     shape = jax.eval_shape(solve, held, start)
     begin = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shape)._replace(state=start)
-    far = jnp.full(start.factor.shape, jnp.inf)
-    start_at = held, begin, far, jnp.zeros(far.shape, bool), jnp.zeros((), int)
-    _, found, _, ended, _ = jax.lax.while_loop(going, go, start_at)
+    far = jnp.full((2, *start.factor.shape), jnp.inf)
+    none = [(x, 0 * x) for x in _bounds(held)]
+    start_at = held, begin, far, jnp.zeros(far.shape[1:], bool), jnp.zeros((), int), none
+    _, found, _, ended, _, _ = jax.lax.while_loop(going, go, start_at)
     lost = (found.result == 0) & ~ended
     return found._replace(result=jnp.where(lost, index_of("no_convergence"), found.result))
+
+
+def _bounds(mechanics: AbstractMechanics) -> list[Array]:
+    """Bounds of friction of the bodies that have any [N]."""
+    return [body.grip.bound for body in mechanics.bodies if body.grip is not None]
+
+
+def _sum(arrays: Iterable[Array]) -> Lanes:
+    """Sum over bodies and points, lane by lane."""
+    return functools.reduce(jnp.add, [jnp.sum(x, tuple(range(x.ndim - 1))) for x in arrays])
+
+
+def _ahead(
+    held: AbstractMechanics,  # with the bounds of a round
+    new: AbstractMechanics,  # with those of the state that it found
+    before: list[tuple[Array, Array]],  # of the last round: bounds found, less those held
+    slow: Array,  # whether the bounds found are not near enough
+) -> tuple[AbstractMechanics, list[tuple[Array, Array]]]:
+    """Bounds for the next round, by Anderson's method of depth one, and what it needs then."""
+    found = _bounds(new)
+    missed = [x - y for x, y in zip(found, _bounds(held), strict=True)]
+    turns = [x - y for x, (_, y) in zip(missed, before, strict=True)]
+    square = _sum(x**2 for x in turns)
+    back = _sum(x * y for x, y in zip(missed, turns, strict=True))
+    back = jnp.clip(back / jnp.where(square > 0, square, 1.0), -_FAR, 0.5)
+    back = jnp.where(slow, back, 0.0)
+    ahead = iter(
+        jnp.maximum(x - back * (x - y), 0.0) for x, (y, _) in zip(found, before, strict=True)
+    )
+    bodies = [
+        b if b.grip is None else b.holding(b.grip._replace(bound=next(ahead)))
+        for b in new.bodies
+    ]
+    return new.with_bodies(bodies), list(zip(found, missed, strict=True))
 
 
 def _apart(a: AbstractMechanics, b: AbstractMechanics) -> Lanes:
     """Largest change of a body's bounds, relative to their sum."""
     changes = []
-    for old, new in zip(a.bodies, b.bodies, strict=True):
-        if old.grip is None or new.grip is None:
-            continue
-        axes = tuple(range(new.grip.bound.ndim - 1))
-        whole = jnp.sum(new.grip.bound, axes)
-        change = jnp.sum(jnp.abs(new.grip.bound - old.grip.bound), axes)
+    for old, new in zip(_bounds(a), _bounds(b), strict=True):
+        axes = tuple(range(new.ndim - 1))
+        whole = jnp.sum(new, axes)
+        change = jnp.sum(jnp.abs(new - old), axes)
         changes.append(change / jnp.where(whole > 0, whole, 1.0))
     return functools.reduce(jnp.maximum, changes)
