@@ -127,7 +127,7 @@ def test_a_soft_skin_is_simulated_on_a_fine_mesh(folder: Path) -> None:
     np.testing.assert_allclose(found, np.asarray(want).T, rtol=1.5e-4)
 
 
-@pytest.mark.long  # of compressible oil; test_prestress.py has the surroundings of single scenes
+@pytest.mark.long  # of compressible oil; test_prestress.py has surroundings of single scenes
 def test_a_path_warms_and_sinks_the_skin(folder: Path) -> None:
     """Frames are those of the scene in their surroundings, whose columns the log has."""
     grows = SCENE.replace("[oil]", 'expansion = "EPDM"\n[oil]\nbulk_modulus = "1.1 GPa"')
