@@ -30,6 +30,7 @@ from skins import (
     shaped,
 )
 
+from fitting.cli.sweep import friction_note
 from suas_jax.config import (
     BodyLoadSpec,
     ConfigError,
@@ -704,6 +705,15 @@ def test_bounds_of_friction_that_hardly_contract_are_found(
     np.testing.assert_allclose(found.state.q, limit, rtol=1e-8)
 
 
+def test_letting_go_under_friction_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    rubbed, smooth = scene(body(0, 2.0) | {"friction": 0.3}), scene(body(0, 2.0))
+    assert friction_note(rubbed, [0.0, 1e-3, 2e-3]) == friction_note(smooth, [2e-3, 0.0]) == {}
+    assert friction_note(rubbed, None) == {}
+    assert not capsys.readouterr().err
+    assert "let go" in friction_note(rubbed, [0.0, 2e-3, 1e-3])["friction_note"]
+    assert "let go" in capsys.readouterr().err
+
+
 def test_a_body_dragged_either_way_pulls_the_skin_along() -> None:
     """By all that friction holds, once it slides."""
     normal, across, _ = dragged(0.3, 0.5)
@@ -750,14 +760,15 @@ def test_derivatives_under_friction_know_that_its_bound_changes(key: str) -> Non
     )
 
 
+@pytest.mark.parametrize("lost", ["travels_given", "refined"])
 def test_an_error_whose_comparison_fails_is_not_stated(
-    monkeypatch: pytest.MonkeyPatch,
+    lost: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By a stand-in for the solve: the coarser mesh has no state at the travel found."""
+    """By a stand-in for the solve: one mesh has no state at the travel found, or at all."""
 
     def run(static: Any, meshes: Any, inputs: Any, start: Any, **options: Any) -> Any:
         del static, meshes, inputs
-        failed = index_of("no_convergence") if options.get("travels_given") else 0
+        failed = index_of("no_convergence") if options.get(lost) else 0
         one = np.ones(1)
         named = {"force_N": one, "depth_m": one, "contact_from_m": -one, "contact_to_m": one}
         report = {
@@ -772,8 +783,10 @@ def test_an_error_whose_comparison_fails_is_not_stated(
         return report, start, start, start, {"result": np.array([failed]), "level": one}
 
     monkeypatch.setattr(choice, "run_program", run)
-    spec = with_solve(scene(_by_force(20, 2.0)), model="shell", elements=16)
+    load = _by_force(20, 2.0) if lost == "travels_given" else body(20, 2.0)
+    spec = with_solve(scene(load), model="shell", elements=16)
     found, _ = choice.choose(spec, once=True)
+    assert found.converged
     assert np.isnan(found.mesh_error)
     assert not found.outcome["compared"]
 

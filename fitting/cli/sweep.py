@@ -1,11 +1,19 @@
 """`suas sweep`: a load-displacement curve. JAX is imported inside the command."""
 
+import itertools
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fitting.cli.contract import NO_SOLUTION, Overwrite, answer, bad_input, print_report
+from fitting.cli.contract import (
+    NO_SOLUTION,
+    Overwrite,
+    answer,
+    bad_input,
+    print_report,
+    say,
+)
 from fitting.cli.options import (
     AsJson,
     Model,
@@ -20,6 +28,7 @@ from fitting.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from suas_jax.config import SceneSpec
     from suas_jax.scene.sweep import Sweep
 
 _MOST_POINTS = 10_000
@@ -107,7 +116,7 @@ def sweep(
 
                 plot_sweep(curve, plot)
     report: dict[str, Any] = {"points": curve.points, "first_contact": curve.first_contact}
-    report |= material_note(spec)
+    report |= material_note(spec) | friction_note(spec, levels["depths"])
     if curve.film is not None:
         report["film"] = curve.film
     if gradient is not None:
@@ -115,6 +124,19 @@ def sweep(
     answer(as_json, report, lambda: _print_curve(curve))
     if any(point["status"] != "converged" for point in curve.points):
         raise typer.Exit(NO_SOLUTION)
+
+
+def friction_note(spec: "SceneSpec", depths: list[float] | None) -> dict[str, str]:
+    """Say on stderr what letting go under friction leaves out; the same for the JSON."""
+    falls = any(after < before for before, after in itertools.pairwise(depths or ()))
+    if not falls or not any(body.friction for body in spec.bodies):
+        return {}
+    note = (
+        "friction is modelled for bodies that are pressed ever further: every travel is "
+        "answered as if pressed in to; what friction holds back when bodies let go is left out"
+    )
+    say(f"suas: {note}", err=True)
+    return {"friction_note": note}
 
 
 def _range(option: str, text: str | None, unit: float = 1.0) -> list[float] | None:

@@ -262,7 +262,10 @@ def _attempt(
             found.report["discretisation_error"] = error
         if coarser is not None and not found.better_than(coarser):
             compared = coarser.mesh_excess(rtol) < np.inf  # else it was to be compared with
-            return coarser if compared or not found.beyond_shell else found
+            if not compared and found.beyond_shell:
+                return found
+            coarser.outcome["compared"] = compared
+            return coarser
         # Where another model is tried next, a finer mesh of this one is wasted.
         other_next = scene.solve.model == "auto" and name == "shell" and not given
         other_next = other_next and found.converged and found.model_too_coarse(rtol)

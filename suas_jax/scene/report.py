@@ -122,14 +122,14 @@ def _remarks(
     report: dict[str, Any],
     error: float | None,  # estimated, relative; None for unknown
     *,
-    compared: bool,  # whether the mesh by which it is told has a solution, too
+    compared: bool,  # whether both meshes by which it is told have a solution
 ) -> list[str]:
     """What a user should know about a converged state."""
     remarks = []
     if not scene.loads:
         remarks.append("There is no load: this is the skin at rest.")
     if error is None:
-        why = "" if compared else ": the mesh to compare with found no solution there"
+        why = "" if compared else ": of two meshes to compare, this one alone has a solution"
         remarks.append(f"The error could not be estimated{why}.")
     elif error > scene.rtol:
         remarks.append(f"Estimated error {error:.1e} exceeds rtol {scene.rtol:.1e}.")

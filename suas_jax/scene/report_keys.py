@@ -54,6 +54,7 @@ REPORT_KEYS = {
     "radians, by its path in the file",
     "gradient_error_estimate": "with `--gradient`: its relative error by mesh and model, in "
     "the norm of what a per cent of each input does; `null` where unknown",
+    "friction_note": "of `suas sweep` where travels fall under friction: what is left out",
     "material_note": "what is to be known of the material, where its preset or file says so",
 }
 """Keys of `suas solve --json`."""
