@@ -293,8 +293,11 @@ def test_a_design_goes_on_from_the_searches_that_ended(tmp_path: Path) -> None:
     np.testing.assert_array_equal(known.last.slopes["a"], lost.slopes["a"])
     # Another goal has searches of its own.
     other = dataclasses.replace(rest.want, maximise=True)
-    assert KeptSearches(file).known(rest.want, rest.want.start) is not None
-    assert KeptSearches(file).known(other, rest.want.start) is None
+    own, anothers = KeptSearches(file), KeptSearches(file)
+    assert own.known(rest.want, rest.want.start) is not None
+    assert anothers.known(other, rest.want.start) is None
+    assert (own.note, KeptSearches(tmp_path / "none.json").note) == ("", "")
+    assert "of another design" in anothers.note
     file.write_text('{"searches": {"a": 1}}')
     with pytest.raises(ValueError, match="does not hold searches"):
         KeptSearches(file)
@@ -381,6 +384,8 @@ def test_bound_of_units_is_the_quantile_of_a_lognormal_figure(key: str, side: in
         ('"material.C2",', '"material.C1",', r'"material\.C1": is named twice'),
         ('of = ["material.C1", "material.C2", "material.C3"]', "of = []", "at least one"),
         ('{ at_least = "30 N" }', "{}", "at_least or at_most is needed"),
+        ('"30 N" }', '"30 N", at_most = "2e-3 kN" }', "at_least must be below at_most"),
+        ("places = 9", "places = 100000", "1000 at most"),
         ("[limits]", "[[limits]]", r"a table is expected: \[limits\]"),
         ("starts = 3", "starts = 3\nseed = -1", "seed = -1"),
     ],

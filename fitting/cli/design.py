@@ -77,6 +77,8 @@ def design(
 
                 kept = None if resume is None else KeptSearches(resume)
                 designed = design_skin(wanted, show, processes, kept)
+                if kept is not None and kept.note:
+                    say(f"suas: {kept.note}", err=True)
                 text = partial(designed_skin, wanted, designed.found.x)
             if output is not None:
                 write_text(output, text(output))

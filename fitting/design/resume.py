@@ -70,6 +70,7 @@ class KeptSearches:
         own_output(path)
         allow_replacing(path)  # by what it holds and more
         self._path, self._file = path, _File()
+        self._before, self._fitting = 0, 0  # searches that were there; those of the design
         if path.exists():
             try:
                 text = read_bytes(path, 100 * MEGABYTE, remember=False)
@@ -78,10 +79,22 @@ class KeptSearches:
                 raise ValueError(
                     f"{path}: does not hold searches of suas design; name another file"
                 ) from None
+            self._before = len(self._file.searches)
+
+    @property
+    def note(self) -> str:
+        """What is to be said of a file none of whose searches was of the design."""
+        if not self._before or self._fitting:
+            return ""
+        return (
+            f"{self._path}: holds {self._before} searches of another design, skin or version "
+            "of suas; all of this one's were made anew"
+        )
 
     def known(self, want: Want, start: Floats) -> Trial | None:
         """The search from a start, if it has ended before."""
         kept = self._file.searches.get(_key(want, start))
+        self._fitting += kept is not None
         return None if kept is None else kept.read()
 
     def add(self, want: Want, trial: Trial) -> None:

@@ -171,6 +171,7 @@ class _Together(Spec):
 
 _EDGES = ("geometry.half_angle", "geometry.width")
 _BEYOND = 1 + 1e-9  # of an edge, by rounding
+_MOST_PLACES = 1000
 _TABLES = ("skin", "variables", "taxels", "goal", "front", "limits", "at", "search")
 CHOOSABLE = ("force_resolution_N", "place_resolution_m")
 """Figures that decide which taxels are kept."""
@@ -205,8 +206,9 @@ def load_want(file: Path) -> Want:
         if max(-low, high) > edge * _BEYOND:
             advice = f"reaches beyond the clamped edges at -{text} and {text}"
             reader.refuse("at.region", at.region, advice)
-    if at.places < 3:
-        reader.refuse("at.places", at.places, "at least 3 are needed")
+    if not 3 <= at.places <= _MOST_PLACES:
+        advice = f"at least 3 are needed, {_MOST_PLACES} at most"
+        reader.refuse("at.places", at.places, advice)
     keep = None
     if "taxels" in table:
         keep = reader.part(_Taxels, table["taxels"], "taxels").keep
@@ -291,12 +293,15 @@ class _Reader:
             if not given.model_fields_set:
                 self.refuse(f"limits.{key}", bounds, "at_least or at_most is needed")
             kinds: dict[str, DimensionName] = {"N": "force", "mm": "length"}
+            values = {}
             for side in given.model_fields_set:
                 name, text = f"limits.{key}.{side}", getattr(given, side)
-                value = self.quantity(name, text, kinds.get(WORDS[key].unit, "number"))
-                if value <= 0:
+                values[side] = self.quantity(name, text, kinds.get(WORDS[key].unit, "number"))
+                if values[side] <= 0:
                     self.refuse(name, text, "must be greater than zero")
-                yield Limit(key, value, side == "at_least")
+            if len(values) == 2 and values["at_least"] >= values["at_most"]:
+                self.refuse(f"limits.{key}", bounds, "at_least must be below at_most")
+            yield from (Limit(key, value, side == "at_least") for side, value in values.items())
 
     def variables(self, table: dict[str, Any], spec: SkinSpec) -> Iterator[Variable]:
         if not table:
