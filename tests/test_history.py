@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from jaxtyping import Array
 from scipy.integrate import quad
-from skins import quick
+from skins import built, quick
 from test_cli import SCENES, suas
 
 from suas_jax import continuous_inputs, load_scene, solve, with_inputs, with_solve
@@ -31,7 +31,7 @@ from suas_jax.dynamics.history_table import history_of, read_history
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.equilibrium import Equilibrium
 from suas_jax.mechanics.pad.pad import Pad
-from suas_jax.scene.build import build_problem, plan_for
+from suas_jax.scene.build import plan_for
 from suas_jax.scene.sweep import SweepError
 from suas_jax.scene.travel import POWER
 
@@ -78,7 +78,7 @@ def test_forces_of_what_the_past_leaves_are_those_of_its_energy(
     file: Path, model: str, counts: Any
 ) -> None:
     scene = load_scene(file)
-    problem = build_problem(scene, plan_for(scene, model, counts), continuous_inputs(scene))
+    problem = built(scene, plan_for(scene, model, counts))
     membrane: Any = problem.mechanics
     random = np.random.default_rng(1)
     q = jnp.asarray(2e-4 * random.standard_normal(membrane.rest().shape))
@@ -110,10 +110,7 @@ def test_forces_of_what_the_past_leaves_are_those_of_its_energy(
 def test_what_a_quarter_remembers_is_what_the_whole_does(counts: tuple[int, int]) -> None:
     scene = load_scene(SCENES / "pad_crown.toml")
     plan = plan_for(scene, "shell", counts)
-    part, whole = (
-        build_problem(scene, mesh, continuous_inputs(scene)).mechanics
-        for mesh in (steps.followed_part(plan), plan)
-    )
+    part, whole = (built(scene, mesh).mechanics for mesh in (steps.followed_part(plan), plan))
     assert isinstance(part, Pad)
     assert isinstance(whole, Pad)
     assert part.parts == 4
@@ -144,7 +141,7 @@ def test_all_of_the_stress_remembered_balances_what_the_law_does(
         warmth = {"environment": EnvironmentSpec(temperature="60 degC")}
         scene = scene.model_copy(update=grows | warmth)
     inputs = continuous_inputs(scene)
-    problem = build_problem(scene, plan_for(scene, "shell", counts), inputs)
+    problem = built(scene, plan_for(scene, "shell", counts), inputs)
     membrane: Any = problem.mechanics
     assert problem.prestressed == warm
     random = np.random.default_rng(1)

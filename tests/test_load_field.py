@@ -155,6 +155,7 @@ def palm(middle: float, arc: float, force: float, points: int = 40) -> Floats:
     )
 
 
+@pytest.mark.long  # a finer mesh; closed forms of sums and the palm are beside it
 def test_a_measured_pressure_tells_what_oil_hides(estimator: LoadEstimator) -> None:
     told = dataclasses.replace(estimator, pressure_noise=5.0)
     finer = skin_of(estimator.spec, elements=64, contact=False)

@@ -273,6 +273,7 @@ def test_no_reversed_load_reaches_a_pressure_for_a_skin_that_buckles_at_rest() -
     assert status(found) == "unreachable_pressure"
 
 
+@pytest.mark.long  # programs of curves; its state at rest is named below
 def test_no_force_has_a_range_on_a_skin_that_buckles_at_rest() -> None:
     buckled = skin(mounting=5e-3).model_dump(exclude_unset=True, by_alias=True)
     buckled["oil"]["relative_permittivity"] = 2.2

@@ -124,9 +124,8 @@ SHAPES: dict[str, tuple[dict[str, Any], float, list[tuple[str, ...]]]] = {
 }
 
 
-@pytest.mark.parametrize(
-    "name", [next(iter(SHAPES)), pytest.param("a path", marks=pytest.mark.long)]
-)
+@pytest.mark.long  # derivatives of whole scenes; test_sections.py has those of the shapes
+@pytest.mark.parametrize("name", [next(iter(SHAPES)), "a path"])
 def test_derivatives_by_the_shape_are_those_of_differences(name: str) -> None:
     geometry, arc, moved = SHAPES[name]
     spec = with_solve(shaped(geometry, at_arc(arc, 9.0)), model="shell", elements=24)

@@ -114,6 +114,7 @@ def test_a_simulated_log_carries_its_true_loads(folder: Path, played: SoLog) -> 
         load_sensor_data(path.scene.skin, [folder / "played.csv"], [other])
 
 
+@pytest.mark.long  # two meshes of `forward`; a log's capacitances are those of its scenes above
 def test_a_soft_skin_is_simulated_on_a_fine_mesh(folder: Path) -> None:
     """With the 32 elements that `forward` takes, readings are off by 4e-4."""
     soft = SCENE.replace('preset = "epdm-paper"', 'law = "neo-hookean"\nmu = "1.5 MPa"')

@@ -263,6 +263,7 @@ def test_presets_and_skins_of_the_project_can_be_loaded_with_tolerances(tmp_path
     assert "electrodes.taxels.0.angle" in input_errors(skin).names
 
 
+@pytest.mark.long  # a scene at its crown; the band of an output is above
 def test_two_equal_bulges_do_not_make_their_place_uncertain() -> None:
     pressed = scene_from_dict(
         {**SKIN, "load": [{**LOAD, "angle": "0 deg +- 1 deg"}], "solve": {"elements": 16}}

@@ -7,6 +7,7 @@ import jax
 import numpy as np
 import pytest
 import scipy.linalg
+from skins import built
 from test_cli import SCENES
 
 from suas_jax import load_scene, scene_from_dict, solve, with_inputs, with_solve
@@ -21,7 +22,7 @@ from suas_jax.dynamics.inertia import densities_of, flow_of, inertia_of, weights
 from suas_jax.dynamics.motion import Sampling, free_unknowns, motion_of
 from suas_jax.dynamics.moving_section import MovingSection
 from suas_jax.dynamics.pad import pad_inertia, pad_motion
-from suas_jax.scene.build import build_problem, plan_for
+from suas_jax.scene.build import plan_for
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import inputs_of
 
@@ -74,7 +75,7 @@ def swinging(
         basis.T @ np.asarray(x) @ basis
         for x in (inertia.mass, inertia.damping, motion.stiffness)
     )
-    problem = build_problem(scene, plan_for(scene, "shell", counts), inputs_of(scene))
+    problem = built(scene, plan_for(scene, "shell", counts), inputs_of(scene))
     shell: Any = problem.mechanics
     zero = np.zeros(1)
     load = np.asarray(shell.assemble(shell.rest(), zero, zero).load).ravel()
@@ -134,7 +135,7 @@ def test_what_moves_has_the_derivative_that_short_steps_need() -> None:
     # Thick, on fine elements: the mass of its turning fibres counts.
     scene = with_solve(with_inputs(tapped(), {"geometry.thickness": 3e-3}), elements=40)
     inputs, plan = inputs_of(scene), plan_for(scene, "shell", (40,))
-    shell: Any = build_problem(scene, plan, inputs).mechanics
+    shell: Any = built(scene, plan, inputs).mechanics
     sampling = Sampling.of(shell, scene_parts(scene, inputs).skin.geometry)
     rest, length, free = shell.rest(), np.asarray(1e-6), free_unknowns(shell)
     moving = MovingSection(sampling.near(rest), sampling, densities_of(scene))
