@@ -13,9 +13,10 @@ class RESULTS(enum.Enum):
         "reported is the last equilibrium before it. Reduce the load, or trap the oil."
     )
     no_convergence = (
-        "Newton's method found no equilibrium, however small the load step. The state "
-        "reported is the last equilibrium found. Refine the mesh, or check the material's "
-        "stability window against the stretches reached."
+        "Newton's method found no equilibrium, however small the load step, or friction under "
+        "a body did not settle. The state reported is the last equilibrium found. Refine the "
+        "mesh, drag a rough body less, or check the material's stability window against the "
+        "stretches reached."
     )
     max_steps = (
         "The step budget ran out before the full load, or before the next row of a history. "
