@@ -27,6 +27,7 @@ _WORDS = dict(
     bei_startposition=at_start_position einspannlaenge=grip_separation
     klemmlaenge=clamping_length anfangsmesslaenge=gauge_length messlaenge=gauge_length
     bezugslaenge=gauge_length anfangslaenge=initial_length
+    probenhoehe=specimen_height probenlaenge=specimen_length
     probendicke=specimen_thickness dicke=thickness
     probenbreite=specimen_width breite=width probendurchmesser=specimen_diameter
     durchmesser=diameter hoehe=height
