@@ -186,6 +186,12 @@ def test_unloading_is_found_and_shuffling_is_not(tmp_path: pathlib.Path) -> None
     assert not any(
         "unloading" in text for text in warnings_of(load_dataset("uniaxial", falling))
     )
+    # Rows alone may stand in any order; with times a fall is an unloading.
+    head, times = f"time_s,{head}", np.arange(20.0)
+    for time, said in ((times, True), (times[::-1], False)):
+        file = written(tmp_path, head + rows(time, out[::-1], stress[:20][::-1]))
+        warnings = warnings_of(load_dataset("uniaxial", file))
+        assert any("unloading curve" in text for text in warnings) is said
 
 
 def test_a_mistaken_unit_is_doubted(tmp_path: pathlib.Path) -> None:
