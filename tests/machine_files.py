@@ -504,6 +504,25 @@ FILES = [
         specimen=SIZES,
     ),
     MachineFile(
+        "MTS in inches and lbs, area in square inches",
+        (
+            f"Area,{12.0 / 25.4**2:.8f},in^2\nGauge length,{25.0 / 25.4:.8f},inches\n"
+            "Extension (inches),Load (lbs)\n" + rows(TRAVEL / 25.4, FORCE / 4.4482216)
+        ).encode(),
+    ),
+    MachineFile(
+        "ounces and mils",
+        ("Load (ozf),Travel (mil)\n" + rows(FORCE / 0.278013851, TRAVEL / 0.0254)).encode(),
+        specimen=SIZES,
+    ),
+    MachineFile(
+        "Galdabini in Italian, cross-section",
+        (
+            "Sezione iniziale;12;mm2\nTratto utile;25;mm\n"
+            "Allungamento [mm];Carico [N]\n" + rows(TRAVEL, FORCE, **SEMICOLONS)
+        ).encode(),
+    ),
+    MachineFile(
         "no units",
         ("Force,Extension\n" + rows(FORCE, TRAVEL)).encode(),
         ("no unit", "--columns"),
