@@ -291,6 +291,20 @@ def test_a_file_of_another_kind_of_test_is_doubted(
         assert not any("kind" in w or "grow" in w for w in load_dataset(mode, file).warnings)
 
 
+@pytest.mark.parametrize("head", ["# specimen type: planar tension\n", "# width: 150 mm\n"])
+def test_a_planar_specimen_is_doubted_as_uniaxial(tmp_path: pathlib.Path, head: str) -> None:
+    """Its modulus would be 12 % too large."""
+    wide = "150" in head
+    text = head + ("# thickness: 2 mm\n" if wide else "# area: 300 mm2\n")
+    text += "# gauge_length: 15 mm\nExtension (mm),Load (N)\n"
+    file = written(tmp_path, text + rows(15.0 * (STRETCH - 1.0), 3e-4 * NOMINAL))
+    said = ["pure_shear" in text for text in load_dataset("uniaxial", file).warnings]
+    assert any(said)
+    assert load_dataset("pure_shear", file).warnings == ()
+    squeezed = written(tmp_path, text + rows(-5.0 * (STRETCH - 1.0), -3e-4 * NOMINAL))
+    assert not wide or load_dataset("uniaxial", squeezed).warnings == ()
+
+
 @pytest.mark.parametrize(
     ("names", "count"),
     [
