@@ -341,6 +341,11 @@ def test_tension_counted_as_negative_is_refused_with_a_way_out(tmp_path: pathlib
         refuse_without_information(load_dataset("uniaxial", file))
     data = load_dataset("uniaxial", file, columns={"force": "Load (N) -1 N"})
     np.testing.assert_allclose(data.value, NOMINAL)
+    # The gap of a rheometer's plates has no name for the way that they close.
+    text = "# area: 12 mm2\n# gauge_length: 25 mm\nGap (mm),Axial force (N)\n"
+    file = written(tmp_path, text + rows(25.0 / STRETCH, NOMINAL * 12e-6))
+    with pytest.raises(ValueError, match="rubber's; turn the sign"):
+        refuse_without_information(load_dataset("uniaxial", file))
 
 
 def test_columns_of_another_mode_are_told(tmp_path: pathlib.Path) -> None:

@@ -88,9 +88,10 @@ def refuse_without_information(data: Dataset) -> None:
     if isinstance(data, StressTest) and data.mode in PATHS and np.mean(_opposed(data)) > 0.9:
         state, column = data.origin.state, data.origin.column
         squeezed = f'--columns "compressive {state}={column}" where it was squeezed, or '
+        squeezed = "" if state in ("stretch", "") else squeezed
         raise ValueError(
             f"{data.file}: stresses have the sign opposite to their strain, as no rubber's; "
-            f"{'' if state == 'stretch' else squeezed}turn the sign of the stress or force by "
+            f"{squeezed}turn the sign of the stress or force by "
             f'its unit, such as --columns "force=NAME -1 N" or "stress=NAME -1 MPa"'
         )
 
