@@ -6,17 +6,17 @@ from suas_jax.config.quantities import DimensionName, parse_quantity
 
 _PLAIN = (
     "Pa hPa kPa MPa GPa psi ksi bar mbar atm mmHg torr N/mm^2 N/cm^2 N/m^2 kN/m^2 MN/m^2 "
-    "kgf/cm^2 kgf/mm^2 gf/cm^2 N mN kN kgf gf lbf um mm cm m in deg rad % mm^2 cm^2 m^2"
+    "kgf/cm^2 kgf/mm^2 gf/cm^2 N mN kN kgf gf lbf um mm cm m in deg rad % mm^2 cm^2 m^2 in^2"
 )
 _OTHERS = {
     "psi": "lbf/in2",
     "kgf/cm^2": "kg/cm2 kp/cm2",
     "kgf/mm^2": "kg/mm2",
     "kgf": "kg",
-    "gf": "g",
-    "lbf": "lb",
+    "gf": "g grams",
+    "lbf": "lb lbs",
     "um": "\N{MICRO SIGN}m \N{GREEK SMALL LETTER MU}m",
-    "in": "inch",
+    "in": "inch inches",
     "deg": "degree degrees °",
     "%": "percent pct",
     "": "mm/mm m/m in/in - 1",
@@ -33,6 +33,8 @@ Megapascals are never millipascals here.
 MULTIPLES = {
     "dan": "10N",
     "cn": "0.01N",
+    "ozf": "0.278013851N",
+    "mil": "0.0254mm",
     "\N{GREEK SMALL LETTER MU}\N{GREEK SMALL LETTER EPSILON}": "1e-4%",
     "microstrain": "1e-4%",
     "inh2o": "249.089Pa",

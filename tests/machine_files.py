@@ -104,6 +104,7 @@ def _stacked(unit: str) -> str:
     return text
 
 
+SHEET = [*zip(100.0 * (STRETCH - 1.0), FORCE, strict=True)]
 FILES = [
     MachineFile(
         "Shimadzu Trapezium X",
@@ -503,6 +504,25 @@ FILES = [
         specimen=SIZES,
     ),
     MachineFile(
+        "MTS in inches and lbs, area in square inches",
+        (
+            f"Area,{12.0 / 25.4**2:.8f},in^2\nGauge length,{25.0 / 25.4:.8f},inches\n"
+            "Extension (inches),Load (lbs)\n" + rows(TRAVEL / 25.4, FORCE / 4.4482216)
+        ).encode(),
+    ),
+    MachineFile(
+        "ounces and mils",
+        ("Load (ozf),Travel (mil)\n" + rows(FORCE / 0.278013851, TRAVEL / 0.0254)).encode(),
+        specimen=SIZES,
+    ),
+    MachineFile(
+        "Galdabini in Italian, cross-section",
+        (
+            "Sezione iniziale;12;mm2\nTratto utile;25;mm\n"
+            "Allungamento [mm];Carico [N]\n" + rows(TRAVEL, FORCE, **SEMICOLONS)
+        ).encode(),
+    ),
+    MachineFile(
         "no units",
         ("Force,Extension\n" + rows(FORCE, TRAVEL)).encode(),
         ("no unit", "--columns"),
@@ -713,5 +733,60 @@ FILES = [
     MachineFile(
         "components of tensors",
         ("F11 [-],P11 [kPa]\n" + rows(STRETCH, 1e3 * stress(STRETCH))).encode(),
+    ),
+    MachineFile(
+        "specimens side by side, sizes above their columns",
+        (
+            "Specimen;1;;2;\nWidth (mm);6;;4;\nThickness;2 mm;;2 mm;\n"
+            "Gauge length;25;mm;20;mm\n"
+            "Extension (mm);Load (N);Extension (mm);Load (N)\n"
+            + rows(TRAVEL, FORCE, 0.8 * TRAVEL, FORCE / 1.5, between=";")
+        ).encode(),
+        factors=(1.0, 1.0),
+    ),
+    MachineFile(
+        "specimens side by side, a row of sizes right above the names",
+        (
+            "Width;6 mm;;4 mm;\nThickness;2 mm;;2 mm;\nGauge length;25 mm;;20 mm;\n"
+            "Extension (mm);Load (N);Extension (mm);Load (N)\n"
+            + rows(TRAVEL, FORCE, 0.8 * TRAVEL, FORCE / 1.5, between=";")
+        ).encode(),
+        factors=(1.0, 1.0),
+    ),
+    MachineFile(
+        "specimens side by side, a size too many",
+        (
+            "Width (mm);6;4;5\nThickness (mm);2;2;2\nGauge length (mm);25;20;20\n"
+            "Extension (mm);Load (N);Extension (mm);Load (N)\n"
+            + rows(TRAVEL, FORCE, 0.8 * TRAVEL, FORCE / 1.5, between=";")
+        ).encode(),
+        ("3 values of length", "2 specimens", "in their order"),
+    ),
+    MachineFile(
+        "workbook, sizes of all specimens in rows of a sheet",
+        workbook(
+            {
+                "Sizes": [["", "A", "B"], ["Width (mm)", 6, 4], ["Thickness (mm)", 2, 2]],
+                "A": [["Strain (%)", "Load (N)"], *SHEET],
+                "B": [["Strain (%)", "Load (N)"], *[(x, y / 1.5) for x, y in SHEET]],
+            }
+        ),
+        factors=(1.0, 1.0),
+        suffix=".xlsx",
+    ),
+    MachineFile(
+        "a size at three places in one row",
+        (
+            "Dicke;1,95;2,00;2,20;mm\nBreite;6;mm\nL0;25;mm\n"
+            "Standardweg;Standardkraft\nmm;N\n" + rows(TRAVEL, FORCE, **SEMICOLONS)
+        ).encode(),
+    ),
+    MachineFile(
+        "Zwick in German, height of the specimen",
+        (
+            "Probendurchmesser d0;29,00;mm\nProbenhöhe h0;25,00;mm\n"
+            "Stauchung;Druckkraft\nmm;N\n" + rows(DOWN, -button(SQUEEZED), **SEMICOLONS)
+        ).encode("cp1252"),
+        stretch=SQUEEZED,
     ),
 ]

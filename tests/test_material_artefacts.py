@@ -39,6 +39,20 @@ def test_artefacts_are_named_and_mended(tmp_path: pathlib.Path, name: str, noise
     assert inside >= 3  # 200 replicas are in benchmarks/material_artefacts.py
 
 
+def test_no_zero_is_blamed_for_an_unloading(tmp_path: pathlib.Path) -> None:
+    """A loop follows a machine that gives way, within its own width."""
+    stretch = np.r_[np.linspace(1.02, 2.0, 40), np.linspace(2.0, 1.1, 40)]
+    softer = np.r_[np.ones(40), np.linspace(1.0, 0.6, 40)]
+    noise = 1.0 + 0.005 * np.random.default_rng(3).standard_normal(80)
+    stress = MU * (stretch - stretch**-2) * softer * noise / 1e6
+    lines = [f"{x:.5f},{y:.7f}" for x, y in zip(stretch, stress, strict=True)]
+    file = tmp_path / "loop.csv"
+    file.write_text("\n".join(["stretch,nominal_stress_MPa", *lines]))
+    fit = fit_material([load_dataset("uniaxial", file)], "neo-hookean", starts=4)
+    assert fit.suspects == ()
+    assert any("unloading branch" in remark for remark in fit.remarks)
+
+
 LOADING = 1e3 * TRAVEL
 CYCLE = np.concatenate([LOADING, LOADING[::-1]])
 SOFTENED = np.concatenate([FORCE, 0.93 * FORCE[::-1]])

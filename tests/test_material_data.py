@@ -186,6 +186,12 @@ def test_unloading_is_found_and_shuffling_is_not(tmp_path: pathlib.Path) -> None
     assert not any(
         "unloading" in text for text in warnings_of(load_dataset("uniaxial", falling))
     )
+    # Rows alone may stand in any order; with times a fall is an unloading.
+    head, times = f"time_s,{head}", np.arange(20.0)
+    for time, said in ((times, True), (times[::-1], False)):
+        file = written(tmp_path, head + rows(time, out[::-1], stress[:20][::-1]))
+        warnings = warnings_of(load_dataset("uniaxial", file))
+        assert any("unloading curve" in text for text in warnings) is said
 
 
 def test_a_mistaken_unit_is_doubted(tmp_path: pathlib.Path) -> None:
@@ -285,6 +291,20 @@ def test_a_file_of_another_kind_of_test_is_doubted(
         assert not any("kind" in w or "grow" in w for w in load_dataset(mode, file).warnings)
 
 
+@pytest.mark.parametrize("head", ["# specimen type: planar tension\n", "# width: 150 mm\n"])
+def test_a_planar_specimen_is_doubted_as_uniaxial(tmp_path: pathlib.Path, head: str) -> None:
+    """Its modulus would be 12 % too large."""
+    wide = "150" in head
+    text = head + ("# thickness: 2 mm\n" if wide else "# area: 300 mm2\n")
+    text += "# gauge_length: 15 mm\nExtension (mm),Load (N)\n"
+    file = written(tmp_path, text + rows(15.0 * (STRETCH - 1.0), 3e-4 * NOMINAL))
+    said = ["pure_shear" in text for text in load_dataset("uniaxial", file).warnings]
+    assert any(said)
+    assert load_dataset("pure_shear", file).warnings == ()
+    squeezed = written(tmp_path, text + rows(-5.0 * (STRETCH - 1.0), -3e-4 * NOMINAL))
+    assert not wide or load_dataset("uniaxial", squeezed).warnings == ()
+
+
 @pytest.mark.parametrize(
     ("names", "count"),
     [
@@ -321,6 +341,11 @@ def test_tension_counted_as_negative_is_refused_with_a_way_out(tmp_path: pathlib
         refuse_without_information(load_dataset("uniaxial", file))
     data = load_dataset("uniaxial", file, columns={"force": "Load (N) -1 N"})
     np.testing.assert_allclose(data.value, NOMINAL)
+    # The gap of a rheometer's plates has no name for the way that they close.
+    text = "# area: 12 mm2\n# gauge_length: 25 mm\nGap (mm),Axial force (N)\n"
+    file = written(tmp_path, text + rows(25.0 / STRETCH, NOMINAL * 12e-6))
+    with pytest.raises(ValueError, match="rubber's; turn the sign"):
+        refuse_without_information(load_dataset("uniaxial", file))
 
 
 def test_columns_of_another_mode_are_told(tmp_path: pathlib.Path) -> None:

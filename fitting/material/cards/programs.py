@@ -135,8 +135,10 @@ def febio(material: Material) -> str:
         kind, places = "Mooney-Rivlin", (("c1", (1, 0)), ("c2", (0, 1)))
         entries = [(name, coefficients.get(place, 0.0)) for name, place in places]
     lines = [f"<{k}>{x:.12g}</{k}>" for k, x in [*entries, ("k", material.demanded_bulk)]]
+    density = []
     if material.density is not None:
-        lines.insert(0, f"<density>{material.density:.12g}</density>")
+        density = [f"<density>{material.density:.12g}</density>"]
+    lines = density + lines
     bulk = f"{BULK:g} shear moduli, nearly incompressible"
     if material.bulk is not None:
         bulk = f"{material.bulk:.6g} {material.unit}"
@@ -148,7 +150,8 @@ def febio(material: Material) -> str:
         series = ["<g0>1</g0>"]
         for i, (g, tau) in enumerate(material.prony, 1):
             series += [f"<g{i}>{g / share:.12g}</g{i}>", f"<t{i}>{tau:.12g}</t{i}>"]
-        lines = [*series, f'<elastic type="{kind}">', *_inside(lines), "</elastic>"]
+        # Inertia and weight take the outer density, or in old versions the inner one.
+        lines = [*density, *series, f'<elastic type="{kind}">', *_inside(lines), "</elastic>"]
     note = f"<!-- {material.law.law}, {material.unit}; k is {bulk} -->"
     opening = f'<material id="1" name="{material.name}" type="{outer}">'
     return "\n".join([note, opening, *_inside(lines), "</material>"]) + "\n"

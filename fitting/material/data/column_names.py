@@ -27,6 +27,7 @@ _WORDS = dict(
     bei_startposition=at_start_position einspannlaenge=grip_separation
     klemmlaenge=clamping_length anfangsmesslaenge=gauge_length messlaenge=gauge_length
     bezugslaenge=gauge_length anfangslaenge=initial_length
+    probenhoehe=specimen_height probenlaenge=specimen_length
     probendicke=specimen_thickness dicke=thickness
     probenbreite=specimen_width breite=width probendurchmesser=specimen_diameter
     durchmesser=diameter hoehe=height
@@ -53,6 +54,7 @@ _WORDS = dict(
     spessore=thickness lunghezza_utile=gauge_length lunghezza_iniziale=initial_length
     lunghezza=length diametro=diameter
     altezza=height tempo=time
+    sezione_iniziale=initial_area sezione=area tratto_utile=gauge_length
 
     tension_de_traccion=tensile_stress deformacion_por_traccion=tensile_strain
     longitud_de_calibre=gauge_length fuerza=force carga=load desplazamiento=displacement
@@ -61,8 +63,8 @@ _WORDS = dict(
     deformacion_nominal=nominal_strain deformacion=strain tension_verdadera=true_stress
     tension_real=true_stress tension_nominal=nominal_stress esfuerzo_verdadero=true_stress
     esfuerzo_real=true_stress esfuerzo_nominal=nominal_stress esfuerzo=stress presion=pressure
-    ancho=width espesor=thickness longitud_inicial=initial_length longitud=length altura=height
-    tiempo=time
+    seccion=area ancho=width espesor=thickness longitud_inicial=initial_length longitud=length
+    altura=height tiempo=time
 
     forca=force deslocamento=displacement alongamento=elongation extensao=extension
     deformacao_verdadeira=true_strain deformacao_real=true_strain

@@ -41,6 +41,8 @@ class Header:
     metadata: dict[str, str]  # values by key, lower case with underscores
     # sizes in SI units as text, by column name with unit, by specimen
     by_specimen: dict[str, dict[str, str]]
+    # values of sizes whose row states several, of specimens or at places, by column name
+    in_rows: dict[str, list[str]] = dataclasses.field(default_factory=dict)
 
     @staticmethod
     def merged(headers: Sequence["Header"]) -> "Header":
@@ -79,7 +81,13 @@ def read_header(cells: Cells, layout: TableLayout | None) -> Header:
     for text in cells.comments:
         if found := _META.match(text):
             metadata.setdefault(_key(found.group(1)), found.group(2).strip(" ;,\t\"'"))
-    for key, value, unit in (pair for row in rows for pair in _pairs(row)):
+    across = [_across(row, decimal) for row in rows]
+    in_rows = dict(filter(None, reversed(across)))
+    for name, values in in_rows.items():
+        known, _, si = name.rstrip("]").partition(" [")
+        metadata.setdefault(known, f"{statistics.median(map(float, values))!r} {si}")
+    single = (row for row, found in zip(rows, across, strict=True) if found is None)
+    for key, value, unit in (pair for row in single for pair in _pairs(row)):
         name, label = split_specimen(key)
         place = _PLACE.fullmatch(name)
         size = _size(place[1] if place else name, value, unit, decimal)
@@ -97,7 +105,7 @@ def read_header(cells: Cells, layout: TableLayout | None) -> Header:
     for label, own in _results(rows, decimal).items():
         for known_size in own.items():
             sizes.setdefault(label, {}).setdefault(*known_size)
-    return Header(metadata, sizes)
+    return Header(metadata, sizes, in_rows)
 
 
 def _pairs(row: list[str]) -> list[tuple[str, str, str]]:
@@ -122,6 +130,18 @@ def _pairs(row: list[str]) -> list[tuple[str, str, str]]:
         pairs.append((key, value, unit if title else unit.strip("()[] ")))
         i += 1 if title else 3 if unit else 2
     return pairs
+
+
+def _across(row: list[str], decimal: str) -> tuple[str, list[str]] | None:
+    """A size that a row states several times, of specimens or at places, in SI units."""
+    name, *cells = [cell for cell in row if cell] or [""]
+    units = [cell for cell in cells if is_unit(cell) and not looks_numeric(cell)]
+    values = [cell for cell in cells if cell not in units]
+    if len(values) < 2 or len(set(units)) > 1 or not size_of(name):
+        return None
+    unit = units[0].strip("()[] ") if units else ""
+    found = [size for cell in values if (size := _size(name, cell, unit, decimal))]
+    return (found[0][0], [size for _, size in found]) if len(found) == len(values) else None
 
 
 def _size(name: str, value: str, unit: str, decimal: str) -> tuple[str, str] | None:

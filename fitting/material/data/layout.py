@@ -241,7 +241,8 @@ def _labels(row: list[str], names: list[str]) -> bool:
     """Whether a row over the names labels specimens side by side."""
     repeated = len({name for name in names if name}) < sum(bool(name) for name in names)
     filled = [cell for cell in row if cell]
-    return repeated and len(filled) > 1 and len(row) <= len(names) + 1
+    several = len(filled) > 1 and len(row) <= len(names) + 1
+    return repeated and several and not size_of(filled[0])
 
 
 def _filled(cells: list[str], width: int) -> list[str]:

@@ -167,17 +167,30 @@ def _row(file: str, line: int, row: list[str], delimiter: str, names: list[str])
     return cells + [""] * (width - len(cells))
 
 
-def _sizes(header: Header, parts: list[_Part], *, sheets: int) -> list[Mapping[str, str]]:
+def _sizes(
+    file: str, header: Header, others: list[Header], parts: list[_Part], *, sheets: int
+) -> list[dict[str, str]]:
     """Sizes of each specimen: those under its label, in its order, or on its sheet."""
     labels = list(header.by_specimen)
-    found: list[Mapping[str, str]] = []
+    found: list[dict[str, str]] = []
     for k, part in enumerate(parts):
-        own: Mapping[str, str] = header.by_specimen.get(part.specimen, {})
+        own = header.by_specimen.get(part.specimen, {})
         if not own and len(labels) == len(parts):
             own = header.by_specimen[labels[k]]  # the same order, other labels
         if sheets > 1:
             own = {**parts[0].header.of_sheet(), **part.header.of_sheet(), **own}
-        found.append(own)
+        found.append(dict(own))
+    # Rows of values above the first table are of all specimens, unless each has its own.
+    above = [] if sheets > 1 and any(parts[-1].header.in_rows) else [parts[0].header]
+    for name, values in (pair for one in [*others, *above] for pair in one.in_rows.items()):
+        if len(values) != len(parts):
+            size = name.partition(" ")[0]
+            raise DataError(
+                f"{file}: {len(values)} values of {size} stand in a row, for {len(parts)} "
+                f"specimens: state one for each, in their order"
+            )
+        for own, value in zip(found, values, strict=True):
+            own[name] = value
     return found
 
 
@@ -187,7 +200,7 @@ def _joined(file: str, others: list[Header], groups: list[list[_Part]]) -> Table
     names = parts[0].names
     header = Header.merged([*others, *dict.fromkeys(part.header for part in parts)])
     several = len(parts) > 1
-    sizes = _sizes(header, parts, sheets=len(groups)) if several else [{}]
+    sizes = _sizes(file, header, others, parts, sheets=len(groups)) if several else [{}]
     sized = list(dict.fromkeys(key for own in sizes for key in own))
     rows: list[tuple[str, ...]] = []
     for k, (part, own) in enumerate(zip(parts, sizes, strict=True), 1):

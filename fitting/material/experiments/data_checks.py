@@ -65,6 +65,11 @@ def branches(data: Dataset) -> Branches:
     return Branches(unloading, float(np.mean(1.0 - back[usable] / outwards[usable])))
 
 
+def returns(data: StressTest) -> bool:
+    """Whether some readings, or all of them, are of unloading."""
+    return bool(branches(data).unloading.any()) or _only_returns(data)
+
+
 def refuse_without_information(data: Dataset) -> None:
     """Raise a ValueError where every reading is at rest, or every reading is zero."""
     deformed = np.ones(data.size, bool)
@@ -83,9 +88,10 @@ def refuse_without_information(data: Dataset) -> None:
     if isinstance(data, StressTest) and data.mode in PATHS and np.mean(_opposed(data)) > 0.9:
         state, column = data.origin.state, data.origin.column
         squeezed = f'--columns "compressive {state}={column}" where it was squeezed, or '
+        squeezed = "" if state in ("stretch", "") else squeezed
         raise ValueError(
             f"{data.file}: stresses have the sign opposite to their strain, as no rubber's; "
-            f"{'' if state == 'stretch' else squeezed}turn the sign of the stress or force by "
+            f"{squeezed}turn the sign of the stress or force by "
             f'its unit, such as --columns "force=NAME -1 N" or "stress=NAME -1 MPa"'
         )
 
@@ -111,6 +117,12 @@ def warnings_of(data: Dataset) -> list[str]:
             f"than loading: hysteresis or softening (Mullins effect), which an elastic law "
             f"can't follow; choose one branch with --branch loading"
         )
+    if _only_returns(data):
+        found.append(
+            f"{data.file}: its readings go back towards rest as time goes on: an unloading "
+            f"curve, which hysteresis and softening (Mullins effect) make lower than the "
+            f"loading; fit the loading"
+        )
     found += [f"{data.file}: {text}" for text in _unit_doubts(data)]
     if np.mean(_opposed(data)) > 0.5:
         found.append(
@@ -127,6 +139,19 @@ def warnings_of(data: Dataset) -> list[str]:
         what = ", ".join(f"{count} ({reason})" for reason, count in data.dropped.items())
         found.append(f"{data.file}: rows left out: {what}")
     return found
+
+
+def _only_returns(data: StressTest) -> bool:
+    """Whether the times of a specimen's readings say that its curve is all unloading."""
+    if not data.is_curve or data.follows_history:
+        return False
+    for rows in series_of(data):
+        time = data.time[rows]
+        if np.isfinite(time).all() and np.ptp(time) > 0.0:
+            h = data.deformation[rows[np.argsort(time, kind="stable")]]
+            if not any(half.outward for half in half_cycles(h)):
+                return True
+    return False
 
 
 def _reads_as_compression(data: StressTest) -> bool:

@@ -35,6 +35,8 @@ def one_parameter(reader: Reader) -> StressTest:
     names = "nominal_stress_MPa", "cauchy_stress_kPa", "force_N"
     values, measure = reader.needed_stress("the stress", *names)
     stretch = reader.stretch()
+    if reader.mode == "uniaxial" and np.nanmax(stretch, initial=1.0) > 1.0:
+        reader.doubt_a_wide_strip()
     factors = mode_factors(PATHS[reader.mode], stretch, measure)
     return reader.stress_test(StressTest, measure, factors, values)
 

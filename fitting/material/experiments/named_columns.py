@@ -18,7 +18,9 @@ _SIGNED = ("force", "stress", "nominal", "cauchy", "strain", "log_strain", "disp
 _STRAINS = ("strain", "log_strain", "green_strain", "stretch")
 _TOGETHER = 0.3  # share of the strain along, across, beyond which both are loaded
 # What a file says of its test: the kind, method or standard of it.
-_OF_TEST = re.compile(r"test|pruef|(?:method|procedure|standard|norm|type|mode)(?![a-z])")
+_OF_TEST = re.compile(
+    r"test|pruef|(?:specimen_)?(?:method|procedure|standard|norm|type|mode)(?![a-z])"
+)
 _COMPRESSION = r"compress(?!ion_mou?ld)|druckversuch|stauch|iso_7743|astm_d_?575"
 # Words for a kind of test, of the modes that a curve's columns can't tell apart.
 _KINDS = {

@@ -32,6 +32,7 @@ _MEASURES: tuple[tuple[str, Callable[[np.ndarray], np.ndarray], str], ...] = (
 # Columns of the noise, over the readings where it is zero; dimension of what is not stress.
 _SIGMAS = {"sigma": 1.0, "relative_sigma": 0.0}
 _DIMENSIONS: dict[str, DimensionName] = {"displacement": "length", "force": "force"}
+_WIDE = 4.0  # widths over lengths, beyond which a strip is pulled in pure shear
 # Share by which a stress may miss the force over the area that it is.
 _AS_FORCE = 0.02
 _RING = re.compile(r"(?<![a-z])(?:o_?)?ring(?:probe|_type)?(?![a-z])|(?:inner|inside)_diameter")
@@ -143,6 +144,18 @@ class Reader(NamedColumns):
             return grips if gauge is None else gauge
         name = self.table.names[self.position(quantity, direction)]
         return grips if closeness_to_specimen(name) < 0 else gauge
+
+    def doubt_a_wide_strip(self) -> None:
+        """Say where grips keep a pulled specimen from growing narrower: it is too wide."""
+        width, length = self.size("width"), self._length_of("displacement")
+        if width is None or length is None:
+            return
+        ratio = float(np.nanmedian(width / length))
+        if ratio > _WIDE:
+            self.warnings.append(
+                f"the specimen is {ratio:.3g} times as wide as long: its grips keep it from "
+                f"growing narrower, as in pure shear (--data pure_shear={self.table.file})"
+            )
 
     def area(self) -> np.ndarray:
         """Undeformed cross-section of the specimen [m²].
