@@ -38,8 +38,8 @@ from suas_jax.scene.parts import SceneParts
 
 # Relative error from which a body's force is not an answer.
 _MEANINGLESS = 0.1
-# Turn of a tip's surface over half the distance of the points that touch it [rad]. From a
-# third on a skin hangs on one of them as if friction held it: twice the force at 30 degrees.
+# Turn of a tip's surface over half the distance of the points that touch it [rad]. At 0.45 a
+# skin hangs on one of them as if friction held it: twice the force at 30 degrees.
 _SHARPEST = 0.25
 # Relative error by the first-order effect, which is then several times the force that is left.
 _BEYOND = 1.0
