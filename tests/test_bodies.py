@@ -350,6 +350,24 @@ def test_a_small_body_does_not_pass_through_a_skin_that_it_goes_into_deep() -> N
         assert float(shape.straight_distance(place)[0]) == pytest.approx(-deep, abs=1e-6)
 
 
+def test_skin_behind_a_small_body_is_pushed_back_by_its_own_law_too() -> None:
+    """To which Newton's method may come from far: a thin rod passed through the skin."""
+    problem = problem_of(scene(body(0, 2.0, shape="cylinder", radius="0.2 mm")), 32)
+    own = problem.mechanics.softened(jnp.ones(1)).bodies[0]
+    tip = own.origin + own.way
+    behind, beside = tip + 2e-3 * own.frame[-1], tip + 2e-4 * own.along + 2e-4 * own.frame[-1]
+    assert float(own.placed(1.0).gap(behind)[0]) == pytest.approx(-2e-3, rel=1e-3)
+    assert float(own.placed(1.0).gap(beside)[0]) == pytest.approx(0, abs=1e-9)
+
+
+def test_a_tip_that_points_of_the_skin_catch_on_is_named() -> None:
+    """A rod of 0.02 mm held the skin 30 degrees off the crown as if friction did."""
+    for radius, status in (("0.02 mm", "sharp_body"), ("0.5 mm", "converged")):
+        spec = scene(body(0, 1.0, shape="cylinder", radius=radius))
+        report = solve(with_solve(spec, model="shell", elements=32)).report
+        assert report["status"] == status
+
+
 def test_a_body_off_the_skin_leaves_it_at_rest() -> None:
     report = on_the_crown(-1.0).report
     load = report["loads"][0]

@@ -151,6 +151,16 @@ def test_numbers_of_a_state_that_means_nothing_are_not_shown(
     assert "e+" not in shown
 
 
+def test_a_curve_s_table_says_how_far_a_body_is_in(capsys: pytest.CaptureFixture[str]) -> None:
+    """Which is another length than how far the skin has moved."""
+    point = dict.fromkeys(_COLUMNS, 1.0) | {"stable": True, "status": "converged"}
+    point |= {"loads": [{"kind": "body", "force_N": 5.0, "depth_m": 2.5e-3}], "wall": None}
+    _print_curve(Sweep([point], None, load_scene(CASE_A)))
+    shown = capsys.readouterr().out
+    assert "travel [mm]" in shown
+    assert " 2.5 " in shown
+
+
 @pytest.mark.long  # half an arc is a program of its own; unknowns in test_shell
 def test_symmetric_scene_solves_half_the_arc() -> None:
     symmetric = json.loads(suas("solve", CASE_A, "--json").stdout)

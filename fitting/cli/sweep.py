@@ -161,16 +161,23 @@ def _print_curve(curve: "Sweep") -> None:
     from fitting.report.description import Remark, ReportTable
     from suas_jax.equilibrium.outcomes import MEANINGLESS
 
-    names = ("force [N]", "oil [kPa]", "moved [mm]", "gap [mm]", "wall [N]", "status")
+    # How far the body is in that is in most; without one how far the skin has moved.
+    travels = [
+        [load["depth_m"] for load in point["loads"] if "depth_m" in load]
+        for point in curve.points
+    ]
+    moved = "travel [mm]" if travels[0] else "moved [mm]"
+    names = ("force [N]", "oil [kPa]", moved, "gap [mm]", "wall [N]", "status")
     time = ("t [s]",) if "t_s" in curve.points[0] else ()
 
-    def shown(row: dict[str, Any]) -> list[str]:
+    def shown(row: dict[str, Any], travel: list[float]) -> list[str]:
         if row["status"] in MEANINGLESS:
             return ["-"] * (len(names) - 1)
         return [
             f"{row['force_N']:.4g}",
             f"{1e-3 * row['oil_pressure_Pa']:.4g}",
-            f"{round(1e3 * row['max_displacement_m'], 6):.4g}",  # to the nanometre
+            # to the nanometre
+            f"{round(1e3 * max(travel, default=row['max_displacement_m']), 6):.4g}",
             f"{1e3 * row['min_gap_m']:.4g}",
             f"{row['wall_force_N']:.4g}",
         ]
@@ -178,10 +185,10 @@ def _print_curve(curve: "Sweep") -> None:
     rows = [
         [
             *(f"{row['t_s']:.6g}" for _ in time),
-            *shown(row),
+            *shown(row, travel),
             row["status"] if row["stable"] else f"{row['status']}, unstable",
         ]
-        for row in curve.rows()
+        for row, travel in zip(curve.rows(), travels, strict=True)
     ]
     film, contact = curve.film, curve.first_contact
     touch = "The inner face does not reach the wall."

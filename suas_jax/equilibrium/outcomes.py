@@ -65,6 +65,10 @@ class RESULTS(enum.Enum):
         'body less deep, or set solve.model = "solid", which resolves the membrane. A travel '
         "that ends inside the wall has no solution in any model."
     )
+    sharp_body = (
+        "A body's tip is sharper than the mesh resolves: its points catch on the tip, over "
+        "which the skin slides freely. Give it a larger radius, or more `solve.elements`."
+    )
     sliding = (
         "A body is pulled along with more than friction holds: it slides, and no drag carries "
         "the force. The state reported is the nearest to it. Pull less, press harder, or give "
@@ -89,6 +93,7 @@ MEANINGLESS = (
     "volume_not_kept",
     "body_on_clamp",
     "squeezed",
+    "sharp_body",
     "beyond_model",
 )
 

@@ -42,10 +42,11 @@ _LEAST_ORDER = 0.75
 # Failures of the shell that need not be the solid's: its few fibres may leave the faces
 # beyond a limit that more layers keep to; it does not know how thin a membrane is squeezed,
 # nor how it shears within a thickness of a clamp, which turns a force found there around or
-# leaves nothing of it.
+# leaves nothing of it; its elements are longer than the solid's under a body.
 _SOLID_KNOWS = {
     "outside_material_domain": "the shell's faces lie beyond the material's limit",
     "squeezed": "a body presses the membrane against the wall",
+    "sharp_body": "a body's tip is sharper than the shell's mesh resolves",
     "body_on_clamp": "the shell lies on a body up to a clamped edge",
     "beyond_model": "what the shell leaves out changes a body's force more than it can tell",
 }

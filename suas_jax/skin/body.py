@@ -177,7 +177,9 @@ class PlacedBody(eqx.Module):
         shape, soft, seen = self.body.shape, self.body.soft, self.seen(position)
         if soft is None:
             return shape.distance(seen)
-        return jnp.where(soft, shape.straight_distance(seen), shape.distance(seen))
+        # From a state that is far off the body's own law, too, sends skin out behind the body.
+        straight = soft | shape.is_beyond(seen)
+        return jnp.where(straight, shape.straight_distance(seen), shape.distance(seen))
 
     def grip(
         self, position: Float[Array, "component *point"], area: Float[Array, "*#point"]

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from suas_jax.config import BodyLoadSpec
 from suas_jax.numerics.array_types import Lanes
@@ -48,6 +48,13 @@ class AbstractShape(eqx.Module):
 
         value, slope = jax.jvp(at, (low,), (jnp.ones_like(low),))
         return value + slope * (place[-1] - low)
+
+    def is_beyond(self, place: Float[Array, "component *point"]) -> Bool[Array, "*point"]:
+        """Whether places lie where the tip's other side may be as near, or past the body."""
+        if isinstance(self.curvature, float):
+            return jnp.zeros(jnp.shape(place[-1]), bool)
+        deepest = _STRAIGHT / self.curvature
+        return (place[-1] > deepest) & (self.height(place[:-1]) < deepest)
 
     @property
     def centre(self) -> Lanes | float:

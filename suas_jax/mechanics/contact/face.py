@@ -59,6 +59,18 @@ class BodyContact(NamedTuple):
         across = clamped(self.axial)
         return jnp.any(along[0] | along[-1], 0) | jnp.any(across[:, 0] | across[:, -1], 0)
 
+    def turn_between_points(self, curvature: Lanes | float) -> Lanes | float:
+        """Turn of a tip's surface over half the distance of the points that touch it [rad].
+
+        `curvature`: of the tip [1/m]. Zero on a pad, whose forces are those of patches.
+        """
+        if self.axial is not None:
+            return 0.0
+        # Points at the ends of an element stand for half of the distance.
+        apart = jnp.max(jnp.broadcast_to(self.area, self.gap.shape), 0)
+        touched = jnp.any(self.gap < 0, 0)
+        return jnp.max(jnp.where(touched, apart, 0.0), 0) * curvature / 2
+
 
 class Strip(NamedTuple):
     """The strip that a body touches, as a continuum does where a shell touches along lines."""
