@@ -206,11 +206,10 @@ def data_sheet(
     effects[..., failed[0]] = np.nan
     light = np.asarray(measured.cases.rest.slope)[-1, :, 0]
     rows = np.arange(len(measured.arc)).reshape(measured.grid).T  # along the arc
-    apart = np.empty(len(measured.arc))
+    apart, variance = np.empty(len(measured.arc)), measured.accuracy.variance
     for row in rows:
         middle = measured.arc[row]
         arc, slope = measured.light or (middle, light[:, row])
-        variance = measured.accuracy.variance
         apart[row] = two_point(arc, slope, measured.rated / 2, variance, middle)
     progress("creep, modes and buckling")
     found = [

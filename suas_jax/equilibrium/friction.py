@@ -2,10 +2,10 @@
 
 Coulomb's bound grows with the pressure, so its forces have no potential, and the tangent no
 symmetry. At a given bound they have both. So the bound is taken from the last equilibrium,
-round by round, which contracts by about the coefficient of friction; beneath a rough body that
-is dragged, by a fifth alone, so each round goes on along the line through the last two.
-Derivatives are those of the whole, from a series of solves with the symmetric tangent
-(`solve_near`).
+round by round. A round leaves about the coefficient of friction of the change of the bound;
+beneath a rough body that is dragged it leaves four fifths, and the next round goes on along the
+line through the last two. Derivatives are those of the whole, from a series of solves with the
+symmetric tangent (`solve_near`).
 """
 
 import dataclasses
@@ -29,8 +29,9 @@ _TOLERANCE = 1e-10  # of the sum of the bounds
 # that has ceased to fall is theirs.
 _NOISE = 1e-7
 _MOST_ROUNDS = 80
-# Below a change of the bound after which points no longer come into touch, rounds that do not
-# leave a smaller share of the change go on along the line through the last two, so far at most.
+# Rounds go on along the line through the last two where the bound changes by less than this, as
+# points come into touch before, and where they leave more than this share of the change; by at
+# most so many times the last step.
 _NEAR, _SLOW, _FAR = 0.1, 0.3, 20.0
 
 
@@ -113,8 +114,6 @@ def _apart(a: AbstractMechanics, b: AbstractMechanics) -> Lanes:
     """Largest change of a body's bounds, relative to their sum."""
     changes = []
     for old, new in zip(_bounds(a), _bounds(b), strict=True):
-        axes = tuple(range(new.ndim - 1))
-        whole = jnp.sum(new, axes)
-        change = jnp.sum(jnp.abs(new - old), axes)
-        changes.append(change / jnp.where(whole > 0, whole, 1.0))
+        whole = _sum([new])
+        changes.append(_sum([jnp.abs(new - old)]) / jnp.where(whole > 0, whole, 1.0))
     return functools.reduce(jnp.maximum, changes)

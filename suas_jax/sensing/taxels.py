@@ -129,7 +129,7 @@ class Taxels(eqx.Module):
         skin whose wall they lie on.
         """
         x, y = jnp.asarray(footprint.places).T[..., None, None] * self.diameter / 2
-        # All at once: each call traces a section of its own.
+        # All at once: each call would trace the section anew.
         angles = geometry.along_wall(self.angle, x, self.axial)
         return list(zip(angles, self.axial + y, strict=True))
 

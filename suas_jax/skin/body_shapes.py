@@ -50,7 +50,7 @@ class AbstractShape(eqx.Module):
         return value + slope * (place[-1] - low)
 
     def is_beyond(self, place: Float[Array, "component *point"]) -> Bool[Array, "*point"]:
-        """Whether places lie where the tip's other side may be as near, or past the body."""
+        """Whether places lie so deep in the tip, or behind it, that another side is near."""
         if isinstance(self.curvature, float):
             return jnp.zeros(jnp.shape(place[-1]), bool)
         deepest = _STRAIGHT / self.curvature

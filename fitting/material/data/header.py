@@ -82,7 +82,7 @@ def read_header(cells: Cells, layout: TableLayout | None) -> Header:
         if found := _META.match(text):
             metadata.setdefault(_key(found.group(1)), found.group(2).strip(" ;,\t\"'"))
     across = [_across(row, decimal) for row in rows]
-    in_rows = dict(filter(None, reversed(across)))
+    in_rows = dict(filter(None, reversed(across)))  # of rows of one size the first counts
     for name, values in in_rows.items():
         known, _, si = name.rstrip("]").partition(" [")
         metadata.setdefault(known, f"{statistics.median(map(float, values))!r} {si}")

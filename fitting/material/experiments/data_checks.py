@@ -87,8 +87,9 @@ def refuse_without_information(data: Dataset) -> None:
         )
     if isinstance(data, StressTest) and data.mode in PATHS and np.mean(_opposed(data)) > 0.9:
         state, column = data.origin.state, data.origin.column
-        squeezed = f'--columns "compressive {state}={column}" where it was squeezed, or '
-        squeezed = "" if state in ("stretch", "") else squeezed
+        squeezed = ""
+        if state not in ("stretch", ""):  # which have no name for compression
+            squeezed = f'--columns "compressive {state}={column}" where it was squeezed, or '
         raise ValueError(
             f"{data.file}: stresses have the sign opposite to their strain, as no rubber's; "
             f"{squeezed}turn the sign of the stress or force by "
