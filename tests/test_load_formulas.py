@@ -35,6 +35,7 @@ from fitting.inverse_load.fit.doubts import (
 from fitting.inverse_load.fit.explanation import PLAUSIBLE, Attempt, widened
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors, _best
 from fitting.inverse_load.fit.other_stiffness import beyond_first_order, less_told
+from fitting.inverse_load.fit.pulls import Pulls
 from fitting.inverse_load.fit.section_errors import (
     SectionErrors,
     _filled,
@@ -56,7 +57,7 @@ from fitting.inverse_load.search import table as load_table
 from fitting.inverse_load.search.base import _scaled
 from fitting.inverse_load.search.section import NodeSearch
 from fitting.inverse_load.search.table import LoadTable
-from fitting.steps import Budget, Search, finished
+from fitting.steps import Budget, Search, Steps, finished
 from suas_jax.config import continuous_inputs, load_skin
 from suas_jax.config.geometry import AlongSpec
 from suas_jax.equilibrium.equilibrium import State
@@ -814,10 +815,32 @@ def test_a_fit_with_a_contact_too_much_leads_to_the_others() -> None:
     start = np.array([[0.3, -0.25, 0.3, 8.0]])
     two = finished(selection.several.fit(Attempt(y, weight, start, None, 2)))
     assert two.score.tolist() == [np.inf]
-    lost = dataclasses.replace(two, chi2=two.chi2 + 1e6, score=two.chi2 + 1e6)
-    found = finished(selection.several.without_weakest(y, weight, np.zeros(1, int), two, lost))
-    assert found.contacts.tolist() == [1]
+    # They are tried where, at no less than the fit's own price, it costs less than the best.
+    for price, contacts in ((0.9, 2), (1.1, 1)):
+        score = two.chi2 + price * selection.penalty
+        lost = dataclasses.replace(two, chi2=score, score=score)
+        asked = y, weight, np.zeros(1, int), two, lost
+        found = finished(selection.several.without_weakest(*asked))
+        assert found.contacts.tolist() == [contacts]
     np.testing.assert_allclose(found.parameters[0, :2], [-0.25, 8.0], rtol=1e-3)
+
+
+def test_a_pull_begins_where_it_explains_most() -> None:
+    def as_asked(asked: Attempt) -> Steps[Any]:
+        yield from ()
+        return asked
+
+    score = np.array([[-9.0, 2.0, 3.0]]), np.array([[1.0, 1.0, 4.0]])
+    nodes = SimpleNamespace(
+        places=np.array([[-0.3], [0.1], [0.5]]),
+        rest=np.zeros(4),
+        rest_states=lambda count: None,
+        score=lambda change, weight: score,
+    )
+    pulls = Pulls(SimpleNamespace(fit=as_asked), nodes, 20.0, 2)  # type: ignore[arg-type]
+    asked: Any = finished(pulls.fit(np.zeros((1, 4)), np.ones((1, 4))))
+    assert asked.start.tolist() == [[0.1, -2.0]]
+    assert asked.pull
 
 
 def test_a_pull_is_one_force_outwards_where_pushes_explain_nothing() -> None:

@@ -24,6 +24,7 @@ from fitting.statistics.diagnostics import (
 from fitting.statistics.least_squares import (
     Minima,
     _is_minimum,
+    _minimum,
     compressed,
     judged,
     minimise_one_by_one,
@@ -293,6 +294,8 @@ def test_basis_of_columns_and_its_dimension() -> None:
     assert rank == 2
     np.testing.assert_allclose(basis @ basis.T, np.diag([1.0, 1.0, 0.0]), atol=1e-9)
     assert _basis(np.zeros((3, 0)))[1] == 0
+    # Rounding of long columns is as long as the longest allows.
+    assert _basis(1e4 * np.eye(3)[:, :2] * [1.0, 1e-11])[1] == 1
 
 
 @pytest.mark.parametrize("known", [False, True])
@@ -438,6 +441,18 @@ def test_minima_of_a_linear_model_are_the_solution_of_its_normal_equations() -> 
     np.testing.assert_allclose(found.theta, np.tile(BEST, (3, 1)), rtol=1e-6)
     np.testing.assert_allclose(found.cost, square, rtol=1e-9)
     assert (np.diff(found.cost) >= 0).all()
+
+
+def test_a_search_ends_where_a_step_gains_too_little_and_not_before() -> None:
+    def at(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        rise = np.exp(theta[0])
+        return np.array([rise - 2.0, 0.1]), np.array([[rise], [0.0]])
+
+    exact, _, _ = _minimum(at, np.array([3.0]), 60, 0.0)
+    near, cost, decrease = _minimum(at, np.array([3.0]), 60, 1e-6)
+    assert exact[0] == pytest.approx(np.log(2.0), abs=1e-9)
+    assert cost * decrease < 1e-6
+    assert 1e-9 < abs(near[0] - exact[0]) < 1e-3
 
 
 def test_a_step_to_where_nothing_is_a_number_is_taken_back(
