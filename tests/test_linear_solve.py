@@ -17,6 +17,7 @@ from suas_jax.numerics.bordered_solve import (
     BorderedVector,
     eliminate,
     solve_bordered,
+    solve_near,
 )
 
 DOF, LANES = 2, 2
@@ -221,6 +222,27 @@ def test_derivatives_of_solutions(distinct: bool, solved: Any) -> None:
 
     compare(lambda by: jax.jvp(by, (operator, right), other)[1])
     compare(lambda by: jax.grad(lambda s: jnp.sum(jnp.sin(by(*s))))((operator, right)))
+
+
+def test_a_part_that_is_no_smaller_than_the_rest_is_solved_for_in_either_mode() -> None:
+    """K + N against dense algebra, where a series in K^-1 N diverges; values of any size."""
+    operator, right = system(9, distinct=True)
+    rng = np.random.default_rng(1)
+    x = jax.tree.map(lambda v: jnp.asarray(rng.uniform(-3, 0.9, v.shape)), right)
+    small = BorderedVector(1e-9 * right.stations, 1e3 * right.border)
+
+    def rest(y: BorderedVector) -> BorderedVector:
+        return operator.mv(jax.tree.map(lambda a, b: -a * b, x, y))
+
+    def near(b: BorderedVector) -> BorderedVector:
+        return solve_near(rest, operator, b)
+
+    found, back = jax.jit(lambda b: (near(b), jax.linear_transpose(near, b)(b)[0]))(small)
+    for lane in range(LANES):
+        matrix = dense(operator, lane) @ (np.eye(19) - np.diag(flat(x, lane)))
+        for got, by in ((found, matrix), (back, matrix.T)):
+            want = np.linalg.solve(by, flat(small, lane))
+            np.testing.assert_allclose(flat(got, lane), want, rtol=1e-9)
 
 
 def test_no_derivative_calls_back_into_python() -> None:

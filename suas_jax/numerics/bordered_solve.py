@@ -19,13 +19,15 @@ import jax
 import jax.numpy as jnp
 import lineax as lx
 from jax.flatten_util import ravel_pytree
+from jax.scipy.sparse.linalg import gmres
 from jaxtyping import Array, Float, PyTree
 
 from suas_jax.numerics.array_types import LaneCounts, Lanes, StationVector
 from suas_jax.numerics.block_tridiagonal import AbstractTangent
 
-_LAST, _MOST_TERMS = 1e-12, 100  # relative size of a series' last term, and most of them
-_TINY = 1e-300
+# Relative residual at which GMRES ends, and above which rounding does not explain it
+_LAST, _LOOSE = 1e-12, 1e-9
+_DIRECTIONS, _MOST_RESTARTS = 30, 5
 
 
 class BorderedVector(NamedTuple):
@@ -182,11 +184,11 @@ def solve_near(
     operator: BorderedBlockTridiagonal,  # K
     right: BorderedVector,  # b
 ) -> BorderedVector:
-    """Solve (K + N) x = b, with a bordered K that N changes little, in either mode.
+    """Solve (K + N) x = b, with a bordered K, in either mode.
 
-    By Neumann's series: x = s_0 + s_1 + ..., K s_0 = b, K s_(k+1) = -N s_k.
+    By GMRES on K^-1 (K + N) x = K^-1 b, each lane's unknowns relative to their size in K^-1 b.
 
-    Returns x; not a number where the series does not converge.
+    Returns x; not a number where it does not converge.
     """
     flat, unravel = ravel_pytree(right)
 
@@ -198,26 +200,30 @@ def solve_near(
         operator: BorderedBlockTridiagonal, product: Callable[[Array], Array], b: Array
     ) -> Array:
         def step(b: Array) -> Array:
-            return ravel_pytree(eliminate(operator, unravel(b)).solution)[0]
+            return ravel_pytree(solve_bordered(operator, unravel(b)))[0]
 
-        def size(term: Array, x: Array) -> Array:
-            pairs = zip(*(jax.tree.leaves(unravel(v)) for v in (term, x)), strict=True)
-            shares = [jnp.max(jnp.abs(t)) / (jnp.max(jnp.abs(v)) + _TINY) for t, v in pairs]
-            return functools.reduce(jnp.maximum, shares)
-
-        def add(at: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-            x, term, count = at
-            own = ravel_pytree(operator.mv(unravel(term)))[0]
-            term = step(own - product(term))
-            return x + term, term, count + 1
-
-        def going(at: tuple[Array, Array, Array]) -> Array:
-            x, term, count = at
-            return (size(term, x) > _LAST) & (count < _MOST_TERMS)
+        def spread(x: Array) -> Array:
+            largest = jnp.max(jnp.abs(x), tuple(range(x.ndim - 1)))
+            return jnp.broadcast_to(jnp.where(largest > 0, largest, 1.0), x.shape)
 
         first = step(b)
-        x, term, _ = jax.lax.while_loop(going, add, (first, first, jnp.zeros((), int)))
-        return jnp.where(size(term, x) <= _LAST, x, jnp.nan)
+        size = ravel_pytree(jax.tree.map(spread, unravel(first)))[0]
+        start = first / size
+
+        def near_one(x: Array) -> Array:
+            return step(product(size * x)) / size
+
+        x, _ = gmres(
+            near_one,
+            start,
+            start,
+            tol=_LAST,
+            restart=_DIRECTIONS,
+            maxiter=_MOST_RESTARTS,
+            solve_method="incremental",
+        )
+        left = jnp.linalg.norm(near_one(x) - start)
+        return jnp.where(left <= _LOOSE * jnp.linalg.norm(start), size * x, jnp.nan)
 
     solution = jax.lax.custom_linear_solve(
         product,

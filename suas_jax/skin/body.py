@@ -26,6 +26,7 @@ from suas_jax.skin.wall import AbstractPressureGap, Wall
 
 _STICK = 1e-3  # thicknesses of slip until friction is mobilised
 _ANGLES, _LENGTHS = 1601, 81  # places among which the first touch is sought
+_CLOSER, _AMONG = 3, 33  # searches around the best of them, among so many
 
 
 class Grip(NamedTuple):
@@ -241,23 +242,45 @@ def _first_touch(
     """
     if isinstance(section, Circle):
         return 0.0
-    angle = jnp.linspace(-1.0, 1.0, _ANGLES)[:, None] * section.half_angle
-    height = section.thickness(angle) / 2
-    face = section.mid_line(angle) + height * outward(section.direction(angle))
-    if len(reference) == 3:
+
+    def rise(angle: Array, *axial: Array) -> Array:
+        angle = jnp.clip(angle, -section.half_angle, section.half_angle)
+        height = section.thickness(angle) / 2
+        face = section.mid_line(angle) + height * outward(section.direction(angle))
+        face = jnp.stack(jnp.broadcast_arrays(*face, *axial))
+        seen = seen_from(reference, frame, face)
+        return seen[-1] - shape.height(seen[:-1])
+
+    def along(angle: Array) -> list[Array]:
+        # Over each angle the body is lowest at one place along the axis, as it is convex.
         reach = 2 * jnp.max(jnp.abs(reference[:2]))
-        axial = reference[2] + jnp.linspace(-1.0, 1.0, _LENGTHS)[:, None, None] * reach
-        grid = jnp.broadcast_arrays(*face, axial)
-        face = jnp.stack([x.reshape(-1, x.shape[-1]) for x in grid])
-    seen = seen_from(reference, frame, face)
-    rise = seen[-1] - shape.height(seen[:-1])
-    # A parabola through neighbours finds the top; the derivatives are those at fixed places.
-    best = jnp.argmax(jax.lax.stop_gradient(rise), 0)
-    inside = jnp.clip(best, 1, rise.shape[0] - 2)
-    low, top, high = (jnp.take_along_axis(rise, (inside + k)[None], 0)[0] for k in (-1, 0, 1))
-    bend = low + high - 2 * top
-    regular = jnp.isfinite(bend) & (bend < 0)
-    peak = jnp.where(
-        regular, top - (high - low) ** 2 / (8 * jnp.where(regular, bend, -1.0)), top
-    )
-    return jnp.maximum(peak, 0.0)
+        return [
+            _highest(functools.partial(rise, angle), 0 * angle + middle, reach, _LENGTHS)
+            for middle in reference[2:]
+        ]
+
+    def over(angle: Array) -> Array:
+        return rise(angle, *along(angle))
+
+    angle = _highest(over, 0 * reference[0], section.half_angle, _ANGLES)
+    # The derivatives are those at a fixed place.
+    return jnp.maximum(rise(*jax.lax.stop_gradient([angle, *along(angle)])), 0.0)
+
+
+def _highest(
+    height: Callable[[Array], Array],  # by place, with an axis of places before the others
+    middle: Float[Array, "*place lane"],
+    reach: Lanes,  # to either side of the middle
+    count: int,  # of places that are tried, evenly
+) -> Float[Array, "*place lane"]:
+    """Where a height is largest, closed in on around the best of some places."""
+
+    def closer(count: int, at: tuple[Array, Array]) -> tuple[Array, Array]:
+        middle, reach = at
+        steps = jnp.linspace(-1.0, 1.0, count)
+        places = middle + steps.reshape(-1, *(1,) * middle.ndim) * reach
+        best = steps[jnp.argmax(height(places), 0)]
+        return middle + best * reach, 2 / (count - 1) * reach
+
+    at = closer(count, (middle, reach))
+    return jax.lax.fori_loop(0, _CLOSER, lambda _, at: closer(_AMONG, at), at)[0]
