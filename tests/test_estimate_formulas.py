@@ -18,7 +18,7 @@ from fitting.force_range import pad as pad_range
 from fitting.force_range.bound import ForceRange, least_errors, smallest_told
 from fitting.force_range.inputs import contact_deviation
 from fitting.inverse_load import frame_posterior
-from fitting.inverse_load.check import section_log, skin_file
+from fitting.inverse_load.check import changed_input, section_log, skin_file
 from fitting.inverse_load.check.changed_input import AbstractInputFit
 from fitting.inverse_load.check.verdict import (
     FEWEST,
@@ -190,6 +190,42 @@ def test_best_change_of_an_input_is_where_the_contacts_leave_least() -> None:
     assert Parabola(0.28).best(start).change == pytest.approx(0.28, abs=2e-3)
     assert Parabola(-0.1).best(start).change == pytest.approx(-0.1, abs=2e-3)
     assert Parabola(0.1)._lost.tolist() == [200.0, 160.0]
+
+
+def test_an_input_is_tried_with_less_force_where_all_of_it_leaves_no_state(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """All taxels rise by 2 counts from rest, where 7 are with the input changed."""
+    tried: list[list[float]] = []
+
+    class Fitter:
+        per_contact, live, table = 2, False, None
+
+        def __init__(self, skin: Any, table: Any, **_: Any) -> None:
+            self.rest = skin
+
+        def fit(self, y: Any, weight: Any, start: Any, state: Any, contacts: int) -> Any:
+            tried.append(start[:, 1].tolist())
+            chi2 = (weight * (y - self.rest) ** 2).sum(1)
+            return SimpleNamespace(chi2=np.where(start[:, 1] > 5.0, np.nan, chi2))
+
+    monkeypatch.setattr(changed_input, "SectionFitter", Fitter)
+    monkeypatch.setattr(changed_input, "scaled_input", lambda spec, path, factor: factor)
+    monkeypatch.setattr(changed_input, "changed_skin", lambda spec, skin, to: 7.0 * to / 1.1)
+    monkeypatch.setattr(changed_input, "rest_readings", lambda skin: np.full(3, skin))
+    estimator: Any = SimpleNamespace(
+        spec=None, skin=None, rest=np.zeros(3), model_rest=np.full(3, 4.0)
+    )
+    estimator.selection = SimpleNamespace(fitter=Fitter(None, None))
+    fit: Any = SimpleNamespace(
+        chi2=np.zeros(3),
+        parameters=np.array([[0.0, 4.0], [0.0, 6.0], [0.0, 20.0]]),
+        rows=lambda rows: SimpleNamespace(state=None),
+    )
+    own = changed_input.SectionInputFit(estimator, np.full((3, 3), 6.0), np.eye(3), fit)
+    # Two frames are 2 counts from rest, and the third's contact is not found.
+    assert own.chi2("geometry.thickness", 0.1) == pytest.approx(2 * 2.0**2 + 100.0)
+    assert tried == [[4.0, 6.0, 20.0], pytest.approx([4.8, 16.0]), pytest.approx([12.0])]
 
 
 def test_measured_over_model_weighs_large_readings_most() -> None:

@@ -693,6 +693,19 @@ def test_expansion_is_the_gradient_and_hessian_in_the_coordinates_of_the_root() 
     np.testing.assert_allclose(found.mean, centre - np.linalg.solve(hessian, slope), rtol=1e-6)
 
 
+def test_expansion_climbs_out_of_a_hollow() -> None:
+    """Log p = x^2 - x^4: hollow at zero, a maximum of curvature 4 at the root of a half."""
+
+    def batch(x: np.ndarray) -> np.ndarray:
+        return (x**2 - x**4)[:, 0]
+
+    found = laplace(batch, Gaussian(np.array([0.1]), np.array([[1e-4]])))
+    assert found is not None
+    assert found.mean[0] == pytest.approx(np.sqrt(0.5), rel=1e-2)
+    assert found.covariance[0, 0] == pytest.approx(0.25, rel=2e-2)
+    assert laplace(batch, Gaussian(np.zeros(1), np.array([[1e-4]]))) is None
+
+
 def test_batches_are_cut_and_padded_and_what_is_impossible_is_minus_infinity() -> None:
     batch = Batch(lambda x: jnp.where(x[:, 0] > 0, -(x[:, 0] ** 2), jnp.nan), 1, 4)
     points = np.array([[1.0], [2.0], [-1.0], [3.0], [4.0]])
