@@ -200,9 +200,11 @@ class SectionProblem(Problem):
 
     def first_contacts(self, x: Floats) -> Floats:
         """Forces that close the gap [place] [N]; NaN where none does."""
+        return first_contacts(self._skin_at(x), self.angle)[0]
+
+    def _skin_at(self, x: Floats) -> Skin:
         inputs = self.want.inputs(np.asarray(x, float))
-        skin = skin_of(self.want.spec, inputs, contact=False, elements=self.elements)
-        return first_contacts(skin, self.angle)[0]
+        return skin_of(self.want.spec, inputs, contact=False, elements=self.elements)
 
     def placed(self, x: Floats) -> Outcome:
         """The figures that have places; see the base class."""
@@ -213,9 +215,10 @@ class SectionProblem(Problem):
                 return rest
         touch = self.first_contacts(x)
         known = np.where(np.isfinite(touch), touch, self.rated)
+        far = far_taxels(self._skin_at(x), self.angle[:, None])
         by_x, (values, result) = jax.tree.map(
             np.asarray,
-            COMPILED.run(_slopes, self._asked, x, known, self._numbers),
+            COMPILED.run(_slopes, self._asked, x, known, self._numbers._replace(far=far)),
         )
         # Of a contact with the wall that was not found, nothing else is wrong.
         settled = not result[:, :3].any()
