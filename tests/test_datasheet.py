@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from fitting.datasheet import pad, readings
+from fitting.datasheet import pad, readings, sheet
 from fitting.datasheet.figures import (
     CURRIE,
     Accuracy,
@@ -23,12 +23,12 @@ from fitting.datasheet.figures import (
 from fitting.datasheet.in_time import creep
 from fitting.datasheet.pad import _readings
 from fitting.datasheet.readings import Readings
-from fitting.datasheet.sheet import _worst
+from fitting.datasheet.sheet import _in_time, _worst
 from fitting.datasheet.variants import STEP, named, variants_of
 from fitting.datasheet.words import PLACED
 from fitting.force_range.bound import rated_force
 from suas_jax import Loads
-from suas_jax.config import continuous_inputs, load_skin
+from suas_jax.config import continuous_inputs, load_scene, load_skin
 from suas_jax.config.inelastic import RelaxationSpec
 from suas_jax.sensing.converter import Converter
 from suas_jax.skin.plain import plain_geometry
@@ -213,6 +213,15 @@ def test_creep_undoes_relaxation() -> None:
     assert held == pytest.approx(1, abs=1e-5)
     late = (1 + creep(series, 1e5)) / (1 + creep(series, 0.0))
     assert late == pytest.approx(1 / 0.75)
+
+
+def test_figures_in_time_say_what_they_leave_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    spec = load_scene(SKIN.parent.parent / "scenes" / "hold.toml")
+    monkeypatch.setattr(sheet, "motion_figures", lambda spec: ({}, "why"))
+    monkeypatch.setattr(sheet, "buckling_mismatch", lambda spec: (0.0, ""))
+    for stressed in (False, True):
+        creeps = _in_time(spec, stressed=stressed)[:2]
+        assert all(("stress at rest" in figure.reason) == stressed for figure in creeps)
 
 
 def test_neighbours_move_one_tolerance_each_and_nothing_at_rest() -> None:
