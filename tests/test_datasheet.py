@@ -23,7 +23,7 @@ from fitting.datasheet.figures import (
 from fitting.datasheet.in_time import creep
 from fitting.datasheet.pad import _readings
 from fitting.datasheet.readings import Readings
-from fitting.datasheet.sheet import _in_time, _worst
+from fitting.datasheet.sheet import DataSheet, Figure, _in_time, _worst
 from fitting.datasheet.variants import STEP, named, variants_of
 from fitting.datasheet.words import PLACED
 from fitting.force_range.bound import rated_force
@@ -222,6 +222,19 @@ def test_figures_in_time_say_what_they_leave_out(monkeypatch: pytest.MonkeyPatch
     for stressed in (False, True):
         creeps = _in_time(spec, stressed=stressed)[:2]
         assert all(("stress at rest" in figure.reason) == stressed for figure in creeps)
+
+
+@pytest.mark.parametrize("noise", [0.0, 2.0])
+def test_a_sheet_without_noise_says_so(noise: float) -> None:
+    spec = load_skin(SKIN)
+    own = SimpleNamespace(
+        spec=spec,
+        variants=variants_of(spec),
+        figures=[Figure("buckling_mismatch", 1.0)],
+        measured=SimpleNamespace(accuracy=Accuracy(noise, 0.0)),
+    )
+    said = DataSheet.remarks.fget(own)  # type: ignore[attr-defined]
+    assert any("electrodes.noise" in text for text in said) == (noise == 0)
 
 
 def test_neighbours_move_one_tolerance_each_and_nothing_at_rest() -> None:

@@ -95,6 +95,11 @@ class DataSheet:
         """What else a reader should know."""
         told = self.variants.errors.text, self.spec.material.note
         found = [text for text in told if text]
+        if self.measured.accuracy.noise == 0:
+            found.append(
+                "readings have no noise but their rounding here: resolutions and the detection "
+                "limit are those of a real skin once electrodes.noise states it (`suas health`)"
+            )
         own = {figure.key: figure.value for figure in self.figures}
         mounting = deviation_of(self.variants.spec.geometry.mounting) or 0.0
         if own["buckling_mismatch"] < 2 * mounting:
