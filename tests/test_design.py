@@ -538,7 +538,7 @@ def test_data_sheets_of_a_design_have_the_places_between_those_of_the_search(
 def test_crosstalk_is_that_of_taxels_that_are_far_on_the_design(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    gap = (Variable("gap", ("geometry.oil_gap",), 2e-3, 20e-3, False),)
+    gap = (Variable("gap", ("geometry.oil_gap",), 2e-3, 24e-3, False),)
     skin = ROOT / "configs" / "skins" / "suas.toml"
     want = Want(skin, load_skin(skin), gap, "crosstalk", False, (), None, 5, 10.0, 1, 0)
     problem, seen = SectionProblem(want), list[Any]()
@@ -546,14 +546,18 @@ def test_crosstalk_is_that_of_taxels_that_are_far_on_the_design(
 
     def run(program: Any, asked: Any, x: Any, touch: Any, numbers: Any) -> Any:
         seen.append(numbers.far)
-        return np.zeros((1, 5, 1)), (np.zeros((1, 5)), np.zeros((1, 4, 5)))
+        values = np.where(numbers.far.any(0), 0.5, np.nan)[None]  # as `figures_at` has them
+        return np.zeros((1, 5, 1)), (values, np.zeros((1, 4, 5)))
 
     monkeypatch.setattr(section, "COMPILED", SimpleNamespace(run=run))
     for x in (0.0, 1.0):
-        problem(np.array([x]))
+        found = problem(np.array([x]))
+        assert found.found
+        np.testing.assert_array_equal(found.values["crosstalk"] > 0, seen[-1].any(0))
         own = skin_of(problem.spec(np.array([x])), contact=False)
         np.testing.assert_array_equal(seen[-1], far_taxels(own, problem.angle[:, None]))
     assert seen[1].sum() < seen[0].sum()
+    assert not seen[1].any(0).all()  # a contact that no taxel is far from disturbs none
 
 
 def test_figures_without_a_place_have_central_differences() -> None:

@@ -23,7 +23,7 @@ from fitting.datasheet.figures import Accuracy, Cases, figures_at
 from fitting.datasheet.pad import ELEMENTS
 from fitting.datasheet.readings import Readings, far_taxels, read
 from fitting.datasheet.words import PLACED
-from fitting.design.problem import STEP, Outcome, Problem
+from fitting.design.problem import STEP, Outcome, Problem, without_crosstalk
 from fitting.design.want import Want
 from fitting.force_range.bound import rated_force
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
@@ -124,7 +124,11 @@ class PadProblem(Problem):
         accuracy = Accuracy(self.want.spec.sensing.noise, PAD_MODEL_ERROR)
         far = far_taxels(plain[0], self._at)
         figures = jax.tree.map(np.asarray, figures_at(cases, accuracy, far))
-        values = {key: getattr(figures, PLACED[key].field) for key in self.keys}
+        none = without_crosstalk(self.keys, far)
+        values = {
+            key: np.where(zero, 0.0, getattr(figures, PLACED[key].field))
+            for key, zero in zip(self.keys, none, strict=True)
+        }
         good = all(np.isfinite(value).all() for value in values.values())
         return Outcome(
             {key: value[0] for key, value in values.items()},

@@ -28,7 +28,7 @@ from fitting.datasheet.readings import (
 )
 from fitting.datasheet.variants import Variants, by_changes, variants_of
 from fitting.datasheet.words import PLACED
-from fitting.design.problem import STEP, Outcome, Problem
+from fitting.design.problem import STEP, Outcome, Problem, without_crosstalk
 from fitting.design.want import Limit, Variable, Want
 from fitting.force_range.bound import angles_over, first_contacts, rated_force
 from fitting.inverse_load.estimator import MODEL_ERROR
@@ -220,6 +220,8 @@ class SectionProblem(Problem):
             np.asarray,
             COMPILED.run(_slopes, self._asked, x, known, self._numbers._replace(far=far)),
         )
+        none = without_crosstalk(self.keys, far)
+        values, by_x = np.where(none, 0.0, values), np.where(none[..., None], 0.0, by_x)
         # Of a contact with the wall that was not found, nothing else is wrong.
         settled = not result[:, :3].any()
         needed = "range_N" not in self.keys or np.isfinite(touch).all()
