@@ -199,6 +199,9 @@ def test_two_points_are_told_apart_at_their_bound() -> None:
     readings = np.array([light(x) for x in arc]).T
     between = two_point(arc, readings, force, variance, arc[::20] + 1e-9)
     assert between[1] == pytest.approx(found, rel=1e-4)  # whatever lies beside it
+    # Two places and two forces need four taxels, whatever symmetry tells of the distance.
+    three = np.exp(-(((arc - np.array([[-0.03], [0.0], [0.03]])) / 0.02) ** 2))
+    assert np.isnan(two_point(arc, 40 * three, force, variance)).all()
 
 
 def test_creep_undoes_relaxation() -> None:
