@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from fitting.datasheet import pad, readings
+from fitting.datasheet import pad, readings, sheet
 from fitting.datasheet.figures import (
     CURRIE,
     Accuracy,
@@ -23,12 +23,12 @@ from fitting.datasheet.figures import (
 from fitting.datasheet.in_time import creep
 from fitting.datasheet.pad import _readings
 from fitting.datasheet.readings import Readings
-from fitting.datasheet.sheet import _worst
+from fitting.datasheet.sheet import DataSheet, Figure, _in_time, _worst
 from fitting.datasheet.variants import STEP, named, variants_of
 from fitting.datasheet.words import PLACED
 from fitting.force_range.bound import rated_force
 from suas_jax import Loads
-from suas_jax.config import continuous_inputs, load_skin
+from suas_jax.config import continuous_inputs, load_scene, load_skin
 from suas_jax.config.inelastic import RelaxationSpec
 from suas_jax.sensing.converter import Converter
 from suas_jax.skin.plain import plain_geometry
@@ -199,6 +199,9 @@ def test_two_points_are_told_apart_at_their_bound() -> None:
     readings = np.array([light(x) for x in arc]).T
     between = two_point(arc, readings, force, variance, arc[::20] + 1e-9)
     assert between[1] == pytest.approx(found, rel=1e-4)  # whatever lies beside it
+    # Two places and two forces need four taxels, whatever symmetry tells of the distance.
+    three = np.exp(-(((arc - np.array([[-0.03], [0.0], [0.03]])) / 0.02) ** 2))
+    assert np.isnan(two_point(arc, 40 * three, force, variance)).all()
 
 
 def test_creep_undoes_relaxation() -> None:
@@ -213,6 +216,28 @@ def test_creep_undoes_relaxation() -> None:
     assert held == pytest.approx(1, abs=1e-5)
     late = (1 + creep(series, 1e5)) / (1 + creep(series, 0.0))
     assert late == pytest.approx(1 / 0.75)
+
+
+def test_figures_in_time_say_what_they_leave_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    spec = load_scene(SKIN.parent.parent / "scenes" / "hold.toml")
+    monkeypatch.setattr(sheet, "motion_figures", lambda spec: ({}, "why"))
+    monkeypatch.setattr(sheet, "buckling_mismatch", lambda spec: (0.0, ""))
+    for stressed in (False, True):
+        creeps = _in_time(spec, stressed=stressed)[:2]
+        assert all(("stress at rest" in figure.reason) == stressed for figure in creeps)
+
+
+@pytest.mark.parametrize("noise", [0.0, 2.0])
+def test_a_sheet_without_noise_says_so(noise: float) -> None:
+    spec = load_skin(SKIN)
+    own = SimpleNamespace(
+        spec=spec,
+        variants=variants_of(spec),
+        figures=[Figure("buckling_mismatch", 1.0)],
+        measured=SimpleNamespace(accuracy=Accuracy(noise, 0.0)),
+    )
+    said = DataSheet.remarks.fget(own)  # type: ignore[attr-defined]
+    assert any("electrodes.noise" in text for text in said) == (noise == 0)
 
 
 def test_neighbours_move_one_tolerance_each_and_nothing_at_rest() -> None:

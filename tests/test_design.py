@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fitting.datasheet.readings import far_taxels
 from fitting.datasheet.sheet import Figure
 from fitting.datasheet.variants import STEP
-from fitting.design import design
+from fitting.design import design, section
 from fitting.design.design import Design, _changed, designed_skin
 from fitting.design.front import FrontPoint, front
 from fitting.design.problem import Outcome
@@ -30,6 +31,7 @@ from fitting.design.search import (
 from fitting.design.section import SectionProblem, bound_of_units
 from fitting.design.want import Front, Limit, Variable, Want, load_want
 from fitting.report.description import ReportTable
+from suas_jax import skin_of
 from suas_jax.config import ConfigError, UncertainQuantity, continuous_inputs, load_skin
 from suas_jax.config.fields import quantity_of
 from suas_jax.config.tolerance import deviation_of
@@ -371,6 +373,8 @@ def test_bound_of_units_is_the_quantile_of_a_lognormal_figure(key: str, side: in
         ('"0.8 mm", "3 mm"', '"0.8 mm"', "two values"),
         ('"0.8 mm"', '"0.8 N"', "a length with its unit is expected"),
         ('"0.8 mm"', '"-1 mm"', "must be greater than zero"),
+        ('"0.8 mm"', '"0.8 mm +- 0.1 mm"', "a bound has no deviation"),
+        ("geometry.thickness = [", "electrodes.noise = [1, 3] #", "the less the better"),
         ("minimise", "optimise", "minimise or maximise"),
         ('"force_resolution_N"', '"force_resolution"', 'did you mean "force_resolution_N"'),
         ("range_N ", "rang_N", "unknown figure"),
@@ -529,6 +533,31 @@ def test_data_sheets_of_a_design_have_the_places_between_those_of_the_search(
     )
     assert design.design_skin(want).calls == 7
     assert asked == [(spec, (17, 5), None, 3.0, ends) for spec in ("file", "design")]
+
+
+def test_crosstalk_is_that_of_taxels_that_are_far_on_the_design(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    gap = (Variable("gap", ("geometry.oil_gap",), 2e-3, 24e-3, False),)
+    skin = ROOT / "configs" / "skins" / "suas.toml"
+    want = Want(skin, load_skin(skin), gap, "crosstalk", False, (), None, 5, 10.0, 1, 0)
+    problem, seen = SectionProblem(want), list[Any]()
+    monkeypatch.setattr(problem, "first_contacts", lambda x: np.ones(5))
+
+    def run(program: Any, asked: Any, x: Any, touch: Any, numbers: Any) -> Any:
+        seen.append(numbers.far)
+        values = np.where(numbers.far.any(0), 0.5, np.nan)[None]  # as `figures_at` has them
+        return np.zeros((1, 5, 1)), (values, np.zeros((1, 4, 5)))
+
+    monkeypatch.setattr(section, "COMPILED", SimpleNamespace(run=run))
+    for x in (0.0, 1.0):
+        found = problem(np.array([x]))
+        assert found.found
+        np.testing.assert_array_equal(found.values["crosstalk"] > 0, seen[-1].any(0))
+        own = skin_of(problem.spec(np.array([x])), contact=False)
+        np.testing.assert_array_equal(seen[-1], far_taxels(own, problem.angle[:, None]))
+    assert seen[1].sum() < seen[0].sum()
+    assert not seen[1].any(0).all()  # a contact that no taxel is far from disturbs none
 
 
 def test_figures_without_a_place_have_central_differences() -> None:

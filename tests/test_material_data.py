@@ -145,6 +145,7 @@ def test_missing_values_are_counted(tmp_path: pathlib.Path) -> None:
         ("stretch,nominal_stress\n1.1,0.2\n", 'column "nominal_stress" states no unit'),
         ("stretch,nominal_stress_foo\n1.1,0.2\n", 'unknown unit "foo"; allowed: Pa, kPa'),
         ("stretch,nominal_stress_mm\n1.1,0.2\n", "not a unit of stress"),
+        ("stretch,Force [MN]\n1.1,2\n", '"force=Force [MN] mN" or "force=Force [MN] 1e6 N"'),
         ("stretch,nominal_stress_MPa\n1.1,0.2\n-0.5,0.3\n", 'line 3, column "stretch": -0.5'),
         ("strain_%,nominal_stress_MPa\n5,0.2\n-120,0.3\n", 'line 3, column "strain_%": -120'),
         ("stretch,nominal_stress_MPa\n1.1,0.2\n1.2,abc\n", '"abc" is not a number'),
@@ -323,7 +324,11 @@ def test_stresses_beside_one_strain_are_of_a_specimen_each(
 
 
 @pytest.mark.parametrize(
-    ("travel", "force"), [("Course", "Effort"), ("Zugdehnung", "Zugkraft"), ("Strain", "Load")]
+    ("travel", "force"),
+    [
+        *(("Course", "Effort"), ("Zugdehnung", "Zugkraft"), ("Strain", "Load")),
+        *(("Längenänderung Feindehnung", "Kraft"), ("Extension from Preload", "Force")),
+    ],
 )
 def test_names_of_travel_and_force(tmp_path: pathlib.Path, travel: str, force: str) -> None:
     """A strain in millimetres is a travel."""

@@ -3,6 +3,7 @@
 import dataclasses
 import pathlib
 import tomllib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,10 +14,12 @@ from fitting.material.calibration import calibrate
 from fitting.material.cards.card import write_card
 from fitting.material.experiments.datasets import load_dataset
 from fitting.material.experiments.measurements import PATHS, Dataset
-from fitting.material.fit.band import Band
+from fitting.material.fit.band import Band, Belief
 from fitting.material.fit.comparison import compare_laws
 from fitting.material.fit.fit import fit_material
+from fitting.material.fit.fitted_law import FittedLaw
 from fitting.material.fit.result import MaterialFit
+from fitting.material.laws.registry import family
 from fitting.material.report.plots import plot_material
 from fitting.material.report.summary import material_report
 from fitting.report.description import percent_text
@@ -55,6 +58,22 @@ def test_bands_from_tension_hold_published_readings(
         within = np.abs(curves[mode][:, 1] - band.nominal) <= band.half_width
         assert within.mean() >= least
         assert np.median(band.half_width / band.nominal) < 0.3
+
+
+@pytest.mark.parametrize("kind", ["noise", "estimated", "relative"])
+def test_a_curve_of_a_skin_is_as_sure_as_its_fit_however_its_noise_is_known(kind: str) -> None:
+    """Its readings' noise is no noise of the stresses that the law says."""
+    curve = SimpleNamespace(mode="indentation", states=np.array([[0.02], [0.0]]))
+    scales = SimpleNamespace(stress=3e7, strain=0.02)
+    residuals = SimpleNamespace(family=family("neo-hookean"), scales=scales, inverse_scale=[1])
+    problem = SimpleNamespace(
+        kind=kind, residuals=residuals, tests=[(curve, slice(0, 1))], sets=[curve]
+    )
+    uncertainty = SimpleNamespace(root=np.array([[6e4]]))
+    fit = FittedLaw(problem, np.array([3e7]), uncertainty, None, (), {})  # type: ignore[arg-type]
+    fit.__dict__["misfits"] = lambda: [np.zeros(1)]
+    middle, deviation = Belief.of([fit]).stress("pure_shear", np.array([1.02]))
+    assert deviation[0] < 0.01 * middle[0]
 
 
 def test_bands_hold_rubbers_that_no_law_of_the_list_is(tmp_path: pathlib.Path) -> None:

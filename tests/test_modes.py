@@ -32,6 +32,7 @@ from suas_jax.dynamics.modes import (
     damped_roots,
     lowest_modes,
     modes,
+    relaxation_note,
     spectrum_of,
 )
 from suas_jax.dynamics.motion import Motion
@@ -203,6 +204,13 @@ def test_units_tell_kinematic_from_dynamic_viscosity() -> None:
         OilSpec(model="x", viscosity="50 cSt")
     with pytest.raises(ValueError, match="a viscosity with its unit is expected"):
         OilSpec(model="x", density="960 kg/m^3", viscosity="50 mm")
+
+
+def test_a_rubber_that_relaxes_is_named_beside_its_modes() -> None:
+    hold = load_scene(SCENES / "hold.toml")
+    said = relaxation_note(hold.material)
+    assert "the long-term one; 25 % of a stress fades in 0.5 to 10 s" in said
+    assert not relaxation_note(load_scene(SCENES / "tap.toml").material)
 
 
 def test_what_is_missing_is_named() -> None:

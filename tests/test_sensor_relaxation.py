@@ -1,7 +1,9 @@
 """Relaxation from presses that are held on the skin: the estimate, its errors, refusals."""
 
+import dataclasses
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from typer.testing import CliRunner
 
 from fitting.cli.app import app
 from fitting.sensor.logs.data import NoCalibration, SensorData, load_sensor_data
+from fitting.sensor.relaxation import held_press
 from fitting.sensor.relaxation.fit import (
     RelaxationFit,
     _fitted,
@@ -142,6 +145,29 @@ def test_what_a_hold_can_t_tell_is_refused_in_words(quick: None, tmp_path: Path)
     elastic = RelaxationSpec(g=(1e-6,), tau=(20.0,))
     with pytest.raises(NoCalibration, match="no relaxation is told"):
         fit_relaxation(held(tmp_path / "log.csv", elastic))
+
+
+def test_logs_of_another_skin_are_refused_whatever_the_gains(
+    quick: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setitem(globals(), "MOVES", np.linspace(-0.3, 0.5, 8))
+    data = held(tmp_path / "log.csv")
+    turned = dataclasses.replace(data, so=data.so[::-1])
+    with pytest.raises(NoCalibration, match="in reverse order they would"):
+        fit_relaxation(turned)
+    load = dataclasses.replace(data.loads, force=1e-3 * data.loads.force)
+    with pytest.raises(NoCalibration, match=r"times as much as this skin's .* the load's unit"):
+        fit_relaxation(dataclasses.replace(data, loads=load))
+
+
+def test_a_load_without_a_state_is_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (press,) = held_presses(held(tmp_path / "log.csv"))
+    lost = SimpleNamespace(points=[{"t_s": 60.0, "status": "max_steps"}])
+    monkeypatch.setattr(held_press, "history_sweep", lambda *given, **how: lost)
+    with pytest.raises(NoCalibration, match=r"under 20 N \(max_steps\): check the load's unit"):
+        press.readings(ONE, 1.0)
 
 
 def test_slow_creep_names_the_drift_that_hides_it(quick: None, tmp_path: Path) -> None:

@@ -172,6 +172,15 @@ def test_deviations_of_a_material_may_be_correlated() -> None:
     assert continuous_inputs(given).keys() == continuous_inputs(scene()).keys()
 
 
+def test_errors_of_constants_that_are_known_together_have_a_name_each() -> None:
+    constants = {"C1": "20 MPa +- 1 MPa", "C2": "-4 MPa +- 1 MPa", "C3": "1 MPa +- 1 MPa"}
+    matrix = [[1.0, 0.5, 0.5], [0.5, 1.0, 0.0], [0.5, 0.0, 1.0]]
+    together = {"of": list(constants), "matrix": matrix}
+    errors = input_errors(scene(material=constants | {"correlation": together}))
+    of_material = [name for name in errors.names if name.startswith("material")]
+    assert len(set(of_material)) == 3
+
+
 @pytest.mark.parametrize(
     ("correlation", "message"),
     [

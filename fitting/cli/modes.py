@@ -73,5 +73,6 @@ def _print_modes(found: "Modes") -> None:
             f"Statics is right to 1 % below {found.bandwidth:.3g} Hz, whatever the load: a "
             f"cycle takes {1 / found.bandwidth:.3g} s there."
         )
-        parts = [ReportTable("", names, rows), Remark(bound)]
+        said = (bound, found.message) if found.message else (bound,)
+        parts = [ReportTable("", names, rows), *map(Remark, said)]
     print_report(parts)

@@ -32,6 +32,7 @@ from suas_jax.sensing.converter import Converter
 CURRIE = 3.29
 """Standard deviations at which false alarms and misses are 5 % each, one-sided."""
 _DISTANCES = 60  # of two contacts that are tried
+_UNKNOWNS = 4  # of two contacts, a place and a force each
 
 
 class Cases(NamedTuple):
@@ -147,8 +148,10 @@ def two_point(
     distance is 1/3.29 of it. Places along the arc rise [m]; `light` are derivatives of the
     readings by the force there [counts/N]. `middle`: between the contacts; None: the places.
     """
-    spline = CubicSpline(arc, light.T)
     middle = arc if middle is None else middle
+    if len(light) < _UNKNOWNS:  # of symmetric contacts alone the distance would be told
+        return np.full(len(middle), np.nan)
+    spline = CubicSpline(arc, light.T)
     distance = np.geomspace(1e-3, 1.0, _DISTANCES) * (arc[-1] - arc[0])
     sides = middle[:, None, None] + distance[:, None] * np.array([-0.5, 0.5])
     inside = ((sides >= arc[0]) & (sides <= arc[-1])).all(-1)

@@ -42,7 +42,7 @@ def creep(relaxation: RelaxationSpec, time: float) -> float:
 
 
 def motion_figures(spec: SkinSpec) -> tuple[dict[str, float], str]:
-    """Lowest frequency, damping and bandwidth by key, and the reason where there are none."""
+    """Lowest frequency, damping and bandwidth by key; why there are none, or what they omit."""
     try:
         found = modes(spec.unloaded, 1)
     except ConfigError as error:
@@ -57,7 +57,7 @@ def motion_figures(spec: SkinSpec) -> tuple[dict[str, float], str]:
         "lowest_frequency_Hz": float(first["undamped_Hz"] or 0.0),
         "damping_ratio": float(first["damping_ratio"] or 0.0),
         "bandwidth_Hz": found.bandwidth,
-    }, ""
+    }, found.message
 
 
 def buckling_mismatch(spec: SkinSpec) -> tuple[float, str]:

@@ -30,8 +30,12 @@ from suas_jax.config import SkinSpec
 from suas_jax.config.inputs import given_inputs
 from suas_jax.config.tolerance import deviation_of
 from suas_jax.runtime.compiled import COMPILED
+from suas_jax.skin.prestress import is_prestressed
 
 _95 = 1.96
+_STRESSED = (
+    "as without the stress at rest that the file states; `suas sweep --history` counts it"
+)
 
 
 @dataclass(frozen=True)
@@ -91,6 +95,11 @@ class DataSheet:
         """What else a reader should know."""
         told = self.variants.errors.text, self.spec.material.note
         found = [text for text in told if text]
+        if self.measured.accuracy.noise == 0:
+            found.append(
+                "readings have no noise but their rounding here: resolutions and the detection "
+                "limit are those of a real skin once electrodes.noise states it (`suas health`)"
+            )
         own = {figure.key: figure.value for figure in self.figures}
         mounting = deviation_of(self.variants.spec.geometry.mounting) or 0.0
         if own["buckling_mismatch"] < 2 * mounting:
@@ -216,7 +225,7 @@ def data_sheet(
         *(_worst(key, values, measured, spread) for key, (values, spread) in at.items()),
         _worst("two_point_m", apart, measured),
         *_coefficients(measured, variants, effects),
-        *_in_time(variants.spec),
+        *_in_time(variants.spec, stressed=is_prestressed(spec)),
     ]
     order = list(WORDS)
     return DataSheet(
@@ -309,15 +318,16 @@ def _coefficients(measured: Measured, variants: Variants, effects: Floats) -> li
     return found
 
 
-def _in_time(spec: SkinSpec) -> list[Figure]:
-    """Creep, motion and buckling."""
+def _in_time(spec: SkinSpec, *, stressed: bool) -> list[Figure]:
+    """Creep, motion and buckling; `stressed`: whether the file states a stress at rest."""
     relaxation = spec.material.relaxation
     times = {"creep_1min": 60.0, "creep_1h": 3600.0}
     if relaxation is None:
         why = "the skin file states no [material] relaxation; `suas fit material` finds it"
         found = [Figure(key, math.nan, reason=why) for key in times]
     else:
-        found = [Figure(key, creep(relaxation, time)) for key, time in times.items()]
+        why = _STRESSED if stressed else ""
+        found = [Figure(key, creep(relaxation, t), reason=why) for key, t in times.items()]
     motion, reason = motion_figures(spec)
     for key in ("lowest_frequency_Hz", "damping_ratio", "bandwidth_Hz"):
         found.append(Figure(key, motion.get(key, math.nan), reason=reason))

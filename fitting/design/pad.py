@@ -23,7 +23,7 @@ from fitting.datasheet.figures import Accuracy, Cases, figures_at
 from fitting.datasheet.pad import ELEMENTS
 from fitting.datasheet.readings import Readings, far_taxels, read
 from fitting.datasheet.words import PLACED
-from fitting.design.problem import STEP, Outcome, Problem
+from fitting.design.problem import STEP, Outcome, Problem, without_crosstalk
 from fitting.design.want import Want
 from fitting.force_range.bound import rated_force
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
@@ -84,7 +84,7 @@ class PadProblem(Problem):
         self.ends = np.clip(first, -edge, edge), np.clip(last, -edge, edge)
         self.grid = want.places, axials
         at = grid(*(np.linspace(*ends) for ends in zip(*self.ends, self.grid, strict=True)))
-        self._far = far_taxels(skin, at)
+        self._at = at  # the places, angle [rad] and position [m] [place, coordinate]
         even = spec.geometry.mirrored_along_axis and skin.geometry.symmetric
         self._mirrored = even and bool(np.allclose(-self.ends[0], self.ends[1]))
         self._image = (at < 0) @ [1, 2] if self._mirrored else np.zeros(len(at), int)
@@ -109,7 +109,7 @@ class PadProblem(Problem):
         steps = STEP * np.eye(len(x))
         rows = [x, *(x + side * step for step in steps for side in (-1.0, 1.0))]
         plain = [self._skin_at(row) for row in rows]
-        pairs = [(skin, np.arange(len(self._far))[None]) for skin in plain]
+        pairs = [(skin, np.arange(len(skin.electrodes.taxels.places))[None]) for skin in plain]
         if self._mirrored:
             pairs = [mirror_images(skin) for skin in plain]
         skins, where = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
@@ -122,8 +122,13 @@ class PadProblem(Problem):
         cases = self._cases(found, plain, where)
         result = (cases.rest.result, cases.half.result, cases.rated.result)
         accuracy = Accuracy(self.want.spec.sensing.noise, PAD_MODEL_ERROR)
-        figures = jax.tree.map(np.asarray, figures_at(cases, accuracy, self._far))
-        values = {key: getattr(figures, PLACED[key].field) for key in self.keys}
+        far = far_taxels(plain[0], self._at)
+        figures = jax.tree.map(np.asarray, figures_at(cases, accuracy, far))
+        none = without_crosstalk(self.keys, far)
+        values = {
+            key: np.where(zero, 0.0, getattr(figures, PLACED[key].field))
+            for key, zero in zip(self.keys, none, strict=True)
+        }
         good = all(np.isfinite(value).all() for value in values.values())
         return Outcome(
             {key: value[0] for key, value in values.items()},

@@ -5,6 +5,7 @@ Frequencies and buckling, which have no place, have central differences.
 """
 
 import abc
+from collections.abc import Sequence
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -28,6 +29,14 @@ class Outcome(NamedTuple):
     values: dict[str, Floats]  # by key [place]; of figures without a place [1]
     slopes: dict[str, Floats]  # their derivatives by the variables [place, variable]
     found: bool  # whether every state was
+
+
+def without_crosstalk(keys: Sequence[str], far: np.ndarray) -> np.ndarray:
+    """Where crosstalk is zero, for no taxel is far from the contact [key, place].
+
+    `far` are those that are [taxel, place].
+    """
+    return np.array([[key == "crosstalk"] for key in keys]) & ~far.any(0)
 
 
 class Problem(abc.ABC):

@@ -28,7 +28,7 @@ from fitting.datasheet.readings import (
 )
 from fitting.datasheet.variants import Variants, by_changes, variants_of
 from fitting.datasheet.words import PLACED
-from fitting.design.problem import STEP, Outcome, Problem
+from fitting.design.problem import STEP, Outcome, Problem, without_crosstalk
 from fitting.design.want import Limit, Variable, Want
 from fitting.force_range.bound import angles_over, first_contacts, rated_force
 from fitting.inverse_load.estimator import MODEL_ERROR
@@ -200,9 +200,11 @@ class SectionProblem(Problem):
 
     def first_contacts(self, x: Floats) -> Floats:
         """Forces that close the gap [place] [N]; NaN where none does."""
+        return first_contacts(self._skin_at(x), self.angle)[0]
+
+    def _skin_at(self, x: Floats) -> Skin:
         inputs = self.want.inputs(np.asarray(x, float))
-        skin = skin_of(self.want.spec, inputs, contact=False, elements=self.elements)
-        return first_contacts(skin, self.angle)[0]
+        return skin_of(self.want.spec, inputs, contact=False, elements=self.elements)
 
     def placed(self, x: Floats) -> Outcome:
         """The figures that have places; see the base class."""
@@ -213,10 +215,13 @@ class SectionProblem(Problem):
                 return rest
         touch = self.first_contacts(x)
         known = np.where(np.isfinite(touch), touch, self.rated)
+        far = far_taxels(self._skin_at(x), self.angle[:, None])
         by_x, (values, result) = jax.tree.map(
             np.asarray,
-            COMPILED.run(_slopes, self._asked, x, known, self._numbers),
+            COMPILED.run(_slopes, self._asked, x, known, self._numbers._replace(far=far)),
         )
+        none = without_crosstalk(self.keys, far)
+        values, by_x = np.where(none, 0.0, values), np.where(none[..., None], 0.0, by_x)
         # Of a contact with the wall that was not found, nothing else is wrong.
         settled = not result[:, :3].any()
         needed = "range_N" not in self.keys or np.isfinite(touch).all()

@@ -14,6 +14,7 @@ from suas_jax.config import ConfigError, SkinSpec, continuous_inputs, load_skin,
 from suas_jax.config.errors import Mistake, show, unknown
 from suas_jax.config.fields import AsList, Count, PlacedError, Spec, quantity
 from suas_jax.config.quantities import DimensionName, to_si
+from suas_jax.config.tolerance import deviation_start
 from suas_jax.config.toml_file import read_toml
 from suas_jax.config.validation import validate_table
 from suas_jax.skin.plain import angles_at, clamped_edge
@@ -321,6 +322,9 @@ class _Reader:
                 if path in _EDGES and spec.geometry.dimension == 3:
                     advice = "moves a pad's edges, to which its mesh holds; leave it out"
                     self.refuse(key, path, advice)
+                if path == "electrodes.noise":
+                    advice = "is the converter's, and the less the better; leave it out"
+                    self.refuse(key, path, advice)
                 if path in named:
                     self.refuse(key, path, "is named twice; one variable sets an input")
                 named.add(path)
@@ -328,6 +332,9 @@ class _Reader:
                 self.refuse(key, bounds, "two values are expected, the lower and the upper one")
             sides = []
             for x in bounds:
+                if isinstance(x, str) and deviation_start(x) < len(x):
+                    advice = "a bound has no deviation; the skin file's stays the same share"
+                    self.refuse(key, x, advice)
                 own = {path: known[path] * x if factor else x for path in paths}
                 found = self._inputs(key, spec, own, x)
                 sides.append(x if factor else found[name])

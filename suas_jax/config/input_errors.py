@@ -289,12 +289,16 @@ def _independent(
     # Columns of a root of the covariance: each is one independent error.
     widths, axes = np.linalg.eigh(covariance / np.outer(size, size))
     root = size[:, None] * axes * np.sqrt(np.maximum(widths, 0.0))
+    told: list[str] = []
     for k in np.flatnonzero(widths > _LEAST_VARIANCE)[::-1]:
         column: dict[str, float] = {}
         for i, part in enumerate(parts):
             for path, factor in part.items():
                 column[path] = column.get(path, 0.0) + factor * float(root[i, k])
-        yield f"{label}, {names[int(np.argmax(np.abs(axes[:, k])))]} above all", column
+        most = names[int(np.argmax(np.abs(axes[:, k])))]
+        told.append(most)
+        again = f" ({told.count(most)})" if told.count(most) > 1 else ""
+        yield f"{label}, {most} above all{again}", column
 
 
 def _paths_of(spec: SkinSpec, name: str, value: float) -> dict[str, float]:

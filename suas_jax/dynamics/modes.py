@@ -25,6 +25,7 @@ import scipy.optimize
 from jaxtyping import Complex, Float
 
 from suas_jax.config import SceneSpec, with_solve
+from suas_jax.config.law import LawSpec
 from suas_jax.dynamics.inertia import (
     Densities,
     Inertia,
@@ -59,7 +60,7 @@ class Modes:
     motion: Motion | PadMotion | None  # what they are modes of; None where no state was found
     solution: Solution  # the state
     status: str  # as of a solve, or "unstable"
-    message: str  # what it means
+    message: str  # what it means, or what is not counted
 
     def report(self) -> dict[str, Any]:
         """What `suas modes --json` prints."""
@@ -114,7 +115,22 @@ def modes(scene: SceneSpec, count: int = 6) -> Modes:
         message = "The state is unstable: a motion grows by itself, and has no frequency."
         return lost("unstable", message)
     shapes = motion.shapes(found.vectors)
-    return Modes(found.modes, found.bandwidth, shapes, motion, solution, "converged", "")
+    message = relaxation_note(scene.material)
+    return Modes(found.modes, found.bandwidth, shapes, motion, solution, "converged", message)
+
+
+def relaxation_note(material: LawSpec) -> str:
+    """What a rubber that relaxes does beside its modes; empty where it does not."""
+    series = material.relaxation
+    if series is None:
+        return ""
+    ends = sorted({min(series.tau), max(series.tau)})
+    return (
+        f"The rubber's relaxation is not counted: stiffness is the {material.response} one; "
+        f"{100 * (1 - series.long_term_share):.2g} % of a stress fades in "
+        f"{' to '.join(f'{tau:.3g}' for tau in ends)} s, and statics is off by as much where "
+        "cycles are as fast."
+    )
 
 
 class Spectrum(NamedTuple):

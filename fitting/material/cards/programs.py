@@ -178,7 +178,8 @@ def lsdyna(material: Material) -> str:
         raise CardError("--export lsdyna: the program needs a density: give --density")
     head = f"$ {material.law.law}, {unit}, shear modulus {g:.6g} {unit}, "
     head += f"bulk modulus {k:.6g} {unit}\n"
-    first = f"{1:>10d}{material.density:>10.4g}{poisson:>10.7f}{0:>10d}"
+    # Ten columns hold nine decimals without the zero, which a soft rubber's bulk modulus needs.
+    first = f"{1:>10d}{material.density:>10.4g}{f'{poisson:.9f}'[1:]}{0:>10d}"
     if (terms := material.at_most(most)) is not None:
         filled = [*terms, *[(0.0, 0.0)] * (most - len(terms))]
         keyword, rows = "MAT_OGDEN_RUBBER", [*map(_exact, zip(*filled, strict=True))]

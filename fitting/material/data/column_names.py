@@ -12,7 +12,8 @@ _WORDS = dict(
         """
     standardkraft=standard_force pruefkraft=test_force zugkraft=tensile_force
     zuglast=tensile_load zugverlaengerung=tensile_extension zugdehnung=tensile_strain
-    maschinenweg=machine_travel traverse=crosshead
+    maschinenweg=machine_travel traverse=crosshead feindehnung=extensometer
+    ab_vorkraft=from_preload
     druckkraft=compressive_force kraft=force standardweg=standard_travel
     traversenweg=crosshead_travel kolbenweg=actuator_travel verlaengerung=extension
     laengenaenderung=extension verformung=extension verschiebung=displacement weg=travel
@@ -167,7 +168,7 @@ log_strain number (?:log|true|hencky|logarithmic|natural|ln)_?strain
     |e(?:xx|yy|[12])_\[1\]_hencky
 green_strain number green(?:_lagrange)?_?strain|e(?:xx|yy|[12])_\[1\]_lagrange
 strain number (?:nominal_|engineering_|eng_|tensile_|compressive_|compression_|axial_|standard_
-    |corrected_|extensometer_|technical_|stroke_|crosshead_|displacement_)*strain
+    |corrected_|extensometer_|technical_|stroke_|crosshead_|displacement_)*strain(?:_from_preload)?
     |elongation_percent|ε
     |(?:strain|eps|epsilon|ε)_(?:eng|engineering|nom|nominal)
     |(?:section_\d+_|point_\d+_|mean_)?epsilon|e(?:xx|yy|[12])_\[1\]_(?:biot|engineering)
@@ -175,7 +176,7 @@ stretch number (?:hoop_)?stretch(?:_ratio)?|extension_ratio|lambda|λ|lam|f_?11
 displacement length (?:crosshead_|cross_head_|loads_0_|axial_|ax_|standard_|tensile_
     |compressive_|actuator_|corrected_|extensometer_|video_|machine_|shear_)*(?:displacement|displ?
     |extension|elong(?:ation)?|compression|stroke|travel|deflection|crosshead|distance|position
-    |extensometer)
+    |extensometer)(?:_extensometer)?(?:_from_preload)?
     |d(?:elta_)?l|δl
 current_length length (?:axial_|plate_)?gap|current_length
 grip_separation length (?:initial_)?(?:grip|jaw|clamp)(?:_to_(?:grip|jaw|clamp))?

@@ -189,6 +189,11 @@ def _with_unit(
         if kind == "stress":  # "stress_ratio" and the like
             return None
         raise ValueError(f'{where}: column "{name}": unknown unit "{unit}"; allowed: {allowed}')
+    if known == "mN" and re.search(r"(?<![A-Za-z])MN(?![A-Za-z])", name):
+        raise ValueError(
+            f'{where}: column "{name}": MN is a meganewton, and may be meant for mN; say which '
+            f'by --columns "{kind}={name} mN" or "{kind}={name} 1e6 N"'
+        )
     try:
         factor = unit_size(known, dimension)
     except ValueError:

@@ -74,10 +74,10 @@ class Belief:
     def of(cls, fits: Sequence[FittedLaw]) -> Self:
         """From fits of several laws to the same data, the one to be told of first."""
         fit = fits[0]
-        readings = _readings_of(fit)
+        stated = fit.problem.kind in ("noise", "estimated")
+        readings = _readings_of(fit, _NOISE[0] if stated else 1.0)
         scales = fit.problem.residuals.scales
         modulus, strain = float(np.asarray(scales.stress)), float(np.asarray(scales.strain))
-        stated = fit.problem.kind in ("noise", "estimated")
         constant = First(np.zeros(1), np.full(1, 0.5 * modulus), 1, "")
         firsts = [constant, *(_first_of(each, modulus) for each in fits)]
         parts = [
@@ -212,8 +212,11 @@ def nominal_factors(mode: str, stretch: Rows) -> np.ndarray:
     return mode_factors(PATHS[mode], stretch, "nominal")
 
 
-def _readings_of(fit: FittedLaw) -> Readings:
-    """Readings of a fit's homogeneous tests; of others, what the law says of their range."""
+def _readings_of(fit: FittedLaw, share: float) -> Readings:
+    """Readings of a fit's homogeneous tests; of others, what the law says of their range.
+
+    The noise of these, beside what the fit leaves open, is counted in a share of them.
+    """
     inverse = np.asarray(fit.problem.residuals.inverse_scale)
     parts = []
     for (data, place), misfit in zip(fit.problem.tests, fit.misfits(), strict=True):
@@ -238,7 +241,8 @@ def _readings_of(fit: FittedLaw) -> Readings:
         value, slope = fit.stress(factors)
         shared = (slope @ fit.uncertainty.root).T
         states = States.of(factors)
-        parts.append(Readings(states, value, np.maximum(np.abs(value), 1e-300), shared))
+        scale = share * np.maximum(np.abs(value), 1e-300)
+        parts.append(Readings(states, value, scale, shared))
     whole = parts[0]
     for part in parts[1:]:
         shared = linalg.block_diag(whole.shared, part.shared)

@@ -219,11 +219,11 @@ def _doubts_about_modes(
         half = (high - middle) / np.maximum(np.abs(middle), 1e-300)
         worst, at = float(np.max(half)), float(stretch[int(np.argmax(half))])
         amount = f"+-{percent_text(worst)}" if worst < 10.0 else "no useful accuracy"
-        parts.append(f"{mode} to {amount} (at a stretch of {at:.3g})")
+        parts.append(f"{mode} to {amount} (at a stretch of {at:.4g})")
         if not worst < _UNKNOWN:
             unknown.append(
                 f"{mode} stress: not measured, and known to {amount} only (95 %, at a stretch "
-                f"of {at:.3g})"
+                f"of {at:.4g})"
             )
         outside = np.abs(law - middle) > high - middle
         if outside.any():

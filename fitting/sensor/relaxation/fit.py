@@ -36,6 +36,9 @@ _HIDDEN = 2.0  # by how much the drift may widen a deviation without being named
 _BEYOND, _APART = 10.0, 2.0  # of the times measured; of two times
 _LIMITS = (1e-4, 4.0)  # of gamma
 _TRIALS = 40
+# Of the taxels' changes under the presses: how alike they must be to the model's, and how much
+# larger or smaller they may be.
+_ALIKE, _LARGER = 0.9, 2.0
 
 
 class Trial(NamedTuple):
@@ -153,6 +156,8 @@ def fit_relaxation(
     presses = held_presses(data)
     progress("one Prony term")
     best = _fitted(data, presses, np.log([_FIRST, np.sqrt(np.prod(_window(presses))), 1.0]))
+    if another := _another_skin(best):
+        raise NoCalibration(f"{data.paths}: {another}")
     if best.unknown:
         said = "; ".join([best.unknown, *best.hidden])
         raise NoCalibration(f"{data.paths}: no relaxation is told: {said}")
@@ -170,6 +175,49 @@ def fit_relaxation(
             break
         best = more
     return best, tried
+
+
+def _another_skin(fit: RelaxationFit) -> str:
+    """Why the taxels' changes are not this skin's, which gains hide; empty if they are."""
+    pairs = [
+        _changes(press, readings[0])
+        for press, readings in zip(fit.presses, fit.trial.readings, strict=True)
+    ]
+    read, model = (np.concatenate(x, None) for x in zip(*pairs, strict=True))
+    turned = np.concatenate([own[::-1] for own, _ in pairs])
+
+    def alike(changes: Floats) -> float:
+        return float(changes @ model / np.linalg.norm(changes) / np.linalg.norm(model))
+
+    if alike(read) < _ALIKE:
+        order = ", and in reverse order they would" if alike(turned) > _ALIKE else ""
+        return (
+            f"the presses do not change the taxels as on this skin (correlation "
+            f"{alike(read):.2f}){order}: check the order of the taxels, the load's place and "
+            "unit, and that the log belongs to this skin"
+        )
+    larger = float(read @ model / (model @ model))
+    if not 1 / _LARGER < larger < _LARGER:
+        return (
+            f"the presses change the counts {larger:.3g} times as much as this skin's model: "
+            "check the load's unit, the stiffness of [material], and [electrodes] lsb"
+        )
+    return ""
+
+
+def _changes(press: HeldPress, model: Floats) -> tuple[Floats, Floats]:
+    """How far the press moves the taxels' counts, offset and drift taken out, and the model's.
+
+    `model` are its counts [taxel, mean]; taxels that tell nothing do not move. [taxel] each.
+    """
+    away, own = model - model[:, :1], np.zeros(len(model))
+    moves = np.take_along_axis(away, np.abs(away).argmax(1)[:, None], 1)[:, 0]
+    for i, (so, row) in enumerate(zip(press.so, model, strict=True)):
+        used = np.isfinite(so) & np.isfinite(row)
+        if used.any():
+            columns = np.stack([np.ones_like(row), press.time, row], 1)[used]
+            own[i] = np.linalg.lstsq(columns, so[used], rcond=None)[0][-1] * moves[i]
+    return own, np.where(own == 0, 0.0, moves)
 
 
 def _price(fit: RelaxationFit) -> float:
