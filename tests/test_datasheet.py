@@ -24,12 +24,13 @@ from fitting.datasheet.in_time import creep
 from fitting.datasheet.pad import _readings
 from fitting.datasheet.readings import Readings
 from fitting.datasheet.sheet import DataSheet, Figure, _in_time, _worst
-from fitting.datasheet.variants import STEP, named, variants_of
+from fitting.datasheet.variants import DEEPER, STEP, WARMER, named, variants_of, why_constant
 from fitting.datasheet.words import PLACED
 from fitting.force_range.bound import rated_force
 from suas_jax import Loads
 from suas_jax.config import continuous_inputs, load_scene, load_skin
 from suas_jax.config.inelastic import RelaxationSpec
+from suas_jax.config.oils.vented import VentedOilSpec
 from suas_jax.sensing.converter import Converter
 from suas_jax.skin.plain import plain_geometry
 
@@ -202,6 +203,16 @@ def test_two_points_are_told_apart_at_their_bound() -> None:
     # Two places and two forces need four taxels, whatever symmetry tells of the distance.
     three = np.exp(-(((arc - np.array([[-0.03], [0.0], [0.03]])) / 0.02) ** 2))
     assert np.isnan(two_point(arc, 40 * three, force, variance)).all()
+
+
+def test_a_coefficient_of_nothing_has_its_reason() -> None:
+    spec = load_skin(SKIN)
+    vented = spec.model_copy(update={"oil": VentedOilSpec(relative_permittivity=2.2)})
+    assert why_constant(spec, WARMER).startswith("the skin file states no expansion")
+    assert why_constant(spec, DEEPER).startswith("oil, rubber and wall")
+    assert why_constant(vented, DEEPER).startswith("vented oil comes and goes, rubber and wall")
+    yielding = spec.wall.model_copy(update={"bulk_modulus": 3e9})
+    assert not why_constant(spec.model_copy(update={"wall": yielding}), DEEPER)
 
 
 def test_creep_undoes_relaxation() -> None:

@@ -109,7 +109,9 @@ def why_constant(spec: SkinSpec, path: str) -> str:
         return (
             "the skin file states no expansion: add expansion to [material], [oil] and [wall]"
         )
-    solids = (spec.material.bulk_modulus, spec.wall.bulk_modulus)
-    if path == DEEPER and not spec.oil.yields and solids == (None, None):
-        return "oil, rubber and wall are taken as incompressible: depth changes nothing"
+    moduli = (spec.material.bulk_modulus, spec.wall.bulk_modulus)
+    if path == DEEPER and not spec.oil.yields and moduli == (None, None):
+        solids = "rubber and wall are taken as incompressible"
+        oil = f"oil, {solids}" if spec.oil.trapped else f"vented oil comes and goes, {solids}"
+        return f"{oil}: depth changes nothing"
     return ""
