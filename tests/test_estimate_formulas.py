@@ -195,7 +195,7 @@ def test_best_change_of_an_input_is_where_the_contacts_leave_least() -> None:
 def test_an_input_is_tried_with_less_force_where_all_of_it_leaves_no_state(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """All taxels rise by 2 counts from rest, where 7 are with the input changed."""
+    """Readings are 2 counts above rest: 4 as in the file, 7 with the input changed."""
     tried: list[list[float]] = []
 
     class Fitter:

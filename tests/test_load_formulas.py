@@ -815,7 +815,7 @@ def test_a_fit_with_a_contact_too_much_leads_to_the_others() -> None:
     start = np.array([[0.3, -0.25, 0.3, 8.0]])
     two = finished(selection.several.fit(Attempt(y, weight, start, None, 2)))
     assert two.score.tolist() == [np.inf]
-    # They are tried where, at no less than the fit's own price, it costs less than the best.
+    # Fewer are tried where the fit's chi2 and its penalty together are below the best score.
     for price, contacts in ((0.9, 2), (1.1, 1)):
         score = two.chi2 + price * selection.penalty
         lost = dataclasses.replace(two, chi2=score, score=score)

@@ -294,7 +294,7 @@ def test_basis_of_columns_and_its_dimension() -> None:
     assert rank == 2
     np.testing.assert_allclose(basis @ basis.T, np.diag([1.0, 1.0, 0.0]), atol=1e-9)
     assert _basis(np.zeros((3, 0)))[1] == 0
-    # Rounding of long columns is as long as the longest allows.
+    # What counts as rounding grows with the longest column.
     assert _basis(1e4 * np.eye(3)[:, :2] * [1.0, 1e-11])[1] == 1
 
 

@@ -97,8 +97,8 @@ class DataSheet:
         found = [text for text in told if text]
         if self.measured.accuracy.noise == 0:
             found.append(
-                "readings have no noise but their rounding here: resolutions and the detection "
-                "limit are those of a real skin once electrodes.noise states it (`suas health`)"
+                "readings have no noise here but rounding: resolutions and the detection limit "
+                "are too good for a real skin; state electrodes.noise (`suas health` finds it)"
             )
         own = {figure.key: figure.value for figure in self.figures}
         mounting = deviation_of(self.variants.spec.geometry.mounting) or 0.0

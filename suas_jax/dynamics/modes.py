@@ -128,8 +128,8 @@ def relaxation_note(material: LawSpec) -> str:
     return (
         f"The rubber's relaxation is not counted: stiffness is the {material.response} one; "
         f"{100 * (1 - series.long_term_share):.2g} % of a stress fades in "
-        f"{' to '.join(f'{tau:.3g}' for tau in ends)} s, and statics is off by as much where "
-        "cycles are as fast."
+        f"{' to '.join(f'{tau:.3g}' for tau in ends)} s, and statics may be off by as much in "
+        "cycles of about that length."
     )
 
 

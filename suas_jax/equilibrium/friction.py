@@ -4,8 +4,8 @@ Coulomb's bound grows with the pressure, so its forces have no potential, and th
 symmetry. At a given bound they have both. So the bound is taken from the last equilibrium,
 round by round. A round leaves about the coefficient of friction of the change of the bound;
 beneath a rough body that is dragged it leaves four fifths, and the next round goes on along the
-line through the last two. Derivatives are those of the whole, by GMRES with solves by the
-symmetric tangent (`solve_near`).
+line through the last two. Derivatives are those of the whole, by GMRES that is
+preconditioned with the symmetric tangent (`solve_near`).
 """
 
 import dataclasses

@@ -25,7 +25,7 @@ from jaxtyping import Array, Float, PyTree
 from suas_jax.numerics.array_types import LaneCounts, Lanes, StationVector
 from suas_jax.numerics.block_tridiagonal import AbstractTangent
 
-# Relative residual at which GMRES ends, and above which rounding does not explain it
+# Of GMRES: relative residual at which it ends, and the largest that counts as a solution
 _LAST, _LOOSE = 1e-12, 1e-9
 _DIRECTIONS, _MOST_RESTARTS = 30, 5
 

@@ -26,7 +26,7 @@ from suas_jax.skin.wall import AbstractPressureGap, Wall
 
 _STICK = 1e-3  # thicknesses of slip until friction is mobilised
 _ANGLES, _LENGTHS = 1601, 81  # places among which the first touch is sought
-_CLOSER, _AMONG = 3, 33  # searches around the best of them, among so many
+_CLOSER, _AMONG = 3, 33  # further rounds around the best of them, and places of each
 
 
 class Grip(NamedTuple):

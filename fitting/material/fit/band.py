@@ -215,7 +215,7 @@ def nominal_factors(mode: str, stretch: Rows) -> np.ndarray:
 def _readings_of(fit: FittedLaw, share: float) -> Readings:
     """Readings of a fit's homogeneous tests; of others, what the law says of their range.
 
-    The noise of these, beside what the fit leaves open, is counted in a share of them.
+    `share`: of what the law says, the unit that its noise is counted in.
     """
     inverse = np.asarray(fit.problem.residuals.inverse_scale)
     parts = []

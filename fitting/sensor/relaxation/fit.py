@@ -36,8 +36,8 @@ _HIDDEN = 2.0  # by how much the drift may widen a deviation without being named
 _BEYOND, _APART = 10.0, 2.0  # of the times measured; of two times
 _LIMITS = (1e-4, 4.0)  # of gamma
 _TRIALS = 40
-# Of the taxels' changes under the presses: how alike they must be to the model's, and how much
-# larger or smaller they may be.
+# Least correlation of the taxels' changes under the presses with the model's, and how many
+# times as large as those, or as small, they may be.
 _ALIKE, _LARGER = 0.9, 2.0
 
 
@@ -192,7 +192,7 @@ def _another_skin(fit: RelaxationFit) -> str:
     if alike(read) < _ALIKE:
         order = ", and in reverse order they would" if alike(turned) > _ALIKE else ""
         return (
-            f"the presses do not change the taxels as on this skin (correlation "
+            "the presses do not change the taxels as on this skin (correlation "
             f"{alike(read):.2f}){order}: check the order of the taxels, the load's place and "
             "unit, and that the log belongs to this skin"
         )
@@ -206,9 +206,10 @@ def _another_skin(fit: RelaxationFit) -> str:
 
 
 def _changes(press: HeldPress, model: Floats) -> tuple[Floats, Floats]:
-    """How far the press moves the taxels' counts, offset and drift taken out, and the model's.
+    """Changes of the taxels' counts under a press, less offset and drift, and the model's.
 
-    `model` are its counts [taxel, mean]; taxels that tell nothing do not move. [taxel] each.
+    `model`: its counts [taxel, mean].
+    Returns changes [taxel] each, zero where a taxel tells nothing.
     """
     away, own = model - model[:, :1], np.zeros(len(model))
     moves = np.take_along_axis(away, np.abs(away).argmax(1)[:, None], 1)[:, 0]

@@ -50,9 +50,10 @@ class HeldPress(NamedTuple):
         for point in found.points:
             if point["status"] != "converged":
                 load = float(np.interp(point["t_s"], self.time, self.load))
+                unit = self.column.rpartition("_")[-1]
                 raise NoCalibration(
                     f"the model has no state {point['t_s']:.4g} s into the log, under "
-                    f"{load:.4g} {self.column[-1]} ({point['status']}): check the load's unit, "
+                    f"{load:.4g} {unit} ({point['status']}): check the load's unit, "
                     "and the skin file"
                 )
         return np.array([[taxel["so"] for taxel in p["taxels"]] for p in found.points], float).T
