@@ -996,7 +996,11 @@ def test_the_effect_of_what_a_shell_leaves_out_never_pulls_on_a_body() -> None:
 
     own: Any = SimpleNamespace(placed=lambda factor: own, friction=None, frame=frame)
     mechanics: Any = SimpleNamespace(
-        corrected=True, touched=contact, gap_shift=lambda q, body: None, per_width=False
+        corrected=True,
+        touched=contact,
+        pushed=lambda q, body, shift: jnp.sum(contact(q, body).force, (1, 2)),
+        gap_shift=lambda q, body: None,
+        per_width=False,
     )
     mechanics.bodies, mechanics.omitted_margin = (own,), 0.2
     mechanics.section = SimpleNamespace(size=jnp.zeros(1))

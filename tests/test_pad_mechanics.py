@@ -288,17 +288,20 @@ def test_points_far_from_a_body_are_left_out_without_loss(
     body = Body.of(spec, THICK.section, places, lambda key: given[key] * ONE, law)
     placed = body.placed(ONE)
 
-    @quick
     def at_all(pad: Pad, q: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
         face = pad.one_lane().face_against(placed, q[..., 0])
         every = face.points(face.elements)
         found = every.touched()
         return every.energy(), jnp.min(found.gap), jnp.sum(found.force, (1, 2))
 
-    energy, lowest, force = at_all(pad, q)
+    energy, lowest, force = quick(at_all)(pad, q)
     touched = quick(lambda pad, q: pad.touched(q, placed))(pad, q)
     np.testing.assert_allclose(touched.gap.min(), lowest, rtol=1e-12)
     np.testing.assert_allclose(np.sum(touched.force, (1, 2))[:, 0], force, rtol=1e-12)
+    pushed = quick(lambda pad, q: jax.jvp(lambda q: pad.pushed(q, placed), (q,), (q,)))(pad, q)
+    np.testing.assert_allclose(pushed[0][:, 0], force, rtol=1e-12)
+    moved = quick(lambda pad, q: jax.jvp(lambda q: at_all(pad, q)[2], (q,), (q,))[1])(pad, q)
+    np.testing.assert_allclose(pushed[1][:, 0], moved, rtol=1e-9)
     got = quick(lambda pad, q: pad.contact_energy(q))(pad.with_bodies([body]), q)
     np.testing.assert_allclose(got[0], energy, rtol=1e-12)
     assert (lowest > 0) == (float(energy) == 0)

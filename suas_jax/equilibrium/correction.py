@@ -130,20 +130,15 @@ def corrected_touch(
     if body.friction is not None:  # whose bound the first-order change keeps
         placed = body.holding(mechanics.grip(root.q, placed)).placed(shown.factor)
     change, shift = shown.q - root.q, mechanics.gap_shift(root.q, placed)
-    if shift is None:
-        at, along = jax.jvp(lambda q: mechanics.touched(q, placed), (root.q,), (change,))
-    else:
-        none = jnp.zeros_like(shift)
-        at, along = jax.jvp(
-            lambda q, shift: mechanics.touched(q, placed, shift),
-            (root.q, none),
-            (change, shift + none),
-        )
-    out = body.frame[-1][:, None, None]
-    own = jnp.sum(at.force * out, (0, 1, 2))
-    more = jnp.sum(jnp.where(at.gap < 0, along.force * out, 0.0), (0, 1, 2))
+    shift = jnp.zeros_like(root.pressure) if shift is None else shift
+
+    def push(q: Array, shift: Array) -> Lanes:
+        return jnp.sum(mechanics.pushed(q, placed, shift) * body.frame[-1], 0)
+
+    own, more = jax.jvp(push, (root.q, jnp.zeros_like(shift)), (change, shift))
     share = jnp.where(own == 0, 0.0, more / jnp.where(own == 0, 1.0, own))
     ratio = jnp.maximum(1 + share, 0.0)  # bodies push
+    at = mechanics.touched(root.q, placed)
     return at._replace(pressure=ratio * at.pressure, force=ratio * at.force)
 
 

@@ -137,6 +137,13 @@ class Pad(AbstractMechanics):
         del shift  # there is none
         return self._at_face(q, body, ContactFace.touched)
 
+    def pushed(
+        self, q: StationVector, body: PlacedBody, shift: Array | float = 0.0
+    ) -> Float[Array, "3 lane"]:
+        """Without all other points, derivatives of which cost more; see the base class."""
+        del shift  # there is none
+        return self._at_face(q, body, ContactFace.pushed)
+
     def grip(self, q: StationVector, body: PlacedBody) -> Grip | None:
         """See the base class."""
         if body.body.friction is None:
