@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import equinox as eqx
@@ -18,6 +19,7 @@ from suas_jax.constitutive.laws.mooney_rivlin import MooneyRivlin
 from suas_jax.constitutive.laws.ogden import Ogden
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.equilibrium import differentiable
+from suas_jax.figures.vtu import _pad_grid
 from suas_jax.mechanics.pad.faces import Faces, face_displacement, unbent
 from suas_jax.mechanics.pad.fibres import energy_density, layers, resultants
 from suas_jax.mechanics.pad.mid_surface import Rest, Surface, components, surface
@@ -188,6 +190,14 @@ def test_a_factor_on_the_loads_scales_what_they_do_where_the_membrane_thins() ->
 
 
 PLACES_OF_SHEETS = ((0.0, 0.3, 1.0), (0.0, 0.4, 0.7, 1.0))
+
+
+def test_the_energy_that_is_reported_has_one_number_a_lane() -> None:
+    """As derivatives by name ask for: two axes are a column over the taxels."""
+    pad = small_pad(*CASES["whole"])
+    q = jnp.zeros((*pad.topology.free.shape, 1))
+    stored = eqx.filter_eval_shape(lambda pad, q: pad.around(q).stored_energy(q), pad, q)
+    assert stored.shape == (1,)
 
 
 def sheet(mean: float, change: float) -> Sheet:
@@ -602,15 +612,32 @@ def test_a_correction_stretches_the_faces_and_does_not_bend_them() -> None:
     inner, outer, stretched, bent = np.random.default_rng(4).normal(size=(4, 3, 5, 1))
     none = jnp.zeros((5, 1))
 
-    def faces(inner: np.ndarray, outer: np.ndarray) -> Faces:
+    def faces(inner: np.ndarray, outer: np.ndarray, energy: float) -> Faces:
         still = (jnp.zeros((3, 5, 1)),) * 3
-        return Faces(none, none, *still, jnp.asarray(inner), jnp.asarray(outer), none)
+        strains = jnp.asarray(inner), jnp.asarray(outer)
+        return Faces(none, none, *still, *strains, none + energy)
 
-    equilibrium = faces(inner, outer)
-    shown = faces(inner + stretched - bent, outer + stretched + bent)
+    equilibrium = faces(inner, outer, 1.0)
+    shown = faces(inner + stretched - bent, outer + stretched + bent, 2.0)
     found = unbent(shown, equilibrium)
     np.testing.assert_allclose(found.inner_strain, inner + stretched, atol=1e-14)
     np.testing.assert_allclose(found.outer_strain, outer + stretched, atol=1e-14)
+    np.testing.assert_array_equal(found.energy_density, 1.0)
+
+
+def test_what_a_pad_writes_for_paraview_is_around_its_equilibrium() -> None:
+    """As its report is: a correction of rest bends nothing and stores no energy."""
+    pad = small_pad(*CASES["whole"])
+    q = 1e-5 * np.random.default_rng(2).normal(size=(*pad.topology.free.shape, 1))
+
+    def written(pad: Pad, rest: jax.Array, q: jax.Array) -> Faces:
+        state, shown = (SimpleNamespace(q=x) for x in (rest, q))
+        return _pad_grid(SimpleNamespace(mechanics=pad), state, shown)[0]
+
+    found = quick(written)(pad, 0 * q, q * pad.topology.free[..., None])
+    assert np.abs(found.inner_strain).max() > 1e-6
+    np.testing.assert_allclose(found.inner_strain, found.outer_strain, atol=1e-15)
+    np.testing.assert_array_equal(found.energy_density, 0.0)
 
 
 @pytest.mark.long  # a fine net is solved; splines in test_bspline

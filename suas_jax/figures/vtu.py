@@ -70,8 +70,7 @@ def _pad_grid(
     problem: Problem, state: State, shown: State
 ) -> tuple[Faces, Array, Array, Array, Array]:
     """The faces on a grid; of the inner one principal stretches, place, height, angle now."""
-    del state
-    pad = problem.mechanics
+    pad = problem.mechanics.around(state.q)
     assert isinstance(pad, Pad)
     grid = pad.sampled(shown.q, _PAD_SAMPLES)
     rest = pad.section.inner_face(grid.angle)

@@ -92,12 +92,13 @@ def unbent(shown: Faces, equilibrium: Faces) -> Faces:
 
     The correction stretches the mid-surface, which shows in the mean of both faces, but does
     not bend it: beneath loads and at clamps a membrane that shears has kinks, which are no
-    strains.
+    strains. The energy density is the equilibrium's.
     """
     strains = [(x.inner_strain, x.outer_strain) for x in (shown, equilibrium)]
     after, before = ((inner + outer) / 2 for inner, outer in strains)
     inner, outer = (x + (after - before) for x in strains[1])
-    return shown._replace(inner_strain=inner, outer_strain=outer)
+    energy = equilibrium.energy_density
+    return shown._replace(inner_strain=inner, outer_strain=outer, energy_density=energy)
 
 
 def principal_stretches(strain: Float[Array, "3 *point"]) -> Float[Array, "2 *point"]:

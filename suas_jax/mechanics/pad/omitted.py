@@ -103,7 +103,7 @@ def relaxed_energy(
                 edge = [x[..., index, :] for x in turned]
                 at_end = way, index, lengths[index], beside
                 total = total + _clamp(edge, at_end, elements, grown)
-    return total / modulus
+    return jnp.sum(total / modulus)
 
 
 def with_sides_swapped(x: Array) -> Array:
@@ -152,4 +152,4 @@ def thinning_work(
     """
     normal, moment = at.thinning
     thinning = _LOAD_NORMAL * normal + _LOAD_MOMENT * moment / thickness
-    return jnp.sum(inward * thinning) / modulus
+    return jnp.sum(inward * thinning / modulus)

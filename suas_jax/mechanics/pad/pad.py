@@ -344,12 +344,15 @@ class Pad(AbstractMechanics):
         """
         angle, axial = (_divided(x, samples) for x in (self.net.angles, self.net.axial))
         shape = (angle.shape[0], axial.shape[0])
-        found = self._by_lane(lambda lane, *given: lane.sampled(*given), q, angle, axial)
 
         def gridded(x: Array) -> Array:
             return x.reshape(*x.shape[:-2], *shape, x.shape[-1])
 
-        return jax.tree.map(gridded, found)
+        def of(q: StationVector) -> Faces:
+            found = self._by_lane(lambda lane, *given: lane.sampled(*given), q, angle, axial)
+            return jax.tree.map(gridded, found)
+
+        return of(q) if self.equilibrium is None else unbent(of(q), of(self.equilibrium))
 
     def height_at(
         self,
@@ -366,10 +369,7 @@ class Pad(AbstractMechanics):
 
     def shape(self, q: StationVector) -> PadShape:
         """The deformed pad, sampled; see the base class."""
-        samples, root = self.sampled(q, SAMPLES), self.equilibrium
-        if root is not None:
-            samples = unbent(samples, self.sampled(root, SAMPLES))
-        return PadShape(samples)
+        return PadShape(self.sampled(q, SAMPLES))
 
     def face(self, q: StationVector) -> "PadFace":
         """The deformed inner face along rays; see the base class."""
