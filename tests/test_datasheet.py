@@ -143,6 +143,41 @@ def test_resolutions_weigh_readings_by_noise_rounding_and_the_model_s_error() ->
         np.testing.assert_allclose(seen[:, k], [1e-3, -2e-3, 0.2])
 
 
+@pytest.mark.parametrize(
+    ("taxels", "saturated"), [((0,), False), ((1, 1), False), ((0, 1), False), ((0, 1), True)]
+)
+def test_what_taxels_do_not_tell_has_no_resolution(
+    taxels: tuple[int, ...], saturated: bool
+) -> None:
+    """One taxel, two at one place, or two at the converter's limit tell no place and force."""
+    own = list(taxels)
+
+    def of(readings: Readings) -> Readings:
+        so, slope = np.asarray(readings.so)[own], np.asarray(readings.slope)[:, own]
+        if saturated:
+            so, slope = np.full_like(so, Converter().full_scale), 0 * slope
+        return readings._replace(so=so, slope=slope)
+
+    whole = stand_in(1.0)
+    cases = whole._replace(
+        **{name: of(getattr(whole, name)) for name in ("rest", "half", "rated", "touch")}
+    )
+    found = figures_at(cases, ACCURACY, np.zeros((len(own), 2), bool))
+    seen = told(cases, ACCURACY, jnp.ones((len(own), 2)))
+    known = len(set(own)) == 2 and not saturated
+    for value in (found.force_resolution, found.place_resolution, *seen):
+        assert np.isfinite(value).all() if known else np.isnan(value).all()
+    for value in (found.detection_limit, found.nonlinearity):
+        assert np.isnan(value).all() if saturated else np.isfinite(value).all()
+    assert (np.asarray(found.sensitivity) == 0).all() == saturated
+    none = _worst(
+        "force_resolution_N",
+        np.full(2, np.nan),
+        SimpleNamespace(region=np.full(2, True), missing={}),
+    )
+    assert "do not tell place and force" in none.reason
+
+
 def test_a_rated_force_is_round_and_of_the_smallest_first_contact() -> None:
     assert rated_force(np.array([np.nan, 52.0, 40.0])) == 10.0
     assert rated_force(np.full(2, np.nan)) == 1.0

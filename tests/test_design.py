@@ -32,7 +32,13 @@ from fitting.design.section import SectionProblem, bound_of_units
 from fitting.design.want import Front, Limit, Variable, Want, load_want
 from fitting.report.description import ReportTable
 from suas_jax import skin_of
-from suas_jax.config import ConfigError, UncertainQuantity, continuous_inputs, load_skin
+from suas_jax.config import (
+    AlongSpec,
+    ConfigError,
+    UncertainQuantity,
+    continuous_inputs,
+    load_skin,
+)
 from suas_jax.config.fields import quantity_of
 from suas_jax.config.tolerance import deviation_of
 
@@ -300,6 +306,15 @@ def test_a_design_goes_on_from_the_searches_that_ended(tmp_path: Path) -> None:
     assert anothers.known(other, rest.want.start) is None
     assert (own.note, KeptSearches(tmp_path / "none.json").note) == ("", "")
     assert "of another design" in anothers.note
+    # Units of another tolerance are others, though no number differs; so are those of a table.
+    thickness = UncertainQuantity(skin.geometry.thickness, 1e-3)
+    table = AlongSpec(arc=(0.0, 1.0), value=(1.5e-3, 1.5e-3))
+    for given in (thickness, table):
+        geometry = skin.geometry.model_copy(update={"thickness": given})
+        moved = dataclasses.replace(
+            rest.want, spec=skin.model_copy(update={"geometry": geometry})
+        )
+        assert KeptSearches(file).known(moved, rest.want.start) is None
     file.write_text('{"searches": {"a": 1}}')
     with pytest.raises(ValueError, match="does not hold searches"):
         KeptSearches(file)
