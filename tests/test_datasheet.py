@@ -207,6 +207,20 @@ def test_derivatives_of_the_definitions() -> None:
         np.testing.assert_allclose(own, (b - a) / 2e-5, rtol=1e-5, atol=1e-9, err_msg=name)
 
 
+def test_crosstalk_of_a_far_taxel_that_changes_most_has_a_slope() -> None:
+    """It is over the near ones; where every taxel is far, over all."""
+    far = np.array([[False, True], [True, True], [False, True]])
+
+    def crosstalk(scale: Any) -> Any:
+        return figures_at(stand_in(scale), ACCURACY, far).crosstalk
+
+    change = np.asarray(stand_in(1.0).rated.so - stand_in(1.0).rest.so)
+    found, slope = jax.jvp(crosstalk, (1.0,), (1.0,))
+    np.testing.assert_allclose(found, [change[1, 0] / change[2::-2, 0].max(), 1.0])
+    assert found[0] > 1
+    assert abs(slope[0]) > 1e-3
+
+
 def test_a_change_that_looks_like_a_load_is_told_as_one() -> None:
     cases = stand_in(1.0)
     change = jnp.einsum("c,ctp->tp", jnp.array([1e-3, 0.2]), cases.rated.slope)

@@ -10,7 +10,8 @@ slopes by x and F, each over s::
     resolution           1 / |part of the slope that the other slopes can't imitate|, at the
                          rated force: the bound of Cramer and Rao of one frame
     nonlinearity         |L(F/2) - 1/2|, L the share of c along its value at the rated force F
-    crosstalk            largest |c| of a taxel far from the contact over the largest of all
+    crosstalk            largest |c| of a taxel far from the contact over the largest of those
+                         near it, or of all where none is
     first contact        F - gap / (dgap/dF): one step of Newton's method from a force at which
                          the gap is closed already, which makes its derivatives exact
 """
@@ -57,7 +58,7 @@ class Figures(NamedTuple):
     force_resolution: Array  # least standard deviation of the force in one frame [N]
     place_resolution: Array  # of the place on the outer face [m]
     nonlinearity: Array  # at half of the rated force, over the reading at the rated force
-    crosstalk: Array  # of far taxels, over the largest change; NaN where none is far
+    crosstalk: Array  # of far taxels, over the near ones; NaN where none is far
 
 
 class Accuracy(NamedTuple):
@@ -83,8 +84,10 @@ def figures_at(
     own = unlike(weighted(cases, accuracy))
     resolution = _over(length(jnp.moveaxis(own, 1, 0)))
     mask = far.reshape(far.shape[0], *(1,) * (change.ndim - 2), far.shape[1])
-    disturbed = jnp.max(jnp.where(mask, jnp.abs(change), 0.0), 0)
-    crosstalk = disturbed / jnp.max(jnp.abs(change), 0)
+    # Over the near ones, for a share of all has no slope where a far one changes most.
+    near = ~mask | jnp.all(mask, 0)
+    most = [jnp.max(jnp.where(x, jnp.abs(change), 0.0), 0) for x in (mask, near)]
+    crosstalk = most[0] * _over(most[1])
     return Figures(
         cases.force - cases.touch.gap / cases.touch.gap_slope,
         cases.rated.gap,

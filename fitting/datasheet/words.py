@@ -73,7 +73,7 @@ WORDS: dict[str, Word] = {
     "crosstalk": Word(
         "Crosstalk",
         "Largest change of a taxel farther from the contact than four times membrane and film, "
-        "over the largest of all.",
+        "over the largest of those within.",
         *("%", "crosstalk", False, "no taxel is far enough to count"),
     ),
     "force_accuracy": Word(
