@@ -22,11 +22,13 @@ from fitting.datasheet.figures import (
 )
 from fitting.datasheet.in_time import creep
 from fitting.datasheet.pad import _readings
+from fitting.datasheet.page import described
 from fitting.datasheet.readings import Readings
 from fitting.datasheet.sheet import DataSheet, Figure, _in_time, _worst
 from fitting.datasheet.variants import DEEPER, STEP, WARMER, named, variants_of, why_constant
 from fitting.datasheet.words import PLACED
 from fitting.force_range.bound import rated_force
+from fitting.report.description import Remark
 from suas_jax import Loads
 from suas_jax.config import continuous_inputs, load_scene, load_skin
 from suas_jax.config.inelastic import RelaxationSpec
@@ -205,6 +207,17 @@ def test_derivatives_of_the_definitions() -> None:
     low, high = (figures(1.1 + side) for side in (-1e-5, 1e-5))
     for name, a, b, own in zip(Figures._fields, low, high, slope, strict=True):
         np.testing.assert_allclose(own, (b - a) / 2e-5, rtol=1e-5, atol=1e-9, err_msg=name)
+
+
+def test_a_reason_that_is_a_sentence_ends_with_one_stop() -> None:
+    sheet: Any = SimpleNamespace(
+        figures=(Figure("bandwidth_Hz", 1.0, reason="Not counted."),),
+        variants=SimpleNamespace(changes=()),
+        order=[],
+        remarks=[],
+    )
+    (remark,) = (part for part in described(sheet, meanings=False) if isinstance(part, Remark))
+    assert remark.text == "Bandwidth: Not counted."
 
 
 def test_crosstalk_of_a_far_taxel_that_changes_most_has_a_slope() -> None:

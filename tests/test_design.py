@@ -387,6 +387,9 @@ def test_bound_of_units_is_the_quantile_of_a_lognormal_figure(key: str, side: in
         ("geometry.thickness", "geometry.thicknes", 'did you mean "geometry.thickness"'),
         ('"0.8 mm", "3 mm"', '"0.8 mm"', "two values"),
         ('"0.8 mm"', '"0.8 N"', "a length with its unit is expected"),
+        ('"0.8 mm", "3 mm"', "0.8e-3, 3e-3", "= 0.0008: the unit is missing"),
+        ('["-60 deg", "60 deg"]', "[-60, 60]", "the unit is missing; an angle"),
+        ("factor = [0.25", 'factor = ["2 mm"', "a number without a unit is expected"),
         ('"0.8 mm"', '"-1 mm"', "must be greater than zero"),
         ('"0.8 mm"', '"0.8 mm +- 0.1 mm"', "a bound has no deviation"),
         ("geometry.thickness = [", "electrodes.noise = [1, 3] #", "the less the better"),
@@ -411,6 +414,13 @@ def test_bound_of_units_is_the_quantile_of_a_lognormal_figure(key: str, side: in
 )
 def test_mistakes_are_named(tmp_path: Path, old: str, new: str, words: str) -> None:
     is_refused(WANT, tmp_path, old, new, words)
+
+
+def test_factors_may_be_shares(tmp_path: Path) -> None:
+    text = WANT.read_text().replace("../skins", str(ROOT / "configs" / "skins"))
+    file = tmp_path / "want.toml"
+    file.write_text(text.replace("[0.25, 2]", '["25 %", 2]'))
+    assert load_want(file).variables == load_want(WANT).variables
 
 
 def test_units_are_refused_beside_figures_whose_tolerance_is_unknown(tmp_path: Path) -> None:
