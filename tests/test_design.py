@@ -14,7 +14,7 @@ from fitting.datasheet.sheet import Figure
 from fitting.datasheet.variants import STEP
 from fitting.design import design, section
 from fitting.design.design import Design, _changed, designed_skin
-from fitting.design.front import FrontPoint, front
+from fitting.design.front import FrontPoint, front, undominated
 from fitting.design.problem import Outcome
 from fitting.design.problem import Problem as DesignProblem
 from fitting.design.resume import KeptSearches
@@ -335,6 +335,15 @@ def test_front_between_two_goals_is_the_closed_form() -> None:
     np.testing.assert_allclose([p.x for p in points], np.stack([x, v - x], 1), atol=1e-4)
     goal = 2 + (x - 0.8) ** 2 + (v - x - 0.6) ** 2
     np.testing.assert_allclose([p.goal for p in points], goal, rtol=1e-5)
+
+
+@pytest.mark.parametrize("maximise", [False, True])
+def test_no_design_of_a_front_is_worse_by_both_figures(maximise: bool) -> None:
+    goals = np.array([1.0, 1.6, 1.2, 1.3, 1.9])  # the second search stopped short
+    goals = 1 / goals if maximise else goals
+    points = [FrontPoint(np.zeros(1), goal, float(k)) for k, goal in enumerate(goals)]
+    kept = undominated(points, maximise=maximise)
+    assert [point.other for point in kept] == [0.0, 2.0, 3.0, 4.0]
 
 
 @pytest.mark.long  # derivatives of a mounted skin; its limit's place is in the tests below
