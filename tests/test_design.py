@@ -15,7 +15,7 @@ from fitting.datasheet.variants import STEP
 from fitting.design import design, section
 from fitting.design.design import Design, _changed, designed_skin
 from fitting.design.front import FrontPoint, front, undominated
-from fitting.design.problem import Outcome
+from fitting.design.problem import Outcome, off_the_wall
 from fitting.design.problem import Problem as DesignProblem
 from fitting.design.resume import KeptSearches
 from fitting.design.search import (
@@ -569,6 +569,20 @@ def test_data_sheets_of_a_design_have_the_places_between_those_of_the_search(
     assert asked == [(spec, (17, 5), None, 3.0, ends) for spec in ("file", "design")]
 
 
+def test_a_design_keeps_the_membrane_off_the_wall() -> None:
+    """Where a figure is read under the rated force and no limit of the file holds it there."""
+    want = load_want(WANT)
+    limited = dataclasses.replace(want, limits=(Limit("min_gap_m", 1e-4, True),))
+    assert off_the_wall(dataclasses.replace(want, limits=())) == limited  # 2 % of 5 mm
+    for limit, force in (("min_gap_m", 10.0), ("range_N", 30.0)):
+        own = dataclasses.replace(want, limits=(Limit(limit, 30.0, True),), force=force)
+        assert off_the_wall(own) is own
+    short = dataclasses.replace(want, limits=(Limit("range_N", 9.0, True),), force=10.0)
+    assert [limit.key for limit in off_the_wall(short).limits] == ["range_N", "min_gap_m"]
+    light = dataclasses.replace(want, goal="sensitivity_counts_per_N", limits=())
+    assert off_the_wall(light) is light
+
+
 def test_crosstalk_is_that_of_taxels_that_are_far_on_the_design(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -580,8 +594,8 @@ def test_crosstalk_is_that_of_taxels_that_are_far_on_the_design(
 
     def run(program: Any, asked: Any, x: Any, touch: Any, numbers: Any) -> Any:
         seen.append(numbers.far)
-        values = np.where(numbers.far.any(0), 0.5, np.nan)[None]  # as `figures_at` has them
-        return np.zeros((1, 5, 1)), (values, np.zeros((1, 4, 5)))
+        values = np.where(numbers.far.any(0), 0.5, np.nan)  # as `figures_at` has them
+        return np.zeros((2, 5, 1)), (np.stack([np.ones(5), values]), np.zeros((1, 4, 5)))
 
     monkeypatch.setattr(section, "COMPILED", SimpleNamespace(run=run))
     for x in (0.0, 1.0):
