@@ -533,6 +533,24 @@ def test_a_limit_that_is_not_kept_between_the_places_of_the_search_is_told() -> 
     assert "Range at 12 mm is 29.1 N, not at least 30 N" in told
 
 
+def test_a_goal_that_is_worse_between_the_places_of_the_search_is_told() -> None:
+    measured = SimpleNamespace(
+        arc=np.arange(3), grid=(3, 1), coordinates={"angle_deg": np.array([0.0, 9.0, 18.0])}
+    )
+    want: Any = SimpleNamespace(goal="force_resolution_N", maximise=False, places=2)
+    found: Any = SimpleNamespace(goal=0.01)
+
+    def told(value: float, place: int) -> list[str]:
+        figures = (Figure("force_resolution_N", value, place=place),)
+        after: Any = SimpleNamespace(figures=figures, measured=measured)
+        made = Design(SimpleNamespace(want=want), found, after, after, [], 0)  # type: ignore[arg-type]
+        return [made._miss(*pair) for pair in made._goal_between()]
+
+    (text,) = told(0.015, 1)
+    assert "Force resolution at 9 deg is 0.015 N, not at most 0.01 N" in text
+    assert told(0.0101, 1) == told(0.015, 2) == []
+
+
 def test_designs_between_two_goals_are_told_in_the_units_of_each() -> None:
     """Newtons and millimetres, as data sheets tell them; then the inputs."""
     goal, other = "force_resolution_N", "place_resolution_m"
