@@ -15,6 +15,7 @@ from fitting.datasheet.figures import (
     Accuracy,
     Cases,
     Figures,
+    Measured,
     figures_at,
     told,
     two_point,
@@ -22,11 +23,13 @@ from fitting.datasheet.figures import (
 )
 from fitting.datasheet.in_time import creep
 from fitting.datasheet.pad import _readings
+from fitting.datasheet.page import described
 from fitting.datasheet.readings import Readings
-from fitting.datasheet.sheet import DataSheet, Figure, _in_time, _worst
+from fitting.datasheet.sheet import DataSheet, Figure, _in_time, _off_the_wall, _worst
 from fitting.datasheet.variants import DEEPER, STEP, WARMER, named, variants_of, why_constant
 from fitting.datasheet.words import PLACED
 from fitting.force_range.bound import rated_force
+from fitting.report.description import Remark
 from suas_jax import Loads
 from suas_jax.config import continuous_inputs, load_scene, load_skin
 from suas_jax.config.inelastic import RelaxationSpec
@@ -82,6 +85,20 @@ def test_a_figure_says_which_places_have_none() -> None:
     worst = _worst("two_point_m", np.array([2.0, np.nan, 1.5, np.nan]), measured)
     assert (worst.value, worst.place) == (2.0, 0)
     assert "such as 0 deg: there two contacts cannot be told apart" in worst.reason
+
+
+def test_no_figure_is_of_a_membrane_that_is_in_the_wall() -> None:
+    """Under a rated force beyond first contact; that of no contact is not beyond."""
+    none: Any = None
+    measured = Measured(none, {}, none, np.array([True, True, False]), none, 10.0, none, (3, 1))
+    same, beyond = _off_the_wall(measured, np.array([12.0, np.nan, 8.0]))
+    assert not same.missing  # the place beyond does not count
+    assert beyond.tolist() == [False, False, True]
+    moved, beyond = _off_the_wall(measured, np.array([9.0, 12.0, 12.0]))
+    assert beyond.tolist() == [True, False, False]
+    for key in ("force_resolution_N", "crosstalk", "force_accuracy"):
+        assert "reaches the wall before the rated force" in moved.missing[key]
+    assert "range_N" not in moved.missing
 
 
 def stand_in(scale: Any, closed: float = 50.0) -> Cases:
@@ -143,6 +160,41 @@ def test_resolutions_weigh_readings_by_noise_rounding_and_the_model_s_error() ->
         np.testing.assert_allclose(seen[:, k], [1e-3, -2e-3, 0.2])
 
 
+@pytest.mark.parametrize(
+    ("taxels", "saturated"), [((0,), False), ((1, 1), False), ((0, 1), False), ((0, 1), True)]
+)
+def test_what_taxels_do_not_tell_has_no_resolution(
+    taxels: tuple[int, ...], saturated: bool
+) -> None:
+    """One taxel, two at one place, or two at the converter's limit tell no place and force."""
+    own = list(taxels)
+
+    def of(readings: Readings) -> Readings:
+        so, slope = np.asarray(readings.so)[own], np.asarray(readings.slope)[:, own]
+        if saturated:
+            so, slope = np.full_like(so, Converter().full_scale), 0 * slope
+        return readings._replace(so=so, slope=slope)
+
+    whole = stand_in(1.0)
+    cases = whole._replace(
+        **{name: of(getattr(whole, name)) for name in ("rest", "half", "rated", "touch")}
+    )
+    found = figures_at(cases, ACCURACY, np.zeros((len(own), 2), bool))
+    seen = told(cases, ACCURACY, jnp.ones((len(own), 2)))
+    known = len(set(own)) == 2 and not saturated
+    for value in (found.force_resolution, found.place_resolution, *seen):
+        assert np.isfinite(value).all() if known else np.isnan(value).all()
+    for value in (found.detection_limit, found.nonlinearity):
+        assert np.isnan(value).all() if saturated else np.isfinite(value).all()
+    assert (np.asarray(found.sensitivity) == 0).all() == saturated
+    none = _worst(
+        "force_resolution_N",
+        np.full(2, np.nan),
+        SimpleNamespace(region=np.full(2, True), missing={}),
+    )
+    assert "do not tell place and force" in none.reason
+
+
 def test_a_rated_force_is_round_and_of_the_smallest_first_contact() -> None:
     assert rated_force(np.array([np.nan, 52.0, 40.0])) == 10.0
     assert rated_force(np.full(2, np.nan)) == 1.0
@@ -170,6 +222,31 @@ def test_derivatives_of_the_definitions() -> None:
     low, high = (figures(1.1 + side) for side in (-1e-5, 1e-5))
     for name, a, b, own in zip(Figures._fields, low, high, slope, strict=True):
         np.testing.assert_allclose(own, (b - a) / 2e-5, rtol=1e-5, atol=1e-9, err_msg=name)
+
+
+def test_a_reason_that_is_a_sentence_ends_with_one_stop() -> None:
+    sheet: Any = SimpleNamespace(
+        figures=(Figure("bandwidth_Hz", 1.0, reason="Not counted."),),
+        variants=SimpleNamespace(changes=()),
+        order=[],
+        remarks=[],
+    )
+    (remark,) = (part for part in described(sheet, meanings=False) if isinstance(part, Remark))
+    assert remark.text == "Bandwidth: Not counted."
+
+
+def test_crosstalk_of_a_far_taxel_that_changes_most_has_a_slope() -> None:
+    """It is over the near ones; where every taxel is far, over all."""
+    far = np.array([[False, True], [True, True], [False, True]])
+
+    def crosstalk(scale: Any) -> Any:
+        return figures_at(stand_in(scale), ACCURACY, far).crosstalk
+
+    change = np.asarray(stand_in(1.0).rated.so - stand_in(1.0).rest.so)
+    found, slope = jax.jvp(crosstalk, (1.0,), (1.0,))
+    np.testing.assert_allclose(found, [change[1, 0] / change[2::-2, 0].max(), 1.0])
+    assert found[0] > 1
+    assert abs(slope[0]) > 1e-3
 
 
 def test_a_change_that_looks_like_a_load_is_told_as_one() -> None:

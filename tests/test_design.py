@@ -14,8 +14,8 @@ from fitting.datasheet.sheet import Figure
 from fitting.datasheet.variants import STEP
 from fitting.design import design, section
 from fitting.design.design import Design, _changed, designed_skin
-from fitting.design.front import FrontPoint, front
-from fitting.design.problem import Outcome
+from fitting.design.front import FrontPoint, front, undominated
+from fitting.design.problem import Outcome, off_the_wall
 from fitting.design.problem import Problem as DesignProblem
 from fitting.design.resume import KeptSearches
 from fitting.design.search import (
@@ -32,7 +32,13 @@ from fitting.design.section import SectionProblem, bound_of_units
 from fitting.design.want import Front, Limit, Variable, Want, load_want
 from fitting.report.description import ReportTable
 from suas_jax import skin_of
-from suas_jax.config import ConfigError, UncertainQuantity, continuous_inputs, load_skin
+from suas_jax.config import (
+    AlongSpec,
+    ConfigError,
+    UncertainQuantity,
+    continuous_inputs,
+    load_skin,
+)
 from suas_jax.config.fields import quantity_of
 from suas_jax.config.tolerance import deviation_of
 
@@ -300,6 +306,15 @@ def test_a_design_goes_on_from_the_searches_that_ended(tmp_path: Path) -> None:
     assert anothers.known(other, rest.want.start) is None
     assert (own.note, KeptSearches(tmp_path / "none.json").note) == ("", "")
     assert "of another design" in anothers.note
+    # Units of another tolerance are others, though no number differs; so are those of a table.
+    thickness = UncertainQuantity(skin.geometry.thickness, 1e-3)
+    table = AlongSpec(arc=(0.0, 1.0), value=(1.5e-3, 1.5e-3))
+    for given in (thickness, table):
+        geometry = skin.geometry.model_copy(update={"thickness": given})
+        moved = dataclasses.replace(
+            rest.want, spec=skin.model_copy(update={"geometry": geometry})
+        )
+        assert KeptSearches(file).known(moved, rest.want.start) is None
     file.write_text('{"searches": {"a": 1}}')
     with pytest.raises(ValueError, match="does not hold searches"):
         KeptSearches(file)
@@ -320,6 +335,15 @@ def test_front_between_two_goals_is_the_closed_form() -> None:
     np.testing.assert_allclose([p.x for p in points], np.stack([x, v - x], 1), atol=1e-4)
     goal = 2 + (x - 0.8) ** 2 + (v - x - 0.6) ** 2
     np.testing.assert_allclose([p.goal for p in points], goal, rtol=1e-5)
+
+
+@pytest.mark.parametrize("maximise", [False, True])
+def test_no_design_of_a_front_is_worse_by_both_figures(maximise: bool) -> None:
+    goals = np.array([1.0, 1.6, 1.2, 1.3, 1.9])  # the second search stopped short
+    goals = 1 / goals if maximise else goals
+    points = [FrontPoint(np.zeros(1), goal, float(k)) for k, goal in enumerate(goals)]
+    kept = undominated(points, maximise=maximise)
+    assert [point.other for point in kept] == [0.0, 2.0, 3.0, 4.0]
 
 
 @pytest.mark.long  # derivatives of a mounted skin; its limit's place is in the tests below
@@ -372,6 +396,9 @@ def test_bound_of_units_is_the_quantile_of_a_lognormal_figure(key: str, side: in
         ("geometry.thickness", "geometry.thicknes", 'did you mean "geometry.thickness"'),
         ('"0.8 mm", "3 mm"', '"0.8 mm"', "two values"),
         ('"0.8 mm"', '"0.8 N"', "a length with its unit is expected"),
+        ('"0.8 mm", "3 mm"', "0.8e-3, 3e-3", "= 0.0008: the unit is missing"),
+        ('["-60 deg", "60 deg"]', "[-60, 60]", "the unit is missing; an angle"),
+        ("factor = [0.25", 'factor = ["2 mm"', "a number without a unit is expected"),
         ('"0.8 mm"', '"-1 mm"', "must be greater than zero"),
         ('"0.8 mm"', '"0.8 mm +- 0.1 mm"', "a bound has no deviation"),
         ("geometry.thickness = [", "electrodes.noise = [1, 3] #", "the less the better"),
@@ -396,6 +423,13 @@ def test_bound_of_units_is_the_quantile_of_a_lognormal_figure(key: str, side: in
 )
 def test_mistakes_are_named(tmp_path: Path, old: str, new: str, words: str) -> None:
     is_refused(WANT, tmp_path, old, new, words)
+
+
+def test_factors_may_be_shares(tmp_path: Path) -> None:
+    text = WANT.read_text().replace("../skins", str(ROOT / "configs" / "skins"))
+    file = tmp_path / "want.toml"
+    file.write_text(text.replace("[0.25, 2]", '["25 %", 2]'))
+    assert load_want(file).variables == load_want(WANT).variables
 
 
 def test_units_are_refused_beside_figures_whose_tolerance_is_unknown(tmp_path: Path) -> None:
@@ -499,6 +533,24 @@ def test_a_limit_that_is_not_kept_between_the_places_of_the_search_is_told() -> 
     assert "Range at 12 mm is 29.1 N, not at least 30 N" in told
 
 
+def test_a_goal_that_is_worse_between_the_places_of_the_search_is_told() -> None:
+    measured = SimpleNamespace(
+        arc=np.arange(3), grid=(3, 1), coordinates={"angle_deg": np.array([0.0, 9.0, 18.0])}
+    )
+    want: Any = SimpleNamespace(goal="force_resolution_N", maximise=False, places=2)
+    found: Any = SimpleNamespace(goal=0.01)
+
+    def told(value: float, place: int) -> list[str]:
+        figures = (Figure("force_resolution_N", value, place=place),)
+        after: Any = SimpleNamespace(figures=figures, measured=measured)
+        made = Design(SimpleNamespace(want=want), found, after, after, [], 0)  # type: ignore[arg-type]
+        return [made._miss(*pair) for pair in made._goal_between()]
+
+    (text,) = told(0.015, 1)
+    assert "Force resolution at 9 deg is 0.015 N, not at most 0.01 N" in text
+    assert told(0.0101, 1) == told(0.015, 2) == []
+
+
 def test_designs_between_two_goals_are_told_in_the_units_of_each() -> None:
     """Newtons and millimetres, as data sheets tell them; then the inputs."""
     goal, other = "force_resolution_N", "place_resolution_m"
@@ -535,6 +587,20 @@ def test_data_sheets_of_a_design_have_the_places_between_those_of_the_search(
     assert asked == [(spec, (17, 5), None, 3.0, ends) for spec in ("file", "design")]
 
 
+def test_a_design_keeps_the_membrane_off_the_wall() -> None:
+    """Where a figure is read under the rated force and no limit of the file holds it there."""
+    want = load_want(WANT)
+    limited = dataclasses.replace(want, limits=(Limit("min_gap_m", 1e-4, True),))
+    assert off_the_wall(dataclasses.replace(want, limits=())) == limited  # 2 % of 5 mm
+    for limit, force in (("min_gap_m", 10.0), ("range_N", 30.0)):
+        own = dataclasses.replace(want, limits=(Limit(limit, 30.0, True),), force=force)
+        assert off_the_wall(own) is own
+    short = dataclasses.replace(want, limits=(Limit("range_N", 9.0, True),), force=10.0)
+    assert [limit.key for limit in off_the_wall(short).limits] == ["range_N", "min_gap_m"]
+    light = dataclasses.replace(want, goal="sensitivity_counts_per_N", limits=())
+    assert off_the_wall(light) is light
+
+
 def test_crosstalk_is_that_of_taxels_that_are_far_on_the_design(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -546,8 +612,8 @@ def test_crosstalk_is_that_of_taxels_that_are_far_on_the_design(
 
     def run(program: Any, asked: Any, x: Any, touch: Any, numbers: Any) -> Any:
         seen.append(numbers.far)
-        values = np.where(numbers.far.any(0), 0.5, np.nan)[None]  # as `figures_at` has them
-        return np.zeros((1, 5, 1)), (values, np.zeros((1, 4, 5)))
+        values = np.where(numbers.far.any(0), 0.5, np.nan)  # as `figures_at` has them
+        return np.zeros((2, 5, 1)), (np.stack([np.ones(5), values]), np.zeros((1, 4, 5)))
 
     monkeypatch.setattr(section, "COMPILED", SimpleNamespace(run=run))
     for x in (0.0, 1.0):

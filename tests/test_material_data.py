@@ -13,6 +13,7 @@ from fitting.material.data.cells import decimal_mark, number
 from fitting.material.data.columns import quantity_of
 from fitting.material.data.errors import DataError
 from fitting.material.experiments.data_checks import (
+    branches,
     contradictions,
     refuse_without_information,
     warnings_of,
@@ -193,6 +194,36 @@ def test_unloading_is_found_and_shuffling_is_not(tmp_path: pathlib.Path) -> None
         file = written(tmp_path, head + rows(time, out[::-1], stress[:20][::-1]))
         warnings = warnings_of(load_dataset("uniaxial", file))
         assert any("unloading curve" in text for text in warnings) is said
+
+
+def test_unloading_is_found_wherever_it_stands(tmp_path: pathlib.Path) -> None:
+    """Before the loading, and in a file from its end: by falling times, or as no rubber's."""
+    stretch = np.concatenate([np.linspace(1.0, 2.5, 20), np.linspace(2.45, 1.0, 19)])
+    back = np.arange(39) >= 20
+    stress = 400.0 * (stretch - stretch**-2) * np.where(back, 0.8, 1.0)
+    head = "stretch,nominal_stress_kPa\n"
+
+    def said(order: np.ndarray, *time: np.ndarray) -> tuple[np.ndarray, str]:
+        """Whether each reading is found to be of unloading, and the warning."""
+        columns = [x[order] for x in (*time, stretch, stress)]
+        file = written(tmp_path, ("time_s," if time else "") + head + rows(*columns))
+        data = load_dataset("uniaxial", file)
+        (text,) = (text for text in warnings_of(data) if "go back" in text or "branch" in text)
+        return branches(data).unloading, text
+
+    first = np.roll(np.arange(39), 19)
+    unloading, text = said(first)
+    np.testing.assert_array_equal(unloading, back[first])
+    assert "20 % lower" in text
+    turned = np.arange(39)[::-1]
+    unloading, text = said(turned, np.arange(39.0))
+    np.testing.assert_array_equal(unloading, back[turned])
+    assert "20 % lower" in text
+    assert "25 % higher" in said(turned)[1]
+    assert "listed from the end" in said(turned)[1]
+    sweep = np.linspace(1.5, 0.6, 40)  # through rest, from tension to compression
+    file = written(tmp_path, head + rows(sweep, 400.0 * (sweep - sweep**-2)))
+    assert not branches(load_dataset("uniaxial", file)).unloading.any()
 
 
 def test_a_mistaken_unit_is_doubted(tmp_path: pathlib.Path) -> None:

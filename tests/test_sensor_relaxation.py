@@ -115,6 +115,19 @@ def test_offset_drift_and_gain_of_a_taxel_leave_nothing(tmp_path: Path) -> None:
     assert np.abs(unexplained(drifting, model[None], drifts=False)).max() > 0.1
 
 
+def test_a_measured_oil_pressure_is_said_to_be_left_out(tmp_path: Path) -> None:
+    """Of any log that `suas fit sensor` reads; the readings are what they are without it."""
+    file = tmp_path / "log.csv"
+    without = held(file)
+    assert not any("oil_pressure_Pa" in text for text in without.warnings)
+    *head, names = (lines := file.read_text().splitlines())[:4]
+    rows = (f"{line},12.5" for line in lines[4:])
+    file.write_text("\n".join([*head, f"{names},oil_pressure_Pa", *rows]) + "\n")
+    own = load_sensor_data(load_skin(SKIN), [file], joint=True)
+    assert any("oil_pressure_Pa is not used" in text for text in own.warnings)
+    np.testing.assert_array_equal(own.so, without.so)
+
+
 def test_two_terms_are_found_where_there_are_two(quick: None, tmp_path: Path) -> None:
     for truth in (ONE, TWO):
         best, tried = fit_relaxation(held(tmp_path / "log.csv", truth, hold=200.0, rest=100.0))

@@ -10,7 +10,8 @@ slopes by x and F, each over s::
     resolution           1 / |part of the slope that the other slopes can't imitate|, at the
                          rated force: the bound of Cramer and Rao of one frame
     nonlinearity         |L(F/2) - 1/2|, L the share of c along its value at the rated force F
-    crosstalk            largest |c| of a taxel far from the contact over the largest of all
+    crosstalk            largest |c| of a taxel far from the contact over the largest of those
+                         near it, or of all where none is
     first contact        F - gap / (dgap/dF): one step of Newton's method from a force at which
                          the gap is closed already, which makes its derivatives exact
 """
@@ -27,12 +28,14 @@ from scipy.interpolate import CubicSpline
 from fitting.arrays import Floats
 from fitting.datasheet.readings import Readings
 from fitting.inverse_load.fit.covariance import inverse
+from suas_jax.numerics.length import length
 from suas_jax.sensing.converter import Converter
 
 CURRIE = 3.29
 """Standard deviations at which false alarms and misses are 5 % each, one-sided."""
 _DISTANCES = 60  # of two contacts that are tried
 _UNKNOWNS = 4  # of two contacts, a place and a force each
+_ROUNDING = 1e-12  # share of a column below which what is left of it is rounding
 
 
 class Cases(NamedTuple):
@@ -55,7 +58,7 @@ class Figures(NamedTuple):
     force_resolution: Array  # least standard deviation of the force in one frame [N]
     place_resolution: Array  # of the place on the outer face [m]
     nonlinearity: Array  # at half of the rated force, over the reading at the rated force
-    crosstalk: Array  # of far taxels, over the largest change; NaN where none is far
+    crosstalk: Array  # of far taxels, over the near ones; NaN where none is far
 
 
 class Accuracy(NamedTuple):
@@ -75,23 +78,23 @@ def figures_at(
 ) -> Figures:
     """The figures of places, `far` being the taxels that a contact there should leave alone."""
     rest, light = cases.rest.so, cases.rest.slope[-1]
-    sensitivity = _norm(light)
+    sensitivity = length(light)
     change, half = cases.rated.so - rest, cases.half.so - rest
-    squares = jnp.sum(change**2, 0)
-    linear = jnp.sum(half * change, 0) / jnp.where(squares > 0, squares, 1.0)
+    linear = jnp.sum(half * change, 0) * _over(jnp.sum(change**2, 0))
     own = unlike(weighted(cases, accuracy))
-    sizes = jnp.sqrt(jnp.sum(own**2, 1))
-    resolution = 1 / jnp.where(sizes == 0, 1e-300, sizes)  # what is unknown stays so
+    resolution = _over(length(jnp.moveaxis(own, 1, 0)))
     mask = far.reshape(far.shape[0], *(1,) * (change.ndim - 2), far.shape[1])
-    disturbed = jnp.max(jnp.where(mask, jnp.abs(change), 0.0), 0)
-    crosstalk = disturbed / jnp.max(jnp.abs(change), 0)
+    # Over the near ones, for a share of all has no slope where a far one changes most.
+    near = ~mask | jnp.all(mask, 0)
+    most = [jnp.max(jnp.where(x, jnp.abs(change), 0.0), 0) for x in (mask, near)]
+    crosstalk = most[0] * _over(most[1])
     return Figures(
         cases.force - cases.touch.gap / cases.touch.gap_slope,
         cases.rated.gap,
         sensitivity,
-        CURRIE * jnp.sqrt(accuracy.variance) / sensitivity,
+        CURRIE * jnp.sqrt(accuracy.variance) * _over(sensitivity),
         resolution[-1],
-        _norm(resolution[:-1]),
+        length(resolution[:-1]),
         jnp.abs(linear - 0.5),
         jnp.where(jnp.any(mask, 0), crosstalk, jnp.nan),
     )
@@ -106,7 +109,10 @@ def weighted(cases: Cases, accuracy: Accuracy) -> Array:
 
 
 def unlike(columns: Float[Array, "coordinate taxel *place"]) -> Array:
-    """The part of each column that no sum of the others imitates (Gram and Schmidt)."""
+    """The part of each column that no sum of the others imitates (Gram and Schmidt).
+
+    Zero where nothing but rounding is left: fewer taxels than coordinates tell none of them.
+    """
     found = []
     for i, own in enumerate(columns):
         axes: list[Array] = []
@@ -117,7 +123,8 @@ def unlike(columns: Float[Array, "coordinate taxel *place"]) -> Array:
             if j != i:
                 square = jnp.sum(rest**2, 0)
                 axes.append(rest / jnp.sqrt(jnp.where(square > 0, square, 1.0)))
-        found.append(rest)
+        own_square, square = jnp.sum(own**2, 0), jnp.sum(rest**2, 0)
+        found.append(jnp.where(square > _ROUNDING**2 * own_square, rest, 0.0))
     return jnp.stack(found)
 
 
@@ -171,9 +178,9 @@ def two_point(
     return found
 
 
-def _norm(columns: Array) -> Array:
-    square = jnp.sum(columns**2, 0)
-    return jnp.sqrt(jnp.where(square == 0, 1e-300, square))
+def _over(sizes: Array) -> Array:
+    """One over sizes; NaN where one is zero, for then nothing is told."""
+    return jnp.where(sizes > 0, 1 / jnp.where(sizes > 0, sizes, 1.0), jnp.nan)
 
 
 class Measured(NamedTuple):

@@ -34,7 +34,7 @@ def described(sheet: DataSheet, *, meanings: bool = True) -> list[Part]:
     columns = ("one standard deviation of", "", "estimated force", "range", "estimated place")
     return [
         ReportTable("Figures", _COLUMNS[: 5 if meanings else 4], rows),
-        *(Remark(f"{', '.join(keys)}: {why}.") for why, keys in reasons.items()),
+        *(Remark(f"{', '.join(keys)}: {why.rstrip('.')}.") for why, keys in reasons.items()),
         ReportTable("What to measure first", columns, tolerances),
         *(Remark(_sentence(text)) for text in sheet.remarks),
     ]

@@ -33,6 +33,12 @@ from suas_jax.runtime.compiled import COMPILED
 from suas_jax.skin.prestress import is_prestressed
 
 _95 = 1.96
+# Figures under the rated force, and why they have no value beyond first contact.
+_AT_RATED = (
+    *("min_gap_m", "force_resolution_N", "place_resolution_m", "nonlinearity", "crosstalk"),
+    *("force_accuracy", "force_per_kelvin", "force_per_metre_of_depth"),
+)
+_BEYOND = "the membrane reaches the wall before the rated force"
 _STRESSED = (
     "as without the stress at rest that the file states; `suas sweep --history` counts it"
 )
@@ -206,13 +212,15 @@ def data_sheet(
         ),
     )
     failed = _failed(measured.cases)
+    measured, beyond = _off_the_wall(measured, figures.first_contact[0])
     at: dict[str, tuple[Floats, Floats]] = {}
     for key, word in PLACED.items():
-        values = np.where(failed, np.nan, getattr(figures, word.field))
+        lost = failed | beyond if key in _AT_RATED else failed
+        values = np.where(lost, np.nan, getattr(figures, word.field))
         at[key] = values[0], _deviation(values, variants)
     contact = variants.slopes(figures.first_contact)
     effects = np.stack([taken_for[-1], np.sqrt((taken_for[:-1] ** 2).sum(0)), contact])
-    effects[..., failed[0]] = np.nan
+    effects[..., failed[0]] = effects[:2, :, beyond] = np.nan
     light = np.asarray(measured.cases.rest.slope)[-1, :, 0]
     rows = np.arange(len(measured.arc)).reshape(measured.grid).T  # along the arc
     apart, variance = np.empty(len(measured.arc)), measured.accuracy.variance
@@ -237,6 +245,19 @@ def data_sheet(
         _summed(effects, measured),
         apart,
     )
+
+
+def _off_the_wall(measured: Measured, first_contact: Floats) -> tuple[Measured, np.ndarray]:
+    """Places [place] where the rated force is beyond first contact, which has no figures.
+
+    There readings are those of a membrane that passes through the wall. Returns them with the
+    readings, which say so.
+    """
+    beyond = np.asarray(first_contact < measured.rated)
+    if not beyond[measured.region].any():
+        return measured, beyond
+    reasons = dict.fromkeys(_AT_RATED, _BEYOND) | dict(measured.missing)
+    return measured._replace(missing=reasons), beyond
 
 
 def _failed(cases: Cases) -> np.ndarray:

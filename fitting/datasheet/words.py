@@ -28,6 +28,8 @@ _BY_REST = "Of an estimated force, readings counted from rest."
 _OF_MOST = "Of the taxel that drifts most."
 _IN_ONE = "Least standard deviation of {}, at the rated force."
 _NEVER = "the membrane never reaches the wall, or no state was found on the way"
+_SILENT = "no state was found, or every taxel is saturated"
+_UNTOLD = "no state was found, or taxels that are not saturated do not tell place and force"
 _APART = "two contacts cannot be told apart at any distance that fits on the skin"
 WORDS: dict[str, Word] = {
     "range_N": Word(
@@ -46,17 +48,17 @@ WORDS: dict[str, Word] = {
     "detection_limit_N": Word(
         "Detection limit",
         "Smallest force found in the noise of one frame with 5 % false alarms and 5 % misses.",
-        *("N", "detection_limit"),
+        *("N", "detection_limit", False, _SILENT),
     ),
     "force_resolution_N": Word(
         "Force resolution",
         _IN_ONE.format("a force estimated from one frame"),
-        *("N", "force_resolution"),
+        *("N", "force_resolution", False, _UNTOLD),
     ),
     "place_resolution_m": Word(
         "Place resolution",
         _IN_ONE.format("the place on the outer face"),
-        *("mm", "place_resolution"),
+        *("mm", "place_resolution", False, _UNTOLD),
     ),
     "two_point_m": Word(
         "Two-point discrimination",
@@ -66,22 +68,23 @@ WORDS: dict[str, Word] = {
     "nonlinearity": Word(
         "Nonlinearity",
         "Departure of the reading at half of the rated force from the straight line.",
-        *("%", "nonlinearity"),
+        *("%", "nonlinearity", False, _SILENT),
     ),
     "crosstalk": Word(
         "Crosstalk",
         "Largest change of a taxel farther from the contact than four times membrane and film, "
-        "over the largest of all.",
+        "over the largest of those within.",
         *("%", "crosstalk", False, "no taxel is far enough to count"),
     ),
     "force_accuracy": Word(
         "Accuracy of force",
         "Standard deviation of an estimated force by the skin file's tolerances, uncalibrated.",
         "%",
+        missing=_UNTOLD,
     ),
-    "force_per_kelvin": Word("Temperature coefficient", _BY_REST, "%/K"),
+    "force_per_kelvin": Word("Temperature coefficient", _BY_REST, "%/K", missing=_UNTOLD),
     "zero_counts_per_kelvin": Word("Zero by temperature", _OF_MOST, "counts/K"),
-    "force_per_metre_of_depth": Word("Depth coefficient", _BY_REST, "%/m"),
+    "force_per_metre_of_depth": Word("Depth coefficient", _BY_REST, "%/m", missing=_UNTOLD),
     "zero_counts_per_metre_of_depth": Word("Zero by depth", _OF_MOST, "counts/m"),
     "creep_1min": Word(
         "Creep, 1 min",

@@ -36,6 +36,7 @@ from suas_jax.figures.style import FIRST, styled
 from suas_jax.files.reading import read_bytes
 
 _MISSED = 1e-3  # share of a limit by which it is not kept
+_WORSE = 0.02  # share of the goal that is told between the places of the search
 
 
 class Design(NamedTuple):
@@ -120,7 +121,7 @@ class Design(NamedTuple):
             ReportTable("Data sheets", ("figure", "before", "after"), rows),
             *self._front(),
             *(Remark(self._price(p)) for p in found.prices),
-            *(Remark(self._miss(*missed)) for missed in self.missed),
+            *(Remark(self._miss(*missed)) for missed in (*self.missed, *self._goal_between())),
             *self._ended(),
             Remark(
                 f"{found.agreeing} of {len(found.trials)} starts agree on the goal; "
@@ -134,6 +135,20 @@ class Design(NamedTuple):
         told = {f.key: f for f in self.after.figures if f.place is not None}
         pairs = [(x, told[x.key]) for x in self.problem.want.limits if x.key in told]
         return [(x, figure) for x, figure in pairs if x.margin(figure.value) < -_MISSED]
+
+    def _goal_between(self) -> list[tuple[Limit, SheetFigure]]:
+        """The goal that the search found, if it is worse between its places."""
+        want = self.problem.want
+        goal = Limit(want.goal, self.found.goal, want.maximise)
+        told = [f for f in self.after.figures if f.key == want.goal and f.place is not None]
+        worse = (f for f in told if f.place not in self._searched)
+        return [(goal, f) for f in worse if goal.margin(f.value) < -_WORSE]
+
+    @property
+    def _searched(self) -> np.ndarray:
+        """Places of the data sheet that are the search's: every second one of its."""
+        own = self.after.measured
+        return np.arange(len(own.arc)).reshape(own.grid)[::2, ::2]
 
     def drawn(self) -> Figure:
         """The front where two goals are traded, else the section with its dimensions."""
@@ -172,12 +187,10 @@ class Design(NamedTuple):
         ]
 
     def _place(self, price: Price) -> dict[str, float]:
-        """Where a limit is reached, as a data sheet tells places: every second one of its."""
+        """Where a limit is reached, as a data sheet tells places."""
         if price.place is None or not WORDS[price.name].field:
             return {}
-        own = self.after.measured
-        places = np.arange(len(own.arc)).reshape(own.grid)[::2, ::2]
-        return self._coordinates(int(places.flat[price.place]))
+        return self._coordinates(int(self._searched.flat[price.place]))
 
     def _coordinates(self, place: int | None) -> dict[str, float]:
         """Of a place of the data sheet after; none where no place decides."""

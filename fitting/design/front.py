@@ -38,7 +38,8 @@ def front(
 ) -> tuple[list[FrontPoint], int]:
     """The front, from the best design by the goal to the best by the second figure.
 
-    A value between them that no search keeps is left out. Returns how many designs were
+    A value between them that no search keeps is left out, as is a design that is worse by the
+    goal than one with a better second figure. Returns how many designs were
     evaluated, too. Raises ValueError: no design keeps the limits.
     """
     want = problem.want
@@ -66,7 +67,17 @@ def front(
         if np.isfinite(trials[0].goal):
             known.append(point(trials[0]))
             progress(len(known))
-    return known, calls
+    return undominated(known, maximise=want.maximise), calls
+
+
+def undominated(points: list[FrontPoint], *, maximise: bool) -> list[FrontPoint]:
+    """The first point, and those that none of the later ones, as good by the other, betters.
+
+    A search that ended early may have stopped short of a design with a harder limit.
+    """
+    goals = np.array([point.goal for point in points]) * (-1 if maximise else 1)
+    best = np.minimum.accumulate(goals[::-1])[::-1]  # from each point on
+    return [p for k, p in enumerate(points) if k == 0 or goals[k] <= best[k]]
 
 
 def _limited(want: Want, limit: Limit) -> Want:

@@ -6,6 +6,8 @@ Frequencies and buckling, which have no place, have central differences.
 
 import abc
 from collections.abc import Sequence
+from dataclasses import replace
+from math import inf
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -14,11 +16,13 @@ from fitting.arrays import Floats
 from fitting.datasheet.in_time import buckling_mismatch, motion_figures
 from fitting.datasheet.variants import named
 from fitting.datasheet.words import PLACED
-from fitting.design.want import BY_DIFFERENCES, Want
+from fitting.design.want import BY_DIFFERENCES, Limit, Want
 from suas_jax.config import SkinSpec, with_inputs
 from suas_jax.config.inputs import given_inputs
 from suas_jax.config.tolerance import UncertainQuantity, deviation_of
 
+_READ = {"force_resolution_N", "place_resolution_m", "nonlinearity", "crosstalk"}
+_LEFT = 0.02  # of the gap of the skin to start from, under the rated force
 STEP = 1e-3
 """Of a variable's range, for central differences."""
 
@@ -39,6 +43,20 @@ def without_crosstalk(keys: Sequence[str], far: np.ndarray) -> np.ndarray:
     return np.array([[key == "crosstalk"] for key in keys]) & ~far.any(0)
 
 
+def off_the_wall(want: Want) -> Want:
+    """With a limit on the smallest gap under the rated force, where no other holds it open.
+
+    Readings are those of a membrane that passes through the wall: beyond first contact they
+    tell what no skin does.
+    """
+    held = {"min_gap_m": 0.0, "range_N": want.force or inf}
+    open_already = any(x.least and x.value >= held.get(x.key, inf) for x in want.limits)
+    if open_already or not _READ & {want.goal, *want.against, *(x.key for x in want.limits)}:
+        return want
+    gap = Limit("min_gap_m", _LEFT * want.spec.geometry.mean_gap, least=True)
+    return replace(want, limits=(*want.limits, gap))
+
+
 class Problem(abc.ABC):
     """The figures that a search asks for."""
 
@@ -49,7 +67,7 @@ class Problem(abc.ABC):
     ends: tuple[Floats, Floats]  # first and last place, angle [rad] and a pad's position [m]
 
     def __init__(self, want: Want) -> None:
-        self.want = want
+        self.want = want = off_the_wall(want)
         wanted = {want.goal, *want.against, *(limit.key for limit in want.limits)}
         self.keys = tuple(key for key in PLACED if key in wanted)
         self._others = tuple(key for key in BY_DIFFERENCES if key in wanted)

@@ -1,7 +1,6 @@
 """Searches that have ended, kept in a file, so that a design which was interrupted goes on."""
 
 import dataclasses
-import hashlib
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -9,13 +8,14 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, PlainSerializer, PlainValidator, ValidationError
 
 from fitting.arrays import Floats
+from fitting.datasheet.variants import variants_of
 from fitting.design.problem import Outcome
 from fitting.design.search import Trial
 from fitting.design.want import Want
 from suas_jax.files.command import allow_replacing, own_output
 from suas_jax.files.reading import MEGABYTE, read_bytes
 from suas_jax.files.writing import write_text
-from suas_jax.runtime.content_key import source_digest
+from suas_jax.runtime.content_key import content_key, source_digest
 
 # Of a want, what decides neither what a search finds nor where it begins.
 _ASIDE = ("skin", "spec", "starts", "seed", "keep", "front")
@@ -106,5 +106,6 @@ class KeptSearches:
 def _key(want: Want, start: Floats) -> str:
     fields = [f.name for f in dataclasses.fields(want) if f.name not in _ASIDE]
     told = [getattr(want, name) for name in fields], want.against, start.tolist()
-    text = f"{source_digest()} {want.spec.model_dump_json()} {told!r}"
-    return hashlib.sha256(text.encode()).hexdigest()
+    errors = variants_of(want.spec).errors  # of which neither a number nor its text tells
+    tolerances = errors.paths, errors.directions
+    return content_key((source_digest(), repr(want.spec), told, tolerances))

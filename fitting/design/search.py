@@ -198,7 +198,7 @@ class _Program:
             begin = (begin + self.want.start) / 2
         none = np.zeros(0)
         if not first.found:
-            why = "a state was not found at the start"
+            why = "the start has no state, or its taxels do not tell a figure"
             return Trial(start, start, float("nan"), why, none, first, first, self._calls)
         self._scale, self._lost = _scale(self.want, first), 0
         try:

@@ -145,7 +145,7 @@ class _Limit(Spec):
 
 
 class _At(Spec):
-    region: Annotated[tuple[str, str], AsList] | None = None
+    region: Annotated[tuple[str | float, str | float], AsList] | None = None
     places: Count = 9
     force: Annotated[float, quantity("force", above=0.0)] | None = None
     units: Annotated[float, quantity("number", above=0.5, below=1.0)] | None = None
@@ -165,9 +165,12 @@ class _Taxels(Spec):
     keep: Count
 
 
+_Factor = Annotated[float, quantity("number")]
+
+
 class _Together(Spec):
     of: Annotated[tuple[str, ...], AsList]
-    factor: Annotated[tuple[float, float], AsList]
+    factor: Annotated[tuple[_Factor, _Factor], AsList]
 
 
 _EDGES = ("geometry.half_angle", "geometry.width")
@@ -335,7 +338,8 @@ class _Reader:
                 if isinstance(x, str) and deviation_start(x) < len(x):
                     advice = "a bound has no deviation; the skin file's stays the same share"
                     self.refuse(key, x, advice)
-                own = {path: known[path] * x if factor else x for path in paths}
+                given = str(x) if type(x) in (int, float) else x  # as text it needs its unit
+                own = {path: known[path] * x if factor else given for path in paths}
                 found = self._inputs(key, spec, own, x)
                 sides.append(x if factor else found[name])
             low, high = sides

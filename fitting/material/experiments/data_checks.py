@@ -13,6 +13,7 @@ from fitting.material.experiments.measurements import PATHS, Dataset, StressTest
 from fitting.material.experiments.selection import half_cycles
 
 _SHORTEST_BRANCH = 3
+_HIGHER = 0.02  # share by which a way back may lie above the way out
 # Rubber: the stiffer the network, the shorter it stretches. Gum rubber has about
 # μ λ² = 23 MPa at break, stiff filled ones 40 MPa.
 _STIFF_AND_LONG = 60e6
@@ -38,20 +39,20 @@ def branches(data: Dataset) -> Branches:
     """Find unloading branches in a test whose rows are in the order of time.
 
     A branch is a run of at least three steps towards rest that spans 5 % of the test, after one
-    that went out over the same states. Rows in no order of time have no branches.
+    that went out over the same states, or before it. Rows in no order of time have no branches.
     """
     none = Branches(np.zeros(data.size, dtype=bool), 0.0)
     if not isinstance(data, StressTest) or not data.is_curve or data.size < 6:
         return none
     h = data.deformation
     unloading = np.zeros(data.size, dtype=bool)
+    side = np.sign(data.unit_stress)
     for rows in series_of(data):
-        reached = -np.inf
-        for half in half_cycles(h[rows]):
-            own = rows[half.rows]
-            if half.outward:
-                reached = max(reached, float(h[own].max()))
-            elif len(own) >= _SHORTEST_BRANCH and reached > h[own[-1]]:
+        halves = [(rows[half.rows], half.outward) for half in half_cycles(h[rows])]
+        ends = [own[h[own].argmax()] for own, outward in halves if outward]
+        for own, outward in halves:
+            reached = h[[end for end in ends if side[end] == side[own[0]]]]
+            if not outward and len(own) >= _SHORTEST_BRANCH and (reached > h[own[-1]]).any():
                 unloading[own] = True
     if not unloading.any():
         return none
@@ -112,11 +113,21 @@ def warnings_of(data: Dataset) -> list[str]:
     path = branches(data)
     if path.unloading.any() and not data.follows_history:
         rows = data.line[path.unloading]
+        are = "are an unloading branch"
+        why = (
+            "lower in stress than loading: hysteresis or softening (Mullins effect), which an "
+            "elastic law can't follow; choose one branch with --branch loading"
+        )
+        if path.loss < -_HIGHER:
+            are = "go back towards rest"
+            why = (
+                "higher in stress than those that go out, as no unloading of rubber: are the "
+                "rows listed from the end of the test? Turn them round, as --branch loading "
+                "would keep the unloading"
+            )
         found.append(
             f"{data.file}: {path.unloading.sum()} readings (lines {rows.min()} to "
-            f"{rows.max()}) are an unloading branch, {100.0 * path.loss:.0f} % lower in stress "
-            f"than loading: hysteresis or softening (Mullins effect), which an elastic law "
-            f"can't follow; choose one branch with --branch loading"
+            f"{rows.max()}) {are}, {100.0 * abs(path.loss):.0f} % {why}"
         )
     if _only_returns(data):
         found.append(

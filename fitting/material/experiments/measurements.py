@@ -173,9 +173,15 @@ class Dataset(abc.ABC):
 
 
 def series_of(data: Dataset) -> Iterator[np.ndarray]:
-    """Positions of the readings of each specimen, in the order of the file."""
+    """Positions of the readings of each specimen, as the file has them.
+
+    Where their times fall all along, the file was listed from its end.
+    """
+    time = getattr(data, "time", np.zeros(data.size))
     for specimen in dict.fromkeys(data.specimen):
-        yield np.flatnonzero(data.specimen == specimen)
+        rows = np.flatnonzero(data.specimen == specimen)
+        steps = np.diff(time[rows])
+        yield rows[::-1] if steps.size and np.all(steps < 0) else rows
 
 
 def mode_named(name: str) -> str:

@@ -139,6 +139,11 @@ def read_aligned(
     columns = {name: np.asarray(values)[first] for name, values in log.flags.items()}
     around, said = log_surroundings(columns, log.header, spec, str(path))
     warnings += said
+    if "oil_pressure_Pa" in columns:
+        warnings.append(
+            f"{path}: its column oil_pressure_Pa is not used: the taxels alone tell what is "
+            "found; `suas invert --pressure-noise` takes it for loads"
+        )
     known, kept = _known(log, columns, inputs, time, clock)
     permittivity = permittivities(known.fluid, fluid, len(time), str(path))
     for (load, quantity), values in known.values.items():
