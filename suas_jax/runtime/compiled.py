@@ -29,21 +29,23 @@ def give_back_freed_memory() -> None:
         ctypes.CDLL("libc.so.6").malloc_trim(0)
 
 
-OPTIONS: dict[str, bool | str] = {}  # those that this version of XLA knows: others are errors
-if jax.__version_info__ < (0, 11, 1):
-    # XLA's newer way of generating code for the CPU takes twice as long to compile these
-    # programs of many small operations, which then run no faster. Later there is no other.
-    OPTIONS["xla_cpu_use_fusion_emitters"] = False
-if jax.__version_info__ >= (0, 10, 2):
-    # Sums and products of arrays are otherwise handed to a library that is set up for each of
-    # them: programs take a quarter longer to load, lanes of sections a third longer to solve.
-    OPTIONS["xla_cpu_experimental_ynn_fusion_type"] = ""
+# XLA's newer way of generating code for the CPU takes twice as long to compile these
+# programs of many small operations, which then run no faster. From JAX 0.11.1 on there is no
+# other, and an option that XLA doesn't know is an error.
+OPTIONS: dict[str, bool | str] = (
+    {"xla_cpu_use_fusion_emitters": False} if jax.__version_info__ < (0, 11, 1) else {}
+)
+# Sums and products of arrays are otherwise handed to a library that is set up for each of them:
+# loading a program takes a third longer, reading a deformed pad half as long again.
+_WITHOUT_LIBRARY: dict[str, bool | str] = (
+    {"xla_cpu_experimental_ynn_fusion_type": ""} if jax.__version_info__ >= (0, 10, 2) else {}
+)
 # A program that runs once is done sooner without the compiler's own optimisation: half the
 # compile time again, for twice the (much shorter) run time.
-_OPTIONS_ONCE = {**OPTIONS, "xla_backend_optimization_level": 0}
+_OPTIONS_ONCE = {**OPTIONS, **_WITHOUT_LIBRARY, "xla_backend_optimization_level": 0}
 # A quarter more compile time than that, and loops that run as fast as they ever do: what is
 # missing is vectorisation across lanes, which a single solve doesn't have.
-_OPTIONS_ONCE_LONG = {**OPTIONS, "xla_backend_optimization_level": 1}
+_OPTIONS_ONCE_LONG = {**_OPTIONS_ONCE, "xla_backend_optimization_level": 1}
 
 
 # Calls of LAPACK that JAX promises for no other version of itself; a kept program is only
