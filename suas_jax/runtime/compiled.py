@@ -35,14 +35,16 @@ def give_back_freed_memory() -> None:
 OPTIONS: dict[str, bool | str] = (
     {"xla_cpu_use_fusion_emitters": False} if jax.__version_info__ < (0, 11, 1) else {}
 )
-# Sums and products of arrays are otherwise handed to a library that is set up for each of them:
-# loading a program takes a third longer, reading a deformed pad half as long again.
-_WITHOUT_LIBRARY: dict[str, bool | str] = (
-    {"xla_cpu_experimental_ynn_fusion_type": ""} if jax.__version_info__ >= (0, 10, 2) else {}
-)
+# XLA's library of kernels is for products of matrices alone: with sums, too, for each of which
+# it is set up, reading a deformed pad takes half as long again.
+_PRODUCTS_ALONE: dict[str, bool | str] = {}
+if jax.__version_info__ >= (0, 10, 2):
+    _PRODUCTS_ALONE["xla_cpu_experimental_ynn_fusion_type"] = (
+        "LIBRARY_FUSION_TYPE_INDIVIDUAL_DOT"
+    )
 # A program that runs once is done sooner without the compiler's own optimisation: half the
 # compile time again, for twice the (much shorter) run time.
-_OPTIONS_ONCE = {**OPTIONS, **_WITHOUT_LIBRARY, "xla_backend_optimization_level": 0}
+_OPTIONS_ONCE = {**OPTIONS, **_PRODUCTS_ALONE, "xla_backend_optimization_level": 0}
 # A quarter more compile time than that, and loops that run as fast as they ever do: what is
 # missing is vectorisation across lanes, which a single solve doesn't have.
 _OPTIONS_ONCE_LONG = {**_OPTIONS_ONCE, "xla_backend_optimization_level": 1}
