@@ -25,7 +25,7 @@ from fitting.datasheet.in_time import creep
 from fitting.datasheet.pad import _readings
 from fitting.datasheet.page import described
 from fitting.datasheet.readings import Readings
-from fitting.datasheet.sheet import DataSheet, Figure, _in_time, _off_the_wall, _worst
+from fitting.datasheet.sheet import DataSheet, Figure, _beyond_contact, _in_time, _worst
 from fitting.datasheet.variants import DEEPER, STEP, WARMER, named, variants_of, why_constant
 from fitting.datasheet.words import PLACED
 from fitting.force_range.bound import rated_force
@@ -91,10 +91,10 @@ def test_no_figure_is_of_a_membrane_that_is_in_the_wall() -> None:
     """Under a rated force beyond first contact; that of no contact is not beyond."""
     none: Any = None
     measured = Measured(none, {}, none, np.array([True, True, False]), none, 10.0, none, (3, 1))
-    same, beyond = _off_the_wall(measured, np.array([12.0, np.nan, 8.0]))
+    same, beyond = _beyond_contact(measured, np.array([12.0, np.nan, 8.0]))
     assert not same.missing  # the place beyond does not count
     assert beyond.tolist() == [False, False, True]
-    moved, beyond = _off_the_wall(measured, np.array([9.0, 12.0, 12.0]))
+    moved, beyond = _beyond_contact(measured, np.array([9.0, 12.0, 12.0]))
     assert beyond.tolist() == [True, False, False]
     for key in ("force_resolution_N", "crosstalk", "force_accuracy"):
         assert "reaches the wall before the rated force" in moved.missing[key]

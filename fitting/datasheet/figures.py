@@ -47,6 +47,11 @@ class Cases(NamedTuple):
     touch: Readings  # close to first contact with the wall
     force: Any  # of those [*skin, place] [N]
 
+    @property
+    def first_contact(self) -> Array:
+        """Force at which the membrane reaches the wall [N]: a step of Newton's method."""
+        return self.force - self.touch.gap / self.touch.gap_slope
+
 
 class Figures(NamedTuple):
     """Figures at places, [*skin, place] each."""
@@ -89,7 +94,7 @@ def figures_at(
     most = [jnp.max(jnp.where(x, jnp.abs(change), 0.0), 0) for x in (mask, near)]
     crosstalk = most[0] * _over(most[1])
     return Figures(
-        cases.force - cases.touch.gap / cases.touch.gap_slope,
+        cases.first_contact,
         cases.rated.gap,
         sensitivity,
         CURRIE * jnp.sqrt(accuracy.variance) * _over(sensitivity),

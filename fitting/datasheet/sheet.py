@@ -24,7 +24,7 @@ from fitting.datasheet.in_time import buckling_mismatch, creep, motion_figures
 from fitting.datasheet.pad import measure_pad
 from fitting.datasheet.section import measure_section
 from fitting.datasheet.variants import DEEPER, WARMER, Variants, variants_of, why_constant
-from fitting.datasheet.words import PLACED, WORDS, place_text
+from fitting.datasheet.words import PLACED, READ_AT_RATED, WORDS, place_text
 from fitting.inverse_load.readings import noise_of_readings
 from suas_jax.config import SkinSpec
 from suas_jax.config.inputs import given_inputs
@@ -34,10 +34,8 @@ from suas_jax.skin.prestress import is_prestressed
 
 _95 = 1.96
 # Figures under the rated force, and why they have no value beyond first contact.
-_AT_RATED = (
-    *("min_gap_m", "force_resolution_N", "place_resolution_m", "nonlinearity", "crosstalk"),
-    *("force_accuracy", "force_per_kelvin", "force_per_metre_of_depth"),
-)
+_OF_FORCE = ("force_accuracy", "force_per_kelvin", "force_per_metre_of_depth")
+_AT_RATED = ("min_gap_m", *READ_AT_RATED, *_OF_FORCE)
 _BEYOND = "the membrane reaches the wall before the rated force"
 _STRESSED = (
     "as without the stress at rest that the file states; `suas sweep --history` counts it"
@@ -212,7 +210,7 @@ def data_sheet(
         ),
     )
     failed = _failed(measured.cases)
-    measured, beyond = _off_the_wall(measured, figures.first_contact[0])
+    measured, beyond = _beyond_contact(measured, figures.first_contact[0])
     at: dict[str, tuple[Floats, Floats]] = {}
     for key, word in PLACED.items():
         lost = failed | beyond if key in _AT_RATED else failed
@@ -247,11 +245,11 @@ def data_sheet(
     )
 
 
-def _off_the_wall(measured: Measured, first_contact: Floats) -> tuple[Measured, np.ndarray]:
-    """Places [place] where the rated force is beyond first contact, which has no figures.
+def _beyond_contact(measured: Measured, first_contact: Floats) -> tuple[Measured, np.ndarray]:
+    """Find the places where the rated force is beyond first contact.
 
-    There readings are those of a membrane that passes through the wall. Returns them with the
-    readings, which say so.
+    Figures have no value there: readings are those of a membrane that passes through the wall.
+    Returns what was measured, with that reason, and whether each place is one [place].
     """
     beyond = np.asarray(first_contact < measured.rated)
     if not beyond[measured.region].any():

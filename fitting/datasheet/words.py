@@ -106,6 +106,8 @@ WORDS: dict[str, Word] = {
 }
 PLACED = {key: word for key, word in WORDS.items() if word.field}
 """Figures that differ from place to place."""
+READ_AT_RATED = ("force_resolution_N", "place_resolution_m", "nonlinearity", "crosstalk")
+"""Those of readings under the rated force."""
 
 
 def place_text(own: Mapping[str, float]) -> str:

@@ -134,7 +134,7 @@ def choose_taxels(
         inside = measured.region
     if not inside.any():
         raise ValueError("at.region: no place of the skin is in it; ask for more `places`")
-    if (np.asarray(measured.cases.force)[0, inside] < measured.rated).any():
+    if (np.asarray(measured.cases.first_contact)[0, inside] < measured.rated).any():
         raise ValueError(
             f"at.force: the membrane reaches the wall before the rated {measured.rated:g} N at "
             "a place of the region; choose a smaller force or another region"

@@ -137,7 +137,10 @@ class Design(NamedTuple):
         return [(x, figure) for x, figure in pairs if x.margin(figure.value) < -_MISSED]
 
     def _goal_between(self) -> list[tuple[Limit, SheetFigure]]:
-        """The goal that the search found, if it is worse between its places."""
+        """The goal as the search found it, and the data sheet's figure if one is worse.
+
+        Worse at a place between those of the search.
+        """
         want = self.problem.want
         goal = Limit(want.goal, self.found.goal, want.maximise)
         told = [f for f in self.after.figures if f.key == want.goal and f.place is not None]

@@ -38,9 +38,9 @@ def front(
 ) -> tuple[list[FrontPoint], int]:
     """The front, from the best design by the goal to the best by the second figure.
 
-    A value between them that no search keeps is left out, as is a design that is worse by the
-    goal than one with a better second figure. Returns how many designs were
-    evaluated, too. Raises ValueError: no design keeps the limits.
+    A value between them that no search keeps is left out, and so is a design that another one
+    betters by both figures. Returns how many designs were evaluated, too. Raises ValueError: no
+    design keeps the limits.
     """
     want = problem.want
     assert want.front is not None
@@ -71,9 +71,10 @@ def front(
 
 
 def undominated(points: list[FrontPoint], *, maximise: bool) -> list[FrontPoint]:
-    """The first point, and those that none of the later ones, as good by the other, betters.
+    """The points that no later one betters by the goal, and the first, which is best by it.
 
-    A search that ended early may have stopped short of a design with a harder limit.
+    Later points are better by the second figure. A search that ended early may have stopped
+    short of a design that one under a harder limit found.
     """
     goals = np.array([point.goal for point in points]) * (-1 if maximise else 1)
     best = np.minimum.accumulate(goals[::-1])[::-1]  # from each point on

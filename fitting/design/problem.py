@@ -15,13 +15,12 @@ import numpy as np
 from fitting.arrays import Floats
 from fitting.datasheet.in_time import buckling_mismatch, motion_figures
 from fitting.datasheet.variants import named
-from fitting.datasheet.words import PLACED
+from fitting.datasheet.words import PLACED, READ_AT_RATED
 from fitting.design.want import BY_DIFFERENCES, Limit, Want
 from suas_jax.config import SkinSpec, with_inputs
 from suas_jax.config.inputs import given_inputs
 from suas_jax.config.tolerance import UncertainQuantity, deviation_of
 
-_READ = {"force_resolution_N", "place_resolution_m", "nonlinearity", "crosstalk"}
 _LEFT = 0.02  # of the gap of the skin to start from, under the rated force
 STEP = 1e-3
 """Of a variable's range, for central differences."""
@@ -51,7 +50,7 @@ def off_the_wall(want: Want) -> Want:
     """
     held = {"min_gap_m": 0.0, "range_N": want.force or inf}
     open_already = any(x.least and x.value >= held.get(x.key, inf) for x in want.limits)
-    if open_already or not _READ & {want.goal, *want.against, *(x.key for x in want.limits)}:
+    if open_already or want.figures.isdisjoint(READ_AT_RATED):
         return want
     gap = Limit("min_gap_m", _LEFT * want.spec.geometry.mean_gap, least=True)
     return replace(want, limits=(*want.limits, gap))
@@ -68,9 +67,8 @@ class Problem(abc.ABC):
 
     def __init__(self, want: Want) -> None:
         self.want = want = off_the_wall(want)
-        wanted = {want.goal, *want.against, *(limit.key for limit in want.limits)}
-        self.keys = tuple(key for key in PLACED if key in wanted)
-        self._others = tuple(key for key in BY_DIFFERENCES if key in wanted)
+        self.keys = tuple(key for key in PLACED if key in want.figures)
+        self._others = tuple(key for key in BY_DIFFERENCES if key in want.figures)
 
     def __call__(self, x: Floats) -> Outcome:
         """The figures of a design, of which `x` are the variables, between 0 and 1."""

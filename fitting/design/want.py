@@ -93,6 +93,11 @@ class Want:
         return () if self.front is None else (self.front.figure,)
 
     @property
+    def figures(self) -> set[str]:
+        """Keys of the figures that goals and limits ask for."""
+        return {self.goal, *self.against, *(limit.key for limit in self.limits)}
+
+    @property
     def angles(self) -> tuple[float, float] | None:
         """The region as sections define angles [rad]."""
         if self.region is None:

@@ -162,12 +162,11 @@ class AbstractMechanics(eqx.Module):
     def pushed(
         self, q: StationVector, body: PlacedBody, shift: Array | float = 0.0
     ) -> Float[Array, "component lane"]:
-        """Force on a body of the points that touch it [N]; in plane strain per width [N/m].
+        """Force of the outer face on a body; see `BodyContact.push`.
 
         `shift`: see `touched`.
         """
-        at = self.touched(q, body, shift)
-        return jnp.sum(jnp.where(at.gap < 0, at.force, 0.0), (1, 2))
+        return self.touched(q, body, shift).push
 
     def gap_shift(self, q: StationVector, body: PlacedBody) -> Array | None:
         """What the omitted energy adds to the gaps to a body, to first order [m].

@@ -35,8 +35,8 @@ def give_back_freed_memory() -> None:
 OPTIONS: dict[str, bool | str] = (
     {"xla_cpu_use_fusion_emitters": False} if jax.__version_info__ < (0, 11, 1) else {}
 )
-# XLA's library of kernels is for products of matrices alone: with sums, too, for each of which
-# it is set up, reading a deformed pad takes half as long again.
+# XLA hands products of matrices and sums to a library of kernels, which is set up for each of
+# them. That pays for products: with sums, too, reading a deformed pad takes half as long again.
 _PRODUCTS_ALONE: dict[str, bool | str] = {}
 if jax.__version_info__ >= (0, 10, 2):
     _PRODUCTS_ALONE["xla_cpu_experimental_ynn_fusion_type"] = (

@@ -141,8 +141,8 @@ def read_aligned(
     warnings += said
     if "oil_pressure_Pa" in columns:
         warnings.append(
-            f"{path}: its column oil_pressure_Pa is not used: the taxels alone tell what is "
-            "found; `suas invert --pressure-noise` takes it for loads"
+            f"{path}: its column oil_pressure_Pa is not used: the fit is to the taxels alone; "
+            "`suas invert --pressure-noise` uses it to find loads"
         )
     known, kept = _known(log, columns, inputs, time, clock)
     permittivity = permittivities(known.fluid, fluid, len(time), str(path))

@@ -46,6 +46,11 @@ class BodyContact(NamedTuple):
     axial: Array | None = None  # reference position along the axis [m]; None in plane strain
 
     @property
+    def push(self) -> Float[Array, "component lane"]:
+        """Force on the body where points touch it [N]; in plane strain per width [N/m]."""
+        return jnp.sum(jnp.where(self.gap < 0, self.force, 0.0), (1, 2))
+
+    @property
     def on_clamp(self) -> Bool[Array, " lane"]:
         """Whether the body reaches a clamped edge, which a plane of symmetry is none."""
 

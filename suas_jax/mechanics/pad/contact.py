@@ -248,13 +248,8 @@ class ContactFace:
         return jax.tree.map(self._gridded, found)
 
     def pushed(self) -> Float[Array, "3"]:
-        """Force on the body of the points that touch it [N]."""
-
-        def of(at: ContactPoints) -> Array:
-            found = at.touched()
-            return jnp.sum(jnp.where(found.gap < 0, found.force, 0.0), (1, 2))
-
-        return jnp.sum(self._asked(of, self._reach()[1]), 0)
+        """Force on the body; see `BodyContact.push`."""
+        return jnp.sum(self._asked(lambda at: at.touched().push, self._reach()[1]), 0)
 
     def _gridded(self, x: Array) -> Float[Array, "*component arc axial"]:
         count = len(RULES[self.side].xi)

@@ -103,7 +103,7 @@ def relaxed_energy(
                 edge = [x[..., index, :] for x in turned]
                 at_end = way, index, lengths[index], beside
                 total = total + _clamp(edge, at_end, elements, grown)
-    return jnp.sum(total / modulus)
+    return jnp.sum(total / modulus)  # one number: a lane's modulus is an array of one
 
 
 def with_sides_swapped(x: Array) -> Array:

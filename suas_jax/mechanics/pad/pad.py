@@ -140,7 +140,7 @@ class Pad(AbstractMechanics):
     def pushed(
         self, q: StationVector, body: PlacedBody, shift: Array | float = 0.0
     ) -> Float[Array, "3 lane"]:
-        """Without all other points, derivatives of which cost more; see the base class."""
+        """From the elements near it, without the grid of all points; see the base class."""
         del shift  # there is none
         return self._at_face(q, body, ContactFace.pushed)
 
@@ -338,6 +338,8 @@ class Pad(AbstractMechanics):
 
     def sampled(self, q: StationVector, samples: int) -> Faces:
         """The deformed pad on a grid: evenly spaced points of every element.
+
+        A first-order correction does not bend it; see `unbent`.
 
         `samples`: intervals an element is divided in, in each direction.
         Returns arrays [arc, axial, lane], components leading.
