@@ -1,6 +1,7 @@
 """What may be motion of the film, and impulses of taps, against closed forms."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from fitting.inverse_load.film_motion import (
 )
 from fitting.inverse_load.report.text import frame_json
 from fitting.inverse_load.taps import LONGEST, ForceCurve, Motion, MotionWatch, TapFinder
+from fitting.steps import Budget, Steps
 from suas_jax.config import load_skin
 from tests.skins import CASE_B
 from tests.stand_ins import explanations
@@ -176,15 +178,50 @@ class _EvenFilm:
         return np.asarray((6e-3 - film) / 1e-6)
 
 
+def _taps(push: float, swings: list[float], force: float, budget: Budget | None) -> list:
+    """What every frame tells of swings whose mean a force explains, in five steps of 1 s."""
+    clock = SimpleNamespace(now=0.0)
+    found = LoadEstimate(True, (Contact(0.0, force, None, 0.01 * np.eye(2)),))
+    nodes = SimpleNamespace(
+        rest=np.full(3, 1000.0),
+        levels=2,
+        known=np.full(2, True),
+        loads=np.array([[0.0, 1.0], [0.0, 2.0]]),
+        readings=1000.0 - push * np.array([[10.0] * 3, [20.0] * 3]),
+        nearest_to=lambda *_: np.zeros(1, int),
+    )
+
+    def explain(*_: Any) -> Steps[tuple[LoadEstimate, np.ndarray]]:
+        for _ in range(5):
+            yield "fit"
+            clock.now += 1.0
+        return found, np.zeros(2)
+
+    if budget is not None:
+        budget.clock = lambda: clock.now
+    beside: Any = _EvenFilm(), nodes, 3, 4.0, explain, budget
+    finder, told = TapFinder(MotionWatch(FADING), *beside), []
+    for k, a in enumerate(swings):
+        begun = clock.now
+        if budget is not None:
+            budget.begin()
+        gap = 5e-3 + 1e-5 * a * np.ones(3)
+        told.append(finder.follow(0.02 * k, gap, touched=a != 0.0))
+        assert budget is None or clock.now - begun <= budget.seconds
+    return told
+
+
 def test_a_motion_whose_mean_shows_no_press_is_no_tap() -> None:
     # What pushes as much out as in leaves a force of zero, over which no error is known.
-    none = LoadEstimate(True, (Contact(0.0, 0.0, None, np.eye(2)),))
-    film, nodes = _EvenFilm(), SimpleNamespace(rest=np.full(3, 1000.0))
-    explain = lambda y, weight: (none, np.zeros(2))  # noqa: E731
-    finder = TapFinder(MotionWatch(FADING), film, nodes, 3, 4.0, explain)  # type: ignore[arg-type]
     swings = [0.0, 0.0, 1.0, -1.0, *[0.0] * 20]
-    told = [
-        finder.follow(0.02 * k, 5e-3 + 1e-5 * a * np.ones(3), touched=a != 0.0)
-        for k, a in enumerate(swings)
-    ]
-    assert told == [None] * len(swings)
+    assert _taps(1.0, swings, 0.0, None) == [None] * len(swings)
+
+
+def test_the_frame_that_ends_a_tap_keeps_its_budget() -> None:
+    swings = [0.0, 0.0, 1.0, 1.0, *[0.0] * 20]
+    at_once = _taps(1.0, swings, 1.5, None)
+    (end,) = np.flatnonzero([tap is not None for tap in at_once])
+    later = _taps(1.0, swings, 1.5, Budget(2.0))
+    # Ten steps, two of which a frame has time for.
+    assert later[end + 4].impulse == at_once[end].impulse > 0
+    assert later.count(None) == len(swings) - 1

@@ -257,7 +257,7 @@ class LoadEstimator:
         """Follows a film whose motion fades in a time [s]."""
         reading = self.reading_noise**2 + ROUNDING
         own = self._parts.nodes, self.taxels, reading, self.frames.alone
-        taps = TapFinder(MotionWatch(fading), self._parts.film, *own)
+        taps = TapFinder(MotionWatch(fading), self._parts.film, *own, self._budget)
         return FilmFollower(FilmMotion(fading, reading), taps, self._weights)
 
     def _make_parts(self) -> EstimationParts:
@@ -505,6 +505,7 @@ class LoadEstimator:
 
     def warm_up(self) -> None:
         """Compile, or load, what a stream needs before the first frame comes."""
+        self.forget()  # makes its followers with the budget, which trials do not keep
         shift = 0.0 if self.rest is None else np.nan_to_num(self.rest - self.model_rest)
         time = None if self._memory is None else np.zeros(1)
         if self._field is not None:

@@ -24,6 +24,7 @@ from fitting.inverse_load.fit.systematic import (
     of_scattered_forces,
     of_shared_places,
 )
+from fitting.steps import Steps
 from suas_jax.acquisition.log.format import MAX_COUNT
 from suas_jax.config.schema_calibration import CalibrationSpec
 from suas_jax.runtime.compiling import COMPILE_TIME
@@ -133,11 +134,15 @@ class FrameEstimator:
         kind: str,  # pressed, moving or pulled
         # oil pressure [Pa] and its inverse variance [2, frame], where no channel has it
         measured: Floats | None = None,
+        # what explains them, where that has been sought already
+        found: tuple[Explanations, list[Alternative | None]] | None = None,
     ) -> tuple[Explanations, list[LoadEstimate]]:
         """Estimates of frames that are not at rest, all of one kind."""
         discrepancy, left = self.discrepancy if kind == "pressed" else None, None
         others: list[Alternative | None]
-        if discrepancy is not None:
+        if found is not None:
+            best, others = found
+        elif discrepancy is not None:
             y, weight, left, best, others = discrepancy.explain(selection, y, weight)
         elif kind != "pressed":
             fit = selection.pulled if kind == "pulled" else selection.one_contact
@@ -181,7 +186,7 @@ class FrameEstimator:
         errors = None if errors is None else errors.from_rest()
         return replace(self.selection.of_one, errors=errors), errors
 
-    def alone(self, y: Floats, weight: Floats) -> tuple[LoadEstimate, Floats]:
+    def alone(self, y: Floats, weight: Floats) -> Steps[tuple[LoadEstimate, Floats]]:
         """A frame of changes from rest, and its parameters; no load where none is felt.
 
         y is the model's readings at rest plus the changes; no frame came before.
@@ -191,6 +196,9 @@ class FrameEstimator:
         if test.p_value[0] >= self.false_alarm:
             return LoadEstimate(False), np.zeros(0)
         of_one.forget()
+        found = None
+        if self.discrepancy is None:
+            found = yield from of_one.steps(y, weight)
         frame = y, weight, np.zeros((1, len(self.parts.rest)), bool), None
-        best, told = self._explained(of_one, errors, *frame, "pressed")
+        best, told = self._explained(of_one, errors, *frame, "pressed", found=found)
         return told[0], best.parameters[0]

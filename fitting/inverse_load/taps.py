@@ -23,6 +23,7 @@ from fitting.arrays import Floats, Rows
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate, Tap
 from fitting.inverse_load.estimate.parts import Film
 from fitting.inverse_load.search.base import AbstractNodeSearch
+from fitting.steps import Budget, Search, Steps
 
 LONGEST = 20.0
 """Fading times that a motion lasts at most to be a tap; longer ones show their forces."""
@@ -135,28 +136,38 @@ class TapFinder:
         variance: float,  # of a reading [counts^2]
         # the estimate of one frame of readings with inverse variances [frame, channel], and its
         # parameters
-        explain: Callable[[Floats, Floats], tuple[LoadEstimate, Floats]],
+        explain: Callable[[Floats, Floats], Steps[tuple[LoadEstimate, Floats]]],
+        budget: Budget | None,  # of a frame; None where each takes the time that it takes
     ) -> None:
         self._watch, self._film, self._nodes = watch, film, nodes
         self.gaps = film.film
         self._taxels, self._variance, self._explain = taxels, variance, explain
         self.forget = watch.forget
+        self._budget = budget or Budget(np.inf)
+        self._searches: list[Search[Tap | None]] = []  # of motions that are over
         self._so = nodes.rest[:taxels]
         self._gap, closer = self.gaps(np.stack([self._so, self._so + 1]))
         self._slope = self._gap - closer  # of a count
 
     def follow(self, time: float, gap: Floats, *, touched: bool) -> Tap | None:
-        """Take a frame's gaps [taxel] [m]; return the tap that it ends."""
-        motion = self._watch.follow(time, gap, touched=touched)
-        return None if motion is None else self._tap(motion)
+        """Take a frame's gaps [taxel] [m]; return the tap that is known from then on.
 
-    def _tap(self, motion: Motion) -> Tap | None:
+        It is the one that the frame ends, unless that one's budget asks for further frames.
+        """
+        motion = self._watch.follow(time, gap, touched=touched)
+        if motion is not None:
+            self._searches.append(Search(self._tap(motion), self._budget))
+        if self._searches and self._searches[0].go_on():
+            return self._searches.pop(0).found
+        return None
+
+    def _tap(self, motion: Motion) -> Steps[Tap | None]:
         """The tap of a motion; None where it shows no contact that presses, or no error."""
         share = motion.share
         so = self._film.readings(self._gap + share @ motion.gap)
         change = np.where(np.isfinite(so), so - self._so, np.nan)
         noise = self._variance * ((share**2).sum() + motion.rest_variance)
-        told, parameters = self._contact(change, noise)
+        told, parameters = yield from self._contact(change, noise)
         if told is None or not told.force > 0:
             return None
         rows = self._rows(int(self._nodes.nearest_to(parameters[None], 1)[0]))
@@ -176,7 +187,7 @@ class TapFinder:
         # Errors of the inputs are a larger share of a lighter force; that of the frames which
         # give most of the impulse counts.
         most = np.abs(forces - (share @ force**2) / (share @ force)).argmin()
-        pressed, _ = self._contact(readings[most] - self._so, noise)
+        pressed, _ = yield from self._contact(readings[most] - self._so, noise)
         known = pressed if pressed is not None and pressed.force > 0 else told
         inputs = known.deviation("force") / known.force * impulse
         error = np.sqrt(motion.duration**2 * read + (bent / 2) ** 2 + inputs**2)
@@ -184,7 +195,7 @@ class TapFinder:
             return None
         return Tap(float(motion.time[0]), motion.duration, told, float(impulse), float(error))
 
-    def _contact(self, change: Floats, noise: float) -> tuple[Contact | None, Floats]:
+    def _contact(self, change: Floats, noise: float) -> Steps[tuple[Contact | None, Floats]]:
         """The one contact that explains changes of readings, and its parameters.
 
         Changes are [taxel] [counts], NaN where missing, with a variance; None where there is
@@ -194,7 +205,7 @@ class TapFinder:
         beside = (0, len(self._nodes.rest) - self._taxels)
         y = np.pad(used, beside) * self._nodes.rest + np.pad(change, beside)
         weight = np.pad(used / (noise + (SHAPE * change) ** 2), beside)
-        found, parameters = self._explain(y[None], weight[None])
+        found, parameters = yield from self._explain(y[None], weight[None])
         one = len(found.contacts) == 1 and found.contacts[0].covariance is not None
         return (found.contacts[0] if one else None), parameters
 

@@ -20,9 +20,10 @@ FRAME_KEYS = {
     "alternatives": "other loads that explain the frame almost as well, where there are any: "
     "another place of one contact, or two contacts in place of a wide one",
     "field": "a load field that explains the frame as well as contacts do, or better",
-    "tap": "with the first frame at rest after a tap: `t_s` before it, `duration_s` that the "
-    "skin moved, the place, as of contacts, with standard deviations such as "
-    "`axial_deviation_m`, `impulse_Ns` and its own `impulse_deviation_Ns`",
+    "tap": "with the first frame at rest after a tap, or live with one soon after it, as the "
+    "budget allows: `t_s` before it, `duration_s` that the skin moved, the place, as of "
+    "contacts, with standard deviations such as `axial_deviation_m`, `impulse_Ns` and its own "
+    "`impulse_deviation_Ns`",
     "filtered": "with `--filter`: the loads followed over time",
     "dropped": "live: frames that were left out so far",
     "posterior": "with `--posterior`: modes of the frame, each with its loads and probability",
