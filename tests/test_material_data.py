@@ -55,6 +55,11 @@ def rows(*columns: np.ndarray, between: str = ",", decimal: str = ".") -> str:
         "green_strain,pk2_kPa\n" + rows((STRETCH**2 - 1) / 2, NOMINAL / STRETCH / 1e3),
         "Report;7\nOperator;A\nExtension;Force\n(mm);(kgf)\n"
         + rows(25 * (STRETCH - 1), NOMINAL * 12e-6 / 9.80665, between=";", decimal=","),
+        "Strain,Engineering stress\n,MPa\n"
+        + rows(100 * (STRETCH - 1), NOMINAL / 1e6).replace(",", "%,"),
+        "Green-Lagrange strain E11,PK2 S11 [kPa]\n"
+        + rows((STRETCH**2 - 1) / 2, NOMINAL / STRETCH / 1e3),
+        '"Travel\n(mm)","Reading\n\n[N]"\n' + rows(25 * (STRETCH - 1), NOMINAL * 12e-6),
         "time_s,displacement_mm,force_N\n" + rows(STRETCH, 25 * (STRETCH - 1), NOMINAL * 12e-6),
     ],
 )
@@ -368,6 +373,63 @@ def test_names_of_travel_and_force(tmp_path: pathlib.Path, travel: str, force: s
     data = load_dataset("uniaxial", file)
     np.testing.assert_allclose(data.coordinate, STRETCH)
     np.testing.assert_allclose(data.value, NOMINAL)
+
+
+@pytest.mark.parametrize("beside", ["Crosshead travel (mm)", "Remark", "Width (mm)"])
+def test_sizes_of_the_deformed_specimen_are_no_sizes_at_rest(
+    tmp_path: pathlib.Path, beside: str
+) -> None:
+    # A machine's distance of its grips was the length that its travel stretches.
+    stretch = np.linspace(1.0, 2.0, 9)
+    nominal = 4e5 * (stretch - stretch**-2)
+    other = {"C": 25 * (stretch - 1), "R": 0 * stretch + 7, "W": 6 / np.sqrt(stretch)}
+    text = "# width: 6 mm\n# thickness: 2 mm\n# grip separation: 25 mm\n"
+    text += f"Grip to grip separation (mm),{beside},Force (N)\n"
+    file = written(tmp_path, text + rows(25 * stretch, other[beside[0]], nominal * 12e-6))
+    test = load_dataset("uniaxial", file)
+    np.testing.assert_allclose(test.stretch_1, stretch, rtol=1e-9)
+    np.testing.assert_allclose(test.value, nominal, rtol=1e-6, atol=1e-3)
+    without = file.read_text(encoding="utf-8").replace("# grip", "# ")
+    with pytest.raises(DataError, match="needs the specimen's length"):
+        load_dataset("uniaxial", written(tmp_path, without))
+
+
+def test_a_block_is_sheared_on_its_face(tmp_path: pathlib.Path) -> None:
+    # The force over width times thickness was taken for the shear stress.
+    shear = np.linspace(0.0, 1.0, 5)
+    text = "# length: 25 mm\n# width: 20 mm\n# thickness: 4 mm\nTravel (mm),Force (N)\n"
+    file = written(tmp_path, text + rows(4 * shear, 4e5 * shear * 500e-6))
+    test = load_dataset("simple_shear", file)
+    np.testing.assert_allclose(test.value, 4e5 * shear, rtol=1e-9)
+    with pytest.raises(DataError, match=r"sheared face.*length"):
+        load_dataset("simple_shear", written(tmp_path, text[16:] + rows(shear, shear)))
+
+
+@pytest.mark.parametrize(
+    ("column", "power"), [("Tensile stress", 1), ("True stress", 0), ("PK2", 2)]
+)
+def test_a_stress_that_is_not_the_force_over_the_sizes_is_told(
+    tmp_path: pathlib.Path, column: str, power: int
+) -> None:
+    text = f"# area: 12 mm2\nstrain,Force (N),{column} (MPa)\n"
+    stress = NOMINAL * STRETCH ** (1 - power) / 1e6
+    for off in (1.0, 1.5):
+        file = written(tmp_path, text + rows(STRETCH - 1, NOMINAL * 12e-6, off * stress))
+        told = [x for x in load_dataset("uniaxial", file).warnings if "check the sizes" in x]
+        assert len(told) == (off > 1.0)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_size_that_stands_twice_is_told(tmp_path: pathlib.Path, order: int) -> None:
+    text = "".join(["Gauge length,25,mm\n", "Length,50,mm\n"][::order])
+    text += "Width,6,mm\nThickness,2,mm\nExtension (mm),Force (N)\n"
+    file = written(tmp_path, text + rows(25 * (STRETCH - 1), NOMINAL * 12e-6))
+    test = load_dataset("uniaxial", file)
+    np.testing.assert_allclose(test.stretch_1, STRETCH, rtol=1e-9)
+    assert any("length stands twice" in x for x in test.warnings)
+    test = load_dataset("uniaxial", file, {"length": "50 mm"})
+    assert not any("twice" in x for x in test.warnings)
+    np.testing.assert_allclose(test.stretch_1, (1 + STRETCH) / 2, rtol=1e-9)
 
 
 def test_tension_counted_as_negative_is_refused_with_a_way_out(tmp_path: pathlib.Path) -> None:

@@ -8,12 +8,13 @@ computed.
 
 import dataclasses
 import io
+import itertools
 import math
 import os
 import re
 import warnings
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from fitting.material.data.column_names import EASTERN_WORDS
@@ -104,7 +105,8 @@ def number(text: str, decimal: str | None = None) -> float:
 
 
 def _bare(text: str) -> str:
-    return re.sub(r"[\s\u00a0\u202f']", "", text).replace("\N{MINUS SIGN}", "-")
+    text = re.sub(r"[\s\u00a0\u202f']", "", text).replace("\N{MINUS SIGN}", "-")
+    return text.removesuffix("%")
 
 
 _MOST_BYTES = 64 * MEGABYTE
@@ -120,6 +122,8 @@ _NO_TABLES = {
 }
 _WIDE = str.maketrans("（）［］％：；，", "()[]%:;,")
 _SIGNAL = re.compile(r"Sig\d+")
+_OPEN = re.compile(r'(?:^|[,;\t|])\s*"[^"]*$')  # an inch's mark follows a number
+_BROKEN = 40  # lines that one row may take
 _FORMULA = re.compile(r'(^|[,;\t])=(?=")', re.MULTILINE)  # ="6.0", which Excel takes as text
 _ERROR_CELLS = ("#n/a", "#div/0!", "#value!", "#num!")
 
@@ -201,7 +205,7 @@ def _of_one_country(raw: bytes) -> tuple[str, str]:
 def _delimited(file: str, text: str, encoding: str) -> Cells:
     comments, kept, lines = [], [], []
     text = _FORMULA.sub(r"\1", text)
-    for number, line in enumerate(text.translate(_WIDE).splitlines(), 1):
+    for number, line in _numbered_lines(text.translate(_WIDE).splitlines()):
         bare = line.strip().strip("\x1a\ufeff")
         if _is_comment(bare):
             comments.append(bare.lstrip("#%/ ").rstrip(" ,;\t"))
@@ -223,6 +227,19 @@ def _delimited(file: str, text: str, encoding: str) -> Cells:
     units = next((row[1:] for row in rows if row[0] == "Y_Unit_Label"), [])
     rows = [_with_units(row, units) if row[0] == "X_Value" else row for row in rows]
     return Cells("", rows, lines, tuple(comments), delimiter, encoding)
+
+
+def _numbered_lines(lines: list[str]) -> Iterator[tuple[int, str]]:
+    """Lines with their numbers; those that break within a quoted field are joined."""
+    begin = 0
+    while begin < len(lines):
+        end, line = begin + 1, lines[begin]
+        if line.count('"') % 2 and _OPEN.search(line):
+            quotes = itertools.accumulate(x.count('"') for x in lines[begin : begin + _BROKEN])
+            whole = (k for k, count in enumerate(quotes, 1) if count % 2 == 0)
+            end = begin + next(whole, 1)
+        yield begin + 1, " ".join(lines[begin:end])
+        begin = end
 
 
 def _with_units(names: list[str], units: list[str]) -> list[str]:

@@ -153,7 +153,7 @@ pressure pressure (?:inflation_|gauge_|differential_|oil_|hydrostatic_|confining
     |internal_|inner_|applied_|balloon_)*pressure|p
 force force (?:axial_|ax_|static_|standard_|tensile_|tension_|compressive_|compression_|test_
     |shear_|normal_|applied_|load_cell_)*(?:force|load)(?:_cell)?
-    |(?:f|last|charge)(?=_[mk]?n$|$)
+    |(?:f|last|charge|reading)(?=_[mk]?n$|$)
 time time (?:test_|running_|total_|elapsed_|step_)*time|t(?=_s$|_min$|$)
 cycle number (?:total_|elapsed_)?cycles?(?:_(?:count|number|no))?
 volume_ratio number (?:relative_)?volume_(?:ratio|stretch)|relative_volume|v/v_?[0o]|jacobian|j

@@ -138,7 +138,7 @@ def _name_and_unit(name: str) -> tuple[str, str | None]:
 
 
 def _split_direction(rest: str) -> tuple[int, str]:
-    found = re.match(r"_?([12xy])\1?(?:_(?:fixed|held))?(?=_|/|$)", rest)
+    found = re.match(r"(?:_[a-zεσ])?_?([12xy])\1?(?:_(?:fixed|held))?(?=_|/|$)", rest)
     if not found:
         return 0, rest
     return {"1": 1, "x": 1, "2": 2, "y": 2}[found.group(1)], rest[found.end() :]
@@ -188,7 +188,11 @@ def _with_unit(
     if known is None:
         if kind == "stress":  # "stress_ratio" and the like
             return None
-        raise ValueError(f'{where}: column "{name}": unknown unit "{unit}"; allowed: {allowed}')
+        stands_for = f"50 {example}/V" if bare in ("v", "mv") else example
+        raise ValueError(
+            f'{where}: column "{name}": unknown unit "{unit}"; allowed: {allowed}; say what it '
+            f'stands for by --columns "{kind}={name} {stands_for}"'
+        )
     if known == "mN" and re.search(r"(?<![A-Za-z])MN(?![A-Za-z])", name):
         raise ValueError(
             f'{where}: column "{name}": MN is a meganewton, and may be meant for mN; say which '

@@ -99,7 +99,11 @@ def read_header(cells: Cells, layout: TableLayout | None) -> Header:
                 # ISO 37 and ASTM D412: the median of the places that were measured.
                 numbered.setdefault(known, []).append(float(size[1]))
                 metadata[known] = f"{statistics.median(numbered[known])!r} {si}"
-            metadata.setdefault(known, f"{size[1]} {si}")
+            # Of two lengths the one of the gauge counts, see `stated_sizes`.
+            key_of_size = known if place else _key(name)
+            metadata.setdefault(
+                key_of_size if size_of(key_of_size) else known, f"{size[1]} {si}"
+            )
         elif not size_of(name):
             metadata.setdefault(_key(key), f"{value} {unit}".strip())
     for label, own in _results(rows, decimal).items():
@@ -189,9 +193,17 @@ def _key(text: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", plain_words(text)).strip("_")
 
 
-def stated_sizes(file: str, metadata: Mapping[str, str]) -> dict[str, float]:
-    """Specimen sizes in a file's metadata, SI units."""
-    sizes = {}
+# Of two sizes of a kind, the one of the part that is measured.
+_OF_GAUGE = re.compile(r"gau?ge|initial|original|parallel|[lbwah]0")
+
+
+def stated_sizes(
+    file: str, metadata: Mapping[str, str]
+) -> tuple[dict[str, float], dict[str, str]]:
+    """Specimen sizes in a file's metadata, SI units, and doubts about some of them."""
+    sizes: dict[str, float] = {}
+    keys: dict[str, str] = {}
+    doubts: dict[str, str] = {}
     for key, text in metadata.items():
         name = size_of(key)
         if not name:
@@ -201,8 +213,18 @@ def stated_sizes(file: str, metadata: Mapping[str, str]) -> dict[str, float]:
             with contextlib.suppress(ValueError):  # a number, whose unit the key states
                 size = float(text.replace(",", ".")) * column.factor
                 text = f"{size!r} {_SI.get(name, 'm')}".rstrip()
-        sizes[name] = _parsed(file, name, text, f"# {key}")
-    return sizes
+        size, before = _parsed(file, name, text, f"# {key}"), keys.get(name)
+        gauge = [bool(_OF_GAUGE.search(plain_words(k))) for k in (before or "", key)]
+        counts = gauge[1] >= gauge[0]
+        if before is not None and abs(size - sizes[name]) > 1e-6 * size:
+            first, second = (f'"{k}" = {metadata[k]}' for k in (before, key))
+            doubts[name] = (
+                f'{name} stands twice, {first} and {second}: "{key if counts else before}" '
+                f'counts; --specimen "{name}=..." says otherwise'
+            )
+        if counts:
+            sizes[name], keys[name] = size, key
+    return sizes, doubts
 
 
 def given_sizes(file: str, specimen: Mapping[str, str]) -> dict[str, float]:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.material.data.cells import Cells, decimal_mark, number, read_cells
+from fitting.material.data.cells import Cells, decimal_mark, is_missing, number, read_cells
 from fitting.material.data.columns import (
     quantity_of,
     split_specimen,
@@ -122,7 +122,9 @@ def _part(
     rows = [
         _row(file, cells.lines[i], cells.rows[i], cells.delimiter, names) for i in layout.body
     ]
-    shown = renamed(file, names, layout.units, columns)
+    columns_of = zip(layout.units, zip(*rows, strict=True), strict=True)
+    units = [unit or "%" * _in_percent(cells) for unit, cells in columns_of]
+    shown = renamed(file, names, units, columns)
     header = read_header(cells, layout)
     remarks = []
     if count := len(layout.skipped):
@@ -148,6 +150,12 @@ def _part(
         of_part = [taken[k] for k in kept], [lines[k] for k in kept]
         parts.append(_Part(label or sheet, own, *of_part, header, reading, remarks))
     return parts
+
+
+def _in_percent(cells: tuple[str, ...]) -> bool:
+    """Whether all values of a column are written with their sign, as sheets show them."""
+    filled = [cell for cell in cells if not is_missing(cell)]
+    return bool(filled) and all(cell.endswith("%") for cell in filled)
 
 
 def _row(file: str, line: int, row: list[str], delimiter: str, names: list[str]) -> list[str]:

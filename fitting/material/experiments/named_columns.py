@@ -17,6 +17,9 @@ from suas_jax.config.errors import listed
 _SIGNED = ("force", "stress", "nominal", "cauchy", "strain", "log_strain", "displacement")
 _STRAINS = ("strain", "log_strain", "green_strain", "stretch")
 _TOGETHER = 0.3  # share of the strain along, across, beyond which both are loaded
+# Sizes that a column may state of every specimen, of which a file has this many at most.
+_AT_REST = ("length", "grip_separation", "width", "thickness", "diameter", "area")
+_OWN_SIZES = 6
 # What a file says of its test: the kind, method or standard of it.
 _OF_TEST = re.compile(
     r"test|pruef|(?:specimen_)?(?:method|procedure|standard|norm|type|mode)(?![a-z])"
@@ -71,12 +74,31 @@ class NamedColumns:
                 or self._better_of(column.quantity, self.columns[key][0], index) == index
             ):
                 self.columns[key] = (index, column)
+        self._set_aside_states()
         if self.mode in PATHS:
             self._along_the_load()
             self._doubt_the_mode()
         if ignored:
             names = ", ".join(f'"{name}"' for name in ignored)
             self.warnings.append(f"column {names} is not used: not a quantity known here")
+
+    def _set_aside_states(self) -> None:
+        """Sizes that change from reading to reading are those of the deformed specimen."""
+        for key in [key for key in self.columns if key[0] in _AT_REST]:
+            values = self.table.cells[:, self.columns[key][0]]
+            distinct = len(np.unique(values[np.isfinite(values)]))
+            if distinct <= max(_OWN_SIZES, len(values) / 4):
+                continue
+            index, column = self.columns.pop(key)
+            current = "current_length", key[1]
+            taken = key[0] in ("length", "grip_separation") and current not in self.columns
+            if taken:
+                self.columns[current] = index, column
+            self.warnings.append(
+                f'column "{self.table.names[index]}" changes from reading to reading: it is '
+                + ("a length under load" if taken else "not used")
+                + ", not the specimen's size at rest"
+            )
 
     @property
     def _of_test(self) -> list[str]:

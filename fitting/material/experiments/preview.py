@@ -38,7 +38,7 @@ def preview(
         "reading": table.reading,
         "columns": [_column(table, i) for i in range(len(table.names)) if table.names[i]],
         "sizes_m": {
-            **stated_sizes(table.file, table.metadata),
+            **stated_sizes(table.file, table.metadata)[0],
             **given_sizes(table.file, specimen or {}),
         },
         "metadata": table.metadata,

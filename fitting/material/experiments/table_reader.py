@@ -14,8 +14,9 @@ from fitting.material.data.errors import DataError
 from fitting.material.data.header import given_sizes, stated_sizes
 from fitting.material.data.tables import Table
 from fitting.material.experiments import timing
-from fitting.material.experiments.measurements import Kind, Origin, StressTest
+from fitting.material.experiments.measurements import PATHS, Kind, Origin, StressTest
 from fitting.material.experiments.named_columns import NamedColumns, closeness_to_specimen
+from fitting.material.experiments.prediction import POWERS
 from suas_jax.config.quantities import DimensionName, parse_quantity
 
 # Measures of a stretch, how it follows from them, and why some are impossible.
@@ -58,7 +59,10 @@ class Reader(NamedColumns):
         given = {key: text for key, text in specimen.items() if key in timing.KEYS}
         self.stated = timing.Stated(table.file, table.metadata, given)
         sizes = {key: text for key, text in specimen.items() if key not in timing.KEYS}
-        self.sizes = stated_sizes(table.file, table.metadata) | given_sizes(table.file, sizes)
+        written, doubts = stated_sizes(table.file, table.metadata)
+        own = given_sizes(table.file, sizes)
+        self.sizes = written | own
+        self.warnings += [text for name, text in doubts.items() if name not in own]
 
     def size(self, name: str) -> np.ndarray | None:
         """A size of the specimen, per row [m]; a column goes before a single value."""
@@ -158,17 +162,19 @@ class Reader(NamedColumns):
             )
 
     def area(self) -> np.ndarray:
-        """Undeformed cross-section of the specimen [m²].
+        """Undeformed cross-section of the specimen, in simple shear the sheared face [m²].
 
         Raises DataError: no size states it, or the specimen is a ring.
         """
         area = self.size("area")
         if area is not None:
             return area
-        width, thickness = self.size("width"), self.size("thickness")
+        sheared = self.mode == "simple_shear"
+        side = "length" if sheared else "thickness"
+        width, thickness = self.size("width"), self.size(side)
         said = (plain_words(f"{key} {text}") for key, text in self.table.metadata.items())
         flat = width is None and thickness is not None and self.size("diameter") is not None
-        if any(map(_RING.search, said)) or (flat and self._is_pulled):
+        if any(map(_RING.search, said)) or (flat and not sheared and self._is_pulled):
             raise DataError(
                 f"{self.table.file}: sizes of a ring, whose two legs carry the force: give the "
                 f'cross-section of both, such as --specimen "area=32 mm2" for two legs of 4 mm '
@@ -180,9 +186,10 @@ class Reader(NamedColumns):
         if diameter is not None:
             return 0.25 * math.pi * diameter**2
         raise DataError(
-            f"{self.table.file}: force needs the specimen's cross-section: add "
-            f'"# width: 6 mm" and "# thickness: 2 mm" (or "# area: 12 mm2", '
-            f'"# diameter: 29 mm") to the file or give --specimen "width=6 mm,thickness=2 mm"'
+            f"{self.table.file}: force needs the specimen's "
+            f"{'sheared face' if sheared else 'cross-section'}: add "
+            f'"# width: 6 mm" and "# {side}: 2 mm" (or "# area: 12 mm2", '
+            f'"# diameter: 29 mm") to the file or give --specimen "width=6 mm,{side}=2 mm"'
         )
 
     def stress(self, direction: int = 0) -> tuple[np.ndarray, str] | None:
@@ -190,6 +197,7 @@ class Reader(NamedColumns):
         for quantity in ("nominal", "cauchy", "second_pk"):
             values = self.signed(quantity, direction)
             if values is not None:
+                self._compare_with_force(values, quantity, direction)
                 return values, quantity
         values = self.signed("stress", direction)
         if values is not None:
@@ -199,34 +207,56 @@ class Reader(NamedColumns):
             return force / self.area(), "nominal"
         return None
 
-    def _measure_by_force(self, values: np.ndarray, direction: int) -> str:
-        """Measure of stresses whose name states none, where the file has the force, too."""
-        name = self.table.names[self.position("stress", direction)]
-        force = area = stretch = None
+    def _over_force(
+        self, values: np.ndarray, direction: int
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Stresses over the force by the undeformed area, and stretches; None without both."""
         with contextlib.suppress(DataError):
             force, area = self.signed("force", direction), self.area()
             stretch = self.stretch(direction)
-        taken = "taken as nominal (force over undeformed area)"
-        said = f'column "{name}" does not say whether it is nominal or Cauchy stress; {taken}'
-        if force is not None and stretch is not None and np.any(np.nan_to_num(force)):
-            # Near rest a zero that is off by little changes the ratio by much.
-            known = np.abs(force) > 0.1 * np.nanmax(np.abs(force))
-            ratio = (values * area)[known] / force[known]
-            grown = ratio / stretch[known]
-            off, off_grown = (float(np.nanmedian(np.abs(x - 1.0))) for x in (ratio, grown))
-            if off < _AS_FORCE:
-                return "nominal"
-            if off_grown < _AS_FORCE:
-                self.warnings.append(
-                    f'column "{name}" is taken as Cauchy stress: it is the force over the '
-                    f"undeformed area times the stretch"
-                )
-                return "cauchy"
+            if force is not None and np.any(np.nan_to_num(force)):
+                # Near rest a zero that is off by little changes the ratio by much.
+                known = np.abs(force) > 0.1 * np.nanmax(np.abs(force))
+                return (values * area)[known] / force[known], stretch[known]
+        return None
+
+    def _compare_with_force(self, values: np.ndarray, measure: str, direction: int) -> None:
+        """Where the file has the force, too, say so if it is not what stresses tell."""
+        beside = self._over_force(values, direction)
+        if beside is not None and self.mode in PATHS:
+            ratio = float(np.nanmedian(beside[0] / beside[1] ** (1 - POWERS[measure])))
+            self._doubt_sizes(measure, direction, ratio, "taken as it stands")
+
+    def _doubt_sizes(self, quantity: str, direction: int, ratio: float, taken: str) -> None:
+        if abs(ratio - 1.0) > _AS_FORCE:
+            name = self.table.names[self.position(quantity, direction)]
             said = (
-                f'column "{name}" is {float(np.nanmedian(ratio)):.3g} times the force over the '
-                f"stated cross-section: check the sizes; it is {taken}"
+                f'column "{name}" is {ratio:.3g} times the force over the stated '
+                f"cross-section: check the sizes; it is {taken}"
             )
-        self.warnings.append(said)
+            self.warnings += [said] * (said not in self.warnings)
+
+    def _measure_by_force(self, values: np.ndarray, direction: int) -> str:
+        """Measure of stresses whose name states none, where the file has the force, too."""
+        name = self.table.names[self.position("stress", direction)]
+        beside = self._over_force(values, direction)
+        taken = "taken as nominal (force over undeformed area)"
+        if beside is None:
+            self.warnings.append(
+                f'column "{name}" does not say whether it is nominal or Cauchy stress; {taken}'
+            )
+            return "nominal"
+        ratio, stretch = beside
+        off, off_grown = (
+            float(np.nanmedian(np.abs(x - 1.0))) for x in (ratio, ratio / stretch)
+        )
+        if off >= _AS_FORCE > off_grown:
+            self.warnings.append(
+                f'column "{name}" is taken as Cauchy stress: it is the force over the '
+                f"undeformed area times the stretch"
+            )
+            return "cauchy"
+        self._doubt_sizes("stress", direction, float(np.nanmedian(ratio)), taken)
         return "nominal"
 
     def needed_stress(self, what: str, *names: str) -> tuple[np.ndarray, str]:
