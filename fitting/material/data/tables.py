@@ -122,8 +122,7 @@ def _part(
     rows = [
         _row(file, cells.lines[i], cells.rows[i], cells.delimiter, names) for i in layout.body
     ]
-    columns_of = zip(layout.units, zip(*rows, strict=True), strict=True)
-    units = [unit or "%" * _in_percent(cells) for unit, cells in columns_of]
+    units = [unit or "%" * _in_percent(rows, i) for i, unit in enumerate(layout.units)]
     shown = renamed(file, names, units, columns)
     header = read_header(cells, layout)
     remarks = []
@@ -152,10 +151,10 @@ def _part(
     return parts
 
 
-def _in_percent(cells: tuple[str, ...]) -> bool:
-    """Whether all values of a column are written with their sign, as sheets show them."""
-    filled = [cell for cell in cells if not is_missing(cell)]
-    return bool(filled) and all(cell.endswith("%") for cell in filled)
+def _in_percent(rows: list[list[str]], column: int) -> bool:
+    """Whether all values of a column are written with a percent sign, as sheets show them."""
+    filled = (row[column] for row in rows if not is_missing(row[column]))
+    return next(filled, "").endswith("%") and all(cell.endswith("%") for cell in filled)
 
 
 def _row(file: str, line: int, row: list[str], delimiter: str, names: list[str]) -> list[str]:
