@@ -123,10 +123,10 @@ def _kind(row: list[str]) -> str:
     filled = [cell for cell in row if not is_missing(cell)]
     if not filled:
         return "e"
-    if STATISTICS.match(plain_words(filled[0])):
+    numbers = [looks_numeric(cell) for cell in filled]
+    if not numbers[0] and STATISTICS.match(plain_words(filled[0])):
         return "w"
-    numbers = sum(looks_numeric(cell) for cell in filled)
-    return "n" if numbers and 3 * numbers >= len(filled) else "w"
+    return "n" if any(numbers) and 3 * sum(numbers) >= len(filled) else "w"
 
 
 def _runs(kinds: list[str]) -> list[tuple[int, int]]:
