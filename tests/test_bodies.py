@@ -45,12 +45,13 @@ from suas_jax.equilibrium.correction import corrected_touch
 from suas_jax.equilibrium.equilibrium import Equilibrium, differentiable
 from suas_jax.equilibrium.friction import equilibrium_with_friction
 from suas_jax.equilibrium.outcomes import index_of
-from suas_jax.equilibrium.validity import room_for_bodies
+from suas_jax.equilibrium.validity import named, room_for_bodies
 from suas_jax.mechanics.contact.face import BodyContact
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.mesh.section import measures
 from suas_jax.numerics.lanes import number
 from suas_jax.scene import build, choice, clamps
+from suas_jax.scene.assessment import _SHARPEST
 from suas_jax.scene.body_errors import (
     error_by_bodies,
     error_by_penetration,
@@ -351,6 +352,15 @@ def test_a_small_body_does_not_pass_through_a_skin_that_it_goes_into_deep() -> N
         assert float(shape.straight_distance(place)[0]) == pytest.approx(-deep, abs=1e-6)
 
 
+def test_skin_deep_in_a_small_box_is_pushed_back_the_way_it_came() -> None:
+    """A pin of 2 x 2 mm, 1 mm in, was pushed aside with no force: `converged`."""
+    box = Box((jnp.full(1, 2e-3), jnp.full(1, 3e-3)), jnp.full(1, 9e-4))
+    for deep in (1e-4, 1e-3, 3e-3):
+        place = jnp.array([[5e-5], [0.0], [deep]])
+        assert float(box.straight_distance(place)[0]) == pytest.approx(-deep, rel=1e-9)
+    assert bool(box.is_beyond(place)[0])
+
+
 def test_skin_behind_a_small_body_is_pushed_back_by_its_own_law_too() -> None:
     """To which Newton's method may come from far: a thin rod passed through the skin."""
     problem = problem_of(scene(body(0, 2.0, shape="cylinder", radius="0.2 mm")), 32)
@@ -367,6 +377,29 @@ def test_a_tip_that_points_of_the_skin_catch_on_is_named() -> None:
         spec = scene(body(0, 1.0, shape="cylinder", radius=radius))
         report = solve(with_solve(spec, model="shell", elements=32)).report
         assert report["status"] == status
+
+
+def test_a_tip_that_comes_through_between_points_is_named() -> None:
+    """A ball of 1 nm, 1 mm deep in a pad, was `converged` without force."""
+    for radius, between, catches in (("1e-9 m", True, True), ("10 mm", False, False)):
+        spec = scene(body(0, 1.0, shape="cylinder", radius=radius))
+        (tip,) = problem_of(spec, 8).mechanics.bodies
+        placed, beside = tip.placed(1.0), jnp.array([-1e-4, 1e-4])[:, None]
+        for off, through in ((0.0, between), (-1e-2, False)):  # where it was, and pushed away
+            face = tip.origin[:, None] + off * tip.frame[-1][:, None]
+            place = (face + beside * tip.along[:, None])[..., None, :]
+            gap = placed.gap(place)
+            area = jnp.full(gap.shape, 4e-8)
+            at = BodyContact(gap, place, gap, gap, place, area, gap)
+            assert bool(at.passed_by(placed)[0]) == through
+        # Points of a pad 0.2 mm apart.
+        touching = at._replace(gap=gap - 1.0)
+        turn = touching.turn_between_points(placed.body.shape.curvature)
+        assert bool(turn[0] > _SHARPEST) == catches
+    ended, sharp = index_of("limit_point"), index_of("sharp_body")
+    outcomes = jnp.array([0, ended, ended, index_of("squeezed")])
+    verdicts = jnp.array([sharp, sharp, index_of("unbalanced"), sharp])
+    assert named(outcomes, verdicts).tolist() == [sharp, sharp, ended, index_of("squeezed")]
 
 
 def test_a_body_off_the_skin_leaves_it_at_rest() -> None:
@@ -1024,7 +1057,7 @@ def test_how_deep_a_skin_lies_in_a_body_is_part_of_the_error() -> None:
     deep, push = 1e-6 * jnp.array([1.0, 2.0]), jnp.array([1.0, 3.0])
     none, gap, pressure = (x[:, None, None] for x in (0 * deep, -deep, push))
     at = BodyContact(none, none, gap, pressure, none, jnp.ones((2, 1, 1)))
-    own = SimpleNamespace(travel=jnp.full(1, 2e-4))
+    own = SimpleNamespace(travel=jnp.full(1, 2e-4), drag=None)
     mechanics = SimpleNamespace(bodies=(own,))
     problem: Any = SimpleNamespace(mechanics=mechanics, prestressed=False)
     state, moved = State(jnp.zeros(1), jnp.zeros(1), jnp.full(1, 0.5)), jnp.full(1, 1e-3)
@@ -1033,6 +1066,12 @@ def test_how_deep_a_skin_lies_in_a_body_is_part_of_the_error() -> None:
         report = {"max_displacement_m": moved}
         found = error_by_penetration(parts, problem, state, [at], report)
         assert float(found["penetration_error"][0]) == pytest.approx(2 * 1.75e-6 / size)
+    # In a skin at rest, between its points, or dragged off it.
+    off = at._replace(gap=-gap, pressure=0 * gap)
+    for drag, error in ((None, 2 * (1 + 1e-2)), (jnp.zeros((2, 1)), 0.0)):
+        own.drag, parts.forces = drag, []
+        found = error_by_penetration(parts, problem, state, [off], report)
+        assert float(found["penetration_error"][0]) == pytest.approx(error)
 
 
 def test_a_force_that_no_travel_carries_is_given_up_soon() -> None:

@@ -15,7 +15,7 @@ from suas_jax.equilibrium.balance import (
     forces_in_balance,
     volume_residual,
 )
-from suas_jax.equilibrium.outcomes import index_of
+from suas_jax.equilibrium.outcomes import PATH_ENDS, index_of
 from suas_jax.mechanics.base import AbstractMechanics, largest
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.skin.wall import SoftLayer
@@ -87,6 +87,18 @@ def validity(
     ):
         found = jnp.where(wrong, index_of(name), found)
     return found
+
+
+def named(result: Int[Array, " lane"], verdict: Int[Array, " lane"]) -> Int[Array, " lane"]:
+    """The outcome of a solve, judged.
+
+    A path ends where skin slips off a tip that is sharper than its mesh resolves.
+
+    `result`: index of how the solve ended. `verdict`: index of what its state is.
+    """
+    ended = jnp.isin(result, jnp.array([index_of(name) for name in PATH_ENDS]))
+    slipped = ended & (verdict == index_of("sharp_body"))
+    return jnp.where((result == 0) | slipped, verdict, result)
 
 
 def force_balance(problem: Problem, state: State) -> tuple[Lanes, Lanes]:

@@ -197,6 +197,7 @@ def under_bodies(
     mechanics = problem.mechanics
     for body, at in zip(mechanics.bodies, touched, strict=True):
         sharp = at.turn_between_points(body.shape.curvature) > _SHARPEST
+        sharp |= at.passed_by(body.placed(state.factor))
         verdict = jnp.where(sharp, index_of("sharp_body"), verdict)
         verdict = jnp.where(at.on_clamp, index_of("body_on_clamp"), verdict)
     if touched and mechanics.corrected:

@@ -56,7 +56,8 @@ def error_by_penetration(
     A body is a stiff spring. As far as its points lie in it, by the mean over the force, a
     rigid one has come less far: relative to its travel that counts twice, as forces grow with
     up to its square. Where other loads press the skin on it, too, it is relative to the largest
-    displacement.
+    displacement. A body that is in a skin at rest and touches none of its points lies deeper
+    than they are apart from it.
     """
     if not touched:
         return {}
@@ -66,6 +67,9 @@ def error_by_penetration(
         push = at.area * at.pressure
         deep = jnp.sum(-push * at.gap, (0, 1)) / jnp.maximum(jnp.sum(push, (0, 1)), _LEAST)
         own = jnp.abs(state.factor * body.travel)
+        if not others and body.drag is None:
+            missed, inside = jnp.min(at.gap, (0, 1)), state.factor * body.travel > 0
+            deep += jnp.where((missed >= 0) & inside, own + missed, 0.0)
         size = report["max_displacement_m"] if others else own
         largest = jnp.maximum(largest, BY_PENETRATION * deep / jnp.maximum(size, _LEAST))
     return {"penetration_error": largest}

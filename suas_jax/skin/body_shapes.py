@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 from suas_jax.config import BodyLoadSpec
 from suas_jax.numerics.array_types import Lanes
 
-_STRAIGHT = 0.25  # radii of the tip down to which the inside of a soft body is its own
+_STRAIGHT = 0.25  # of how narrow it is, down to which the inside of a soft body is its own
 
 
 class AbstractShape(eqx.Module):
@@ -38,9 +38,9 @@ class AbstractShape(eqx.Module):
         What a soft law lets so deep into a small body that another side is as near is pushed
         back the way it came.
         """
-        if isinstance(self.curvature, float):
+        if self.narrow is None:
             return self.distance(place)
-        deepest = _STRAIGHT / self.curvature
+        deepest = _STRAIGHT * self.narrow
         low = jnp.minimum(place[-1], deepest)
 
         def at(out: Array) -> Array:
@@ -51,9 +51,9 @@ class AbstractShape(eqx.Module):
 
     def is_beyond(self, place: Float[Array, "component *point"]) -> Bool[Array, "*point"]:
         """Whether places lie so deep in the tip, or behind it, that another side is near."""
-        if isinstance(self.curvature, float):
+        if self.narrow is None:
             return jnp.zeros(jnp.shape(place[-1]), bool)
-        deepest = _STRAIGHT / self.curvature
+        deepest = _STRAIGHT * self.narrow
         return (place[-1] > deepest) & (self.height(place[:-1]) < deepest)
 
     @property
@@ -65,6 +65,11 @@ class AbstractShape(eqx.Module):
     def curvature(self) -> Lanes | float:
         """Of the surface at its tip [1/m]."""
         return 0.0
+
+    @property
+    def narrow(self) -> Lanes | None:
+        """Depth at which another side is as near as the tip [m]; None for an endless plane."""
+        return None
 
 
 class AbstractRound(AbstractShape):
@@ -81,6 +86,11 @@ class AbstractRound(AbstractShape):
     def curvature(self) -> Lanes:
         """See the base class."""
         return 1 / self.radius
+
+    @property
+    def narrow(self) -> Lanes:
+        """See the base class."""
+        return self.radius
 
 
 class Round(AbstractRound):
@@ -155,6 +165,11 @@ class Box(AbstractShape):
 
     size: tuple[Lanes, Lanes]  # of the rectangle, edges included [m]
     edge: Lanes  # radius of the edges [m]
+
+    @property
+    def narrow(self) -> Lanes:
+        """See the base class."""
+        return jnp.minimum(*self.size) / 2
 
     def distance(self, place: Float[Array, "component *point"]) -> Float[Array, "*point"]:
         """See the base class."""

@@ -67,14 +67,22 @@ class BodyContact(NamedTuple):
     def turn_between_points(self, curvature: Lanes | float) -> Lanes | float:
         """Turn of a tip's surface over half the distance of the points that touch it [rad].
 
-        `curvature`: of the tip [1/m]. Zero on a pad, whose forces are those of patches.
+        `curvature`: of the tip [1/m]. A pad's points hold one that is twice as sharp.
         """
+        area, touched = jnp.broadcast_to(self.area, self.gap.shape), self.gap < 0
         if self.axial is not None:
-            return 0.0
+            apart = jnp.sqrt(jnp.max(jnp.where(touched, area, 0.0), (0, 1)))
+            return apart * curvature / 4
         # Points at the ends of an element stand for half of the distance.
-        apart = jnp.max(jnp.broadcast_to(self.area, self.gap.shape), 0)
-        touched = jnp.any(self.gap < 0, 0)
-        return jnp.max(jnp.where(touched, apart, 0.0), 0) * curvature / 2
+        touched = jnp.any(touched, 0)
+        return jnp.max(jnp.where(touched, jnp.max(area, 0), 0.0), 0) * curvature / 2
+
+    def passed_by(self, body: PlacedBody) -> Bool[Array, " lane"]:
+        """Whether a body has come through between points: the nearest lies behind its tip."""
+        seen = body.seen(self.position)
+        height, lowest = body.body.shape.height(seen[:-1]), jnp.min(self.gap, (0, 1))
+        behind = seen[-1] > jnp.where(jnp.isinf(height), 0.0, height)
+        return (lowest >= 0) & jnp.any(behind & (self.gap == lowest), (0, 1))
 
 
 class Strip(NamedTuple):
