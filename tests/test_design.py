@@ -29,7 +29,7 @@ from fitting.design.search import (
     worst,
 )
 from fitting.design.section import SectionProblem, bound_of_units
-from fitting.design.want import Front, Limit, Variable, Want, load_want
+from fitting.design.want import Front, Limit, OwnLimit, Variable, Want, load_want
 from fitting.report.description import ReportTable
 from suas_jax import skin_of
 from suas_jax.config import (
@@ -105,6 +105,35 @@ def test_search_says_where_no_design_keeps_the_limits() -> None:
     problem.want = dataclasses.replace(problem.want, limits=(Limit("range_N", 3.0, True),))
     nearest = "the range is 2 N in the design that comes nearest, at least 3 N is asked for"
     with pytest.raises(ValueError, match=f"keeps the limits from any start: {nearest}; widen"):
+        search(problem)  # type: ignore[arg-type]
+
+
+class _Held(Problem):
+    """The same, held by a limit of the search itself on 2 - x - y."""
+
+    def __call__(self, x: Any) -> Outcome:
+        """Figures and slopes."""
+        found = super().__call__(x)
+        found.values["min_gap_m"] = 2 - found.values["range_N"]
+        found.slopes["min_gap_m"] = -found.slopes["range_N"]
+        return found
+
+
+def test_a_limit_of_the_search_itself_is_told_as_one() -> None:
+    problem = _Held()
+    problem.want = dataclasses.replace(problem.want, limits=(OwnLimit("min_gap_m", 1.0, True),))
+    found = search(problem)  # type: ignore[arg-type]
+    np.testing.assert_allclose(found.x, [0.6, 0.4], atol=1e-5)
+    after: Any = SimpleNamespace(
+        measured=SimpleNamespace(arc=np.arange(3), grid=(3, 1), coordinates={})
+    )
+    made = Design(problem, found, after, after, [], 0)  # type: ignore[arg-type]
+    assert "itself: it keeps the membrane off the wall" in made._price(found.prices[0])
+    assert "search" not in made._price(found.prices[0]._replace(own=""))
+    problem.want = dataclasses.replace(problem.want, limits=(OwnLimit("min_gap_m", 3.0, True),))
+    with pytest.raises(
+        ValueError, match="at least 3000 mm is needed, which keeps the membrane"
+    ):
         search(problem)  # type: ignore[arg-type]
 
 
@@ -416,6 +445,8 @@ def test_bound_of_units_is_the_quantile_of_a_lognormal_figure(key: str, side: in
         ('of = ["material.C1", "material.C2", "material.C3"]', "of = []", "at least one"),
         ('{ at_least = "30 N" }', "{}", "at_least or at_most is needed"),
         ('"30 N" }', '"30 N", at_most = "2e-3 kN" }', "at_least must be below at_most"),
+        ('range_N   = { at_least = "30 N"', "crosstalk = { at_most = 5", '"5 %", or "500 %"'),
+        ('range_N   = { at_least = "30 N"', "crosstalk = { at_most = true", "a number"),
         ("places = 9", "places = 100000", "1000 at most"),
         ("[limits]", "[[limits]]", r"a table is expected: \[limits\]"),
         ("starts = 3", "starts = 3\nseed = -1", "seed = -1"),
@@ -423,6 +454,24 @@ def test_bound_of_units_is_the_quantile_of_a_lognormal_figure(key: str, side: in
 )
 def test_mistakes_are_named(tmp_path: Path, old: str, new: str, words: str) -> None:
     is_refused(WANT, tmp_path, old, new, words)
+
+
+@pytest.mark.parametrize(
+    ("figure", "bound", "value"),
+    [
+        ("lowest_frequency_Hz", '"20 Hz"', 20.0),
+        ("sensitivity_counts_per_N", '"15 counts/N"', 15.0),
+        ("crosstalk", "0.4", 0.4),
+        ("crosstalk", '"120 %"', 1.2),
+    ],
+)
+def test_limits_have_the_units_of_data_sheets(
+    tmp_path: Path, figure: str, bound: str, value: float
+) -> None:
+    text = WANT.read_text().replace("../skins", str(ROOT / "configs" / "skins"))
+    file = tmp_path / "want.toml"
+    file.write_text(text.replace("[limits]", f"[limits]\n{figure} = {{ at_most = {bound} }}"))
+    assert load_want(file).limits[0] == Limit(figure, value, least=False)
 
 
 def test_factors_may_be_shares(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from scipy.stats import qmc
 from fitting.arrays import Floats
 from fitting.datasheet.words import WORDS
 from fitting.design.problem import Outcome, Problem
-from fitting.design.want import Limit, Want
+from fitting.design.want import Limit, OwnLimit, Want
 
 _STEPS = 80
 # Designs of one search at most, for each variable and one more; and those of them without a
@@ -58,6 +58,7 @@ class Price(NamedTuple):
     # relative change of the goal by a relative change of the limit; of a bound, by the whole
     # range of the variable. Above zero where the limit makes the goal worse.
     price: float
+    own: str = ""  # what a limit is for that the search has itself; empty of one of the file
 
 
 class Found(NamedTuple):
@@ -153,9 +154,12 @@ def _missed(want: Want, outcome: Outcome) -> list[tuple[float, str]]:
         if not share.min() > -_KEPT:
             value = float(outcome.values[limit.key][share.argmin()])
             side = "at least" if limit.least else "at most"
+            needed = "asked for"
+            if isinstance(limit, OwnLimit):
+                needed = f"needed, which {limit.purpose}"
             text = (
                 f"the {word.title.lower()} is {word.told(value)} in the design that comes "
-                f"nearest, {side} {word.told(limit.value)} is asked for"
+                f"nearest, {side} {word.told(limit.value)} is {needed}"
             )
             found.append((-float(share.min()), text))
     return found
@@ -287,7 +291,9 @@ def _prices(want: Want, trial: Trial) -> Iterator[Price]:
     for limit in want.limits:
         for k in range(len(outcome.values[limit.key])):
             if limits[row] < _ACTIVE and own[row] > 0:
-                yield Price(limit.key, limit.least, limit.value, k, float(own[row] / goal))
+                purpose = limit.purpose if isinstance(limit, OwnLimit) else ""
+                price = float(own[row] / goal)
+                yield Price(limit.key, limit.least, limit.value, k, price, purpose)
             row += 1
     # Of the Lagrangian at a bound: what a step across it would gain.
     pull = trial.multipliers @ np.concatenate([by_goal, by_limits])
