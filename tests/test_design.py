@@ -6,6 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -31,6 +32,7 @@ from fitting.design.search import (
 from fitting.design.section import SectionProblem, bound_of_units
 from fitting.design.want import Front, Limit, OwnLimit, Variable, Want, load_want
 from fitting.report.description import ReportTable
+from fitting.workers import LocalWorkers
 from suas_jax import skin_of
 from suas_jax.config import (
     AlongSpec,
@@ -41,6 +43,7 @@ from suas_jax.config import (
 )
 from suas_jax.config.fields import quantity_of
 from suas_jax.config.tolerance import deviation_of
+from suas_jax.runtime.compiled import require_float64
 
 ROOT = Path(__file__).parent.parent
 WANT = ROOT / "configs" / "design" / "sensitive.toml"
@@ -289,6 +292,26 @@ def test_searches_of_workers_are_those_of_this_process() -> None:
     assert by_workers.calls == alone.calls > 3
     for found, expected in zip(by_workers.trials, alone.trials, strict=True):
         np.testing.assert_array_equal(found.x, expected.x)
+
+
+class _OfFloat64(Problem):
+    """The same, of arrays that a process without float64 would cut down."""
+
+    def __init__(self) -> None:
+        super().__init__(starts=1)
+        self.one = jnp.ones(1)
+
+    def __call__(self, x: Any) -> Outcome:
+        """Figures and slopes."""
+        require_float64()
+        assert self.one.dtype == np.float64
+        return super().__call__(x)
+
+
+def test_processes_search_in_float64() -> None:
+    with LocalWorkers(1) as workers:
+        found = search(_OfFloat64(), workers=workers)  # type: ignore[arg-type]
+    np.testing.assert_allclose(found.x, [0.6, 0.4], atol=1e-5)
 
 
 class _StopError(Exception):

@@ -62,7 +62,8 @@ WORDS: dict[str, Word] = {
     ),
     "two_point_m": Word(
         "Two-point discrimination",
-        "Distance at which that of two contacts of half the rated force is known to 1/3.29.",
+        "Distance at which that of two contacts of half the rated force is known to 1/3.29; "
+        "`suas invert`, which tells them from a wide one, needs about four times it.",
         *("mm", "", False, _APART),
     ),
     "nonlinearity": Word(

@@ -9,11 +9,13 @@ variable t takes its place::
 multipliers say what each limit costs.
 """
 
+import pickle
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from functools import partial
 from typing import NamedTuple, Protocol
 
+import jax.numpy as jnp
 import numpy as np
 import scipy.optimize
 from scipy.stats import qmc
@@ -22,6 +24,7 @@ from fitting.arrays import Floats
 from fitting.datasheet.words import WORDS
 from fitting.design.problem import Outcome, Problem
 from fitting.design.want import Limit, OwnLimit, Want
+from suas_jax.runtime.settings import configure
 
 _STEPS = 80
 # Designs of one search at most, for each variable and one more; and those of them without a
@@ -119,6 +122,8 @@ def best_first(
     sign = -1.0 if want.maximise else 1.0
     trials: list[Trial] = []
     run = partial(_tried, problem, want)
+    if workers is not None:
+        run = partial(_tried_by_worker, pickle.dumps((problem, want)))
     starts = list(starts)
     before = [None if kept is None else kept.known(want, start) for start in starts]
     missing = [s for s, trial in zip(starts, before, strict=True) if trial is None]
@@ -167,6 +172,17 @@ def _missed(want: Want, outcome: Outcome) -> list[tuple[float, str]]:
 
 def _tried(problem: Problem, want: Want, start: Floats) -> Trial:
     return _Program(problem, want).solve(start)
+
+
+def _tried_by_worker(sent: bytes, start: Floats) -> Trial:
+    """One search in a worker's process.
+
+    The problem is sent as bytes: read before float64 is on, its arrays would be of float32.
+    """
+    if jnp.result_type(float) != jnp.float64:
+        configure()
+    problem, want = pickle.loads(sent)
+    return _tried(problem, want, start)
 
 
 def worst(want: Want, outcome: Outcome) -> float:
