@@ -26,7 +26,10 @@ class Word(NamedTuple):
 
 _BY_REST = "Of an estimated force, readings counted from rest."
 _OF_MOST = "Of the taxel that drifts most."
-_IN_ONE = "Least standard deviation of {}, at the rated force."
+_IN_ONE = (
+    "Least standard deviation of {}, at the rated force, of contacts whose direction and "
+    "extent are known."
+)
 _NEVER = "the membrane never reaches the wall, or no state was found on the way"
 _SILENT = "no state was found, or every taxel is saturated"
 _UNTOLD = "no state was found, or taxels that are not saturated do not tell place and force"
