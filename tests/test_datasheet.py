@@ -29,6 +29,7 @@ from fitting.datasheet.sheet import DataSheet, Figure, _beyond_contact, _in_time
 from fitting.datasheet.variants import DEEPER, STEP, WARMER, named, variants_of, why_constant
 from fitting.datasheet.words import PLACED
 from fitting.force_range.bound import rated_force
+from fitting.inverse_load.pad.input_errors import InputEffects
 from fitting.report.description import Remark
 from suas_jax import Loads
 from suas_jax.config import continuous_inputs, load_scene, load_skin
@@ -410,7 +411,8 @@ def test_a_pads_sheet_tells_places_as_its_scenes_do(monkeypatch: pytest.MonkeyPa
             rate = np.gradient(section.outer_arc(angles)[:, 0], angles[:, 0])
             by_angle = np.interp(loads[:, 0], angles[:, 0], rate)[:, None] * ones
             return SimpleNamespace(
-                readings=4e3 + ones, jacobian=np.stack([by_angle, ones, ones], 1)
+                readings=4e3 + ones,
+                jacobian=np.stack([by_angle, ones, ones * (3 + loads[:, 2:])], 1),
             )
 
     angles = np.linspace(-1.4, 1.4, 20001)[:, None]
@@ -427,6 +429,38 @@ def test_a_pads_sheet_tells_places_as_its_scenes_do(monkeypatch: pytest.MonkeyPa
     arc = np.asarray(section.section.arc(at))[:, 0]
     np.testing.assert_allclose(found.coordinates["arc_m"], arc, rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(found.cases.half.slope[0], 1.0, rtol=1e-3)
+    np.testing.assert_array_equal(found.cases.rest.slope[-1], 3.0)  # without any force
+    assert found.light is not None  # of places between those and beyond, in all rows of them
+    assert found.light[0][[0, -1]] == pytest.approx(found.arc[[0, -1]])
+    np.testing.assert_array_equal(found.light[1], np.full((taxels, 4, 128), 3.0))
+
+
+def test_a_pads_zero_drifts_with_warmth_and_depth(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Oil that swells lifts the membrane off every taxel, whatever presses."""
+    plain, rates = load_skin(SKIN.with_stem("suas-pad")), {WARMER: -1.2, DEEPER: 0.03}
+    grows = plain.oil.model_copy(update={"expansion": 1e-3})
+    yields = plain.wall.model_copy(update={"bulk_modulus": 3e9})
+    variants = variants_of(plain.model_copy(update={"oil": grows, "wall": yields}))
+    count = len(variants.changes)
+    stiffening: Any = SimpleNamespace(at=lambda angle, *_: np.zeros((*angle.shape, count)))
+    effects = InputEffects(*np.zeros((3, count, 2)), stiffening)
+    table: Any = SimpleNamespace(rest=np.full(2, 500.0), stray=np.zeros(2))
+
+    def solved(moved: dict[str, float], load: Any, *_: Any) -> tuple[np.ndarray, None]:
+        assert not load.any()
+        ((path, value),) = moved.items()
+        return np.array([500.0, 480.0, 0.0]) + rates[path] * value, None
+
+    monkeypatch.setattr(pad, "effects_of", lambda *_, **__: effects)
+    monkeypatch.setattr(pad, "skin_of", lambda spec, moved, **_: moved)
+    monkeypatch.setattr(pad, "solved_contact", solved)
+    monkeypatch.setattr(pad.PadShape, "of", lambda _: SimpleNamespace(radius=0.06))
+    errors = pad._errors(variants, SimpleNamespace(elements=None), table)  # type: ignore[arg-type]
+    none = np.zeros((1, 1)), np.zeros((1, 1)), np.ones((1, 1)), np.zeros((1, 1, 3))
+    pressed = errors.under(*none, np.full((1, 2), 700.0), np.zeros(1))[0]
+    for moved in (errors.rest, pressed):
+        np.testing.assert_allclose(moved[:-2], 0.0)
+        np.testing.assert_allclose(moved[-2:, :2], np.repeat([[-1.2], [0.03]], 2, 1))
 
 
 @pytest.mark.long  # programs of lanes with prestress, of a solve and of small motions

@@ -6,6 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -29,8 +30,9 @@ from fitting.design.search import (
     worst,
 )
 from fitting.design.section import SectionProblem, bound_of_units
-from fitting.design.want import Front, Limit, Variable, Want, load_want
+from fitting.design.want import Front, Limit, OwnLimit, Variable, Want, load_want
 from fitting.report.description import ReportTable
+from fitting.workers import LocalWorkers
 from suas_jax import skin_of
 from suas_jax.config import (
     AlongSpec,
@@ -41,6 +43,7 @@ from suas_jax.config import (
 )
 from suas_jax.config.fields import quantity_of
 from suas_jax.config.tolerance import deviation_of
+from suas_jax.runtime.compiled import require_float64
 
 ROOT = Path(__file__).parent.parent
 WANT = ROOT / "configs" / "design" / "sensitive.toml"
@@ -105,6 +108,35 @@ def test_search_says_where_no_design_keeps_the_limits() -> None:
     problem.want = dataclasses.replace(problem.want, limits=(Limit("range_N", 3.0, True),))
     nearest = "the range is 2 N in the design that comes nearest, at least 3 N is asked for"
     with pytest.raises(ValueError, match=f"keeps the limits from any start: {nearest}; widen"):
+        search(problem)  # type: ignore[arg-type]
+
+
+class _Held(Problem):
+    """The same, held by a limit of the search itself on 2 - x - y."""
+
+    def __call__(self, x: Any) -> Outcome:
+        """Figures and slopes."""
+        found = super().__call__(x)
+        found.values["min_gap_m"] = 2 - found.values["range_N"]
+        found.slopes["min_gap_m"] = -found.slopes["range_N"]
+        return found
+
+
+def test_a_limit_of_the_search_itself_is_told_as_one() -> None:
+    problem = _Held()
+    problem.want = dataclasses.replace(problem.want, limits=(OwnLimit("min_gap_m", 1.0, True),))
+    found = search(problem)  # type: ignore[arg-type]
+    np.testing.assert_allclose(found.x, [0.6, 0.4], atol=1e-5)
+    after: Any = SimpleNamespace(
+        measured=SimpleNamespace(arc=np.arange(3), grid=(3, 1), coordinates={})
+    )
+    made = Design(problem, found, after, after, [], 0)  # type: ignore[arg-type]
+    assert "itself: it keeps the membrane off the wall" in made._price(found.prices[0])
+    assert "search" not in made._price(found.prices[0]._replace(own=""))
+    problem.want = dataclasses.replace(problem.want, limits=(OwnLimit("min_gap_m", 3.0, True),))
+    with pytest.raises(
+        ValueError, match="at least 3000 mm is needed, which keeps the membrane"
+    ):
         search(problem)  # type: ignore[arg-type]
 
 
@@ -262,6 +294,26 @@ def test_searches_of_workers_are_those_of_this_process() -> None:
         np.testing.assert_array_equal(found.x, expected.x)
 
 
+class _OfFloat64(Problem):
+    """The same, of arrays that a process without float64 would cut down."""
+
+    def __init__(self) -> None:
+        super().__init__(starts=1)
+        self.one = jnp.ones(1)
+
+    def __call__(self, x: Any) -> Outcome:
+        """Figures and slopes."""
+        require_float64()
+        assert self.one.dtype == np.float64
+        return super().__call__(x)
+
+
+def test_processes_search_in_float64() -> None:
+    with LocalWorkers(1) as workers:
+        found = search(_OfFloat64(), workers=workers)  # type: ignore[arg-type]
+    np.testing.assert_allclose(found.x, [0.6, 0.4], atol=1e-5)
+
+
 class _StopError(Exception):
     """What ends a program from outside."""
 
@@ -416,6 +468,8 @@ def test_bound_of_units_is_the_quantile_of_a_lognormal_figure(key: str, side: in
         ('of = ["material.C1", "material.C2", "material.C3"]', "of = []", "at least one"),
         ('{ at_least = "30 N" }', "{}", "at_least or at_most is needed"),
         ('"30 N" }', '"30 N", at_most = "2e-3 kN" }', "at_least must be below at_most"),
+        ('range_N   = { at_least = "30 N"', "crosstalk = { at_most = 5", '"5 %", or "500 %"'),
+        ('range_N   = { at_least = "30 N"', "crosstalk = { at_most = true", "a number"),
         ("places = 9", "places = 100000", "1000 at most"),
         ("[limits]", "[[limits]]", r"a table is expected: \[limits\]"),
         ("starts = 3", "starts = 3\nseed = -1", "seed = -1"),
@@ -423,6 +477,24 @@ def test_bound_of_units_is_the_quantile_of_a_lognormal_figure(key: str, side: in
 )
 def test_mistakes_are_named(tmp_path: Path, old: str, new: str, words: str) -> None:
     is_refused(WANT, tmp_path, old, new, words)
+
+
+@pytest.mark.parametrize(
+    ("figure", "bound", "value"),
+    [
+        ("lowest_frequency_Hz", '"20 Hz"', 20.0),
+        ("sensitivity_counts_per_N", '"15 counts/N"', 15.0),
+        ("crosstalk", "0.4", 0.4),
+        ("crosstalk", '"120 %"', 1.2),
+    ],
+)
+def test_limits_have_the_units_of_data_sheets(
+    tmp_path: Path, figure: str, bound: str, value: float
+) -> None:
+    text = WANT.read_text().replace("../skins", str(ROOT / "configs" / "skins"))
+    file = tmp_path / "want.toml"
+    file.write_text(text.replace("[limits]", f"[limits]\n{figure} = {{ at_most = {bound} }}"))
+    assert load_want(file).limits[0] == Limit(figure, value, least=False)
 
 
 def test_factors_may_be_shares(tmp_path: Path) -> None:

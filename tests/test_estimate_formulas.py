@@ -957,6 +957,21 @@ def test_first_contact_is_where_the_gap_closes(monkeypatch: pytest.MonkeyPatch) 
     np.testing.assert_allclose(pressure, 2 * expected, rtol=2e-2)
 
 
+def test_first_contact_is_close_enough_for_its_derivatives(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of a curved gap whose slope a search takes there: an error of 1e-4 was one of 1e-3."""
+    touch = np.array([0.3, 7.0, 45.0])
+
+    def solved(skin: Any, angle: Any, force: Any) -> Any:
+        return 1 - (force / touch) ** 1.5, force, None, np.zeros(3)
+
+    monkeypatch.setattr(force_bound, "_solved", solved)
+    skin: Any = None
+    found = force_bound.first_contacts(skin, np.zeros(3))[0]
+    np.testing.assert_allclose(found, touch, rtol=1e-8)
+
+
 def test_a_range_weighs_readings_by_noise_rounding_and_the_model_s_error(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

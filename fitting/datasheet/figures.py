@@ -31,6 +31,8 @@ from fitting.inverse_load.fit.covariance import inverse
 from suas_jax.numerics.length import length
 from suas_jax.sensing.converter import Converter
 
+FINE = 128
+"""Places from clamp to clamp for what two contacts do."""
 CURRIE = 3.29
 """Standard deviations at which false alarms and misses are 5 % each, one-sided."""
 _DISTANCES = 60  # of two contacts that are tried
@@ -201,6 +203,6 @@ class Measured(NamedTuple):
     grid: tuple[int, int]  # places along the arc and along the axis
     # why figures have no value on such a skin, by key
     missing: Mapping[str, str] = MappingProxyType({})
-    # arc of many places of a section [m] and the readings' derivatives by the force there at
-    # rest [taxel, place] [counts/N]; None: those of the places have to do
+    # arc of many places from clamp to clamp [m] and derivatives of the readings by the force
+    # there at rest, in every row of places along the arc [taxel, row, place] [counts/N]
     light: tuple[Floats, Floats] | None = None

@@ -10,7 +10,7 @@ from concurrent.futures import Executor
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.datasheet.figures import Accuracy, Cases, Measured
+from fitting.datasheet.figures import FINE, Accuracy, Cases, Measured
 from fitting.datasheet.readings import Readings, far_taxels
 from fitting.datasheet.variants import DEEPER, STEP, WARMER, Variants, why_constant
 from fitting.force_range.bound import rated_force
@@ -21,14 +21,17 @@ from fitting.inverse_load.pad.input_errors import PadErrors
 from fitting.inverse_load.pad.interpolant import MOST, PadInterpolant
 from fitting.inverse_load.pad.kept_table import pad_table_of
 from fitting.inverse_load.pad.shape import PadShape
+from fitting.inverse_load.pad.stiffening import solved_contact
 from fitting.inverse_load.pad.table import PadResolution, PadTable, grid
-from suas_jax.config import InputErrors
+from suas_jax.config import InputErrors, SkinSpec
+from suas_jax.config.input_errors import value_of
 from suas_jax.scene.skin import Skin, skin_of
 
 ELEMENTS = (18, 15)
 """Of the meshes, along the arc and along the axis."""
 _RESOLUTION = PadResolution(elements=ELEMENTS, spacing=10e-3, probes=(3, 3))
 _LIGHT = 0.02  # of the largest force, that stands for none
+_SLOTS = 2  # contacts that the program for solved states has room for
 _NEVER = 1e8  # stands for a force of first contact that the table doesn't know [N]
 
 
@@ -74,6 +77,11 @@ def measure_pad(
         _readings(interpolant, errors, at, f, rate)
         for f in (_LIGHT * most, 0 * most + rated / 2, 0 * most + rated)
     )
+    # Of a soft pad the slope at rest is up to a twentieth less than that of a light contact.
+    light.slope[-1] += _at_no_force(interpolant, at)[:, None] - light.slope[-1, :, :1]
+    # Two contacts are closer to one another than two places, and may lie beyond the last.
+    fine = np.linspace(-edge[0], edge[0], FINE)
+    rows = [_at_no_force(interpolant, grid(fine, x)) for x in at[: places[1], 1:]]
     at_rated.slope[:, :, 1:] = np.nan  # of the neighbours: unknown
     known, neighbour = touch < _NEVER, np.arange(light.gap.shape[0])[:, None] > 0
     closed = np.where(known & ~neighbour, 0.0, np.nan)
@@ -90,21 +98,44 @@ def measure_pad(
         rated,
         Accuracy(noise, float(np.hypot(PAD_MODEL_ERROR, table.reading_error))),
         places,
-        {"min_gap_m": "a pad's table of states holds no gaps; `suas solve` tells them"},
+        missing={"min_gap_m": "a pad's table of states holds no gaps; `suas solve` tells them"},
+        light=(along.outer_arc(fine), np.stack(rows, 1)),
     )
 
 
 def _errors(variants: Variants, skin: Skin, table: PadTable) -> PadErrors:
-    """What every change of the variants does to the readings."""
+    """What every change of the variants does to the readings.
+
+    Of warmth and depth that is what they do at rest, too, where `suas invert` leaves it out.
+    """
     own, paths = variants.errors, tuple(variants.inputs)
     directions = np.zeros((len(variants.changes), len(paths)))
     directions[: len(own), : len(own.paths)] = own.directions
     for row, path in ((-2, WARMER), (-1, DEEPER)):
         directions[row, paths.index(path)] = not why_constant(variants.spec, path)
     every = InputErrors(paths, directions, variants.changes, own.assumed, variants.spec)
-    effects = effects_of(every, skin, table, slots=2)
+    effects = effects_of(every, skin, table, slots=_SLOTS)
     radius = PadShape.of(skin).radius
-    return PadErrors(every.names, effects, table, radius, from_rest=False)
+    found = PadErrors(every.names, effects, table, radius, from_rest=False)
+    found.rest = found.rest.copy()
+    for row, path in ((-2, WARMER), (-1, DEEPER)):
+        if not why_constant(variants.spec, path):
+            low, high = (_at_rest(variants.spec, path, side, skin) for side in (-1.0, 1.0))
+            found.rest[row] += (high - low) / 2
+    return found
+
+
+def _at_rest(spec: SkinSpec, path: str, change: float, skin: Skin) -> Floats:
+    """Readings at rest and the oil's pressure with one input changed [channel]."""
+    moved = {path: value_of(spec, path) + change}
+    pad = skin_of(spec, moved, elements=skin.elements, contact=False)
+    return solved_contact(pad, np.zeros(3), DIAMETER, _SLOTS)[0]
+
+
+def _at_no_force(interpolant: PadInterpolant, at: Floats) -> Floats:
+    """Derivatives of the readings by the force of contacts that hardly press [taxel, place]."""
+    loads = np.column_stack([at, np.zeros(len(at))])
+    return np.asarray(interpolant(loads, 1).jacobian[:, -1, :-1].T)
 
 
 def _readings(

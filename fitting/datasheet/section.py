@@ -6,7 +6,7 @@ import jax
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.datasheet.figures import Accuracy, Cases, Measured
+from fitting.datasheet.figures import FINE, Accuracy, Cases, Measured
 from fitting.datasheet.readings import (
     Readings,
     far_taxels,
@@ -23,8 +23,6 @@ from fitting.force_range.bound import (
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import MODEL_ERROR
 from suas_jax import Skin, skin_of
-
-_FINE = 128  # places from clamp to clamp for what two contacts do
 
 
 def between_taxels(skin: Skin, angle: Floats) -> np.ndarray:
@@ -65,7 +63,7 @@ def measure_section(
     skins = skins_in_lanes(spec, variants.inputs)
     found = read_all(skins, which, *lanes)
     # Two contacts are closer to one another than two places, and may lie beyond the last.
-    fine = np.linspace(-edge, edge, _FINE)
+    fine = np.linspace(-edge, edge, FINE)
     light = read_all(skins, np.zeros(len(fine), int), fine, 0 * fine).slope[-1]
     cases = jax.tree.map(lambda x: x.reshape(*x.shape[:-1], *shape), found)
     rest, half, at_rated, near = (
@@ -83,5 +81,5 @@ def measure_section(
         rated,
         Accuracy(noise, MODEL_ERROR),
         (places, 1),
-        light=(at.outer_arc(fine), light),
+        light=(at.outer_arc(fine), light[:, None]),
     )

@@ -219,13 +219,13 @@ def data_sheet(
     contact = variants.slopes(figures.first_contact)
     effects = np.stack([taken_for[-1], np.sqrt((taken_for[:-1] ** 2).sum(0)), contact])
     effects[..., failed[0]] = effects[:2, :, beyond] = np.nan
-    light = np.asarray(measured.cases.rest.slope)[-1, :, 0]
     rows = np.arange(len(measured.arc)).reshape(measured.grid).T  # along the arc
     apart, variance = np.empty(len(measured.arc)), measured.accuracy.variance
-    for row in rows:
+    assert measured.light is not None
+    arc, light = measured.light
+    for k, row in enumerate(rows):
         middle = measured.arc[row]
-        arc, slope = measured.light or (middle, light[:, row])
-        apart[row] = two_point(arc, slope, measured.rated / 2, variance, middle)
+        apart[row] = two_point(arc, light[:, k], measured.rated / 2, variance, middle)
     progress("creep, modes and buckling")
     found = [
         *(_worst(key, values, measured, spread) for key, (values, spread) in at.items()),

@@ -26,7 +26,10 @@ class Word(NamedTuple):
 
 _BY_REST = "Of an estimated force, readings counted from rest."
 _OF_MOST = "Of the taxel that drifts most."
-_IN_ONE = "Least standard deviation of {}, at the rated force."
+_IN_ONE = (
+    "Least standard deviation of {}, at the rated force, of contacts whose direction and "
+    "extent are known."
+)
 _NEVER = "the membrane never reaches the wall, or no state was found on the way"
 _SILENT = "no state was found, or every taxel is saturated"
 _UNTOLD = "no state was found, or taxels that are not saturated do not tell place and force"
@@ -62,7 +65,8 @@ WORDS: dict[str, Word] = {
     ),
     "two_point_m": Word(
         "Two-point discrimination",
-        "Distance at which that of two contacts of half the rated force is known to 1/3.29.",
+        "Distance at which that of two contacts of half the rated force is known to 1/3.29; "
+        "`suas invert`, which tells them from a wide one, needs about four times it.",
         *("mm", "", False, _APART),
     ),
     "nonlinearity": Word(

@@ -16,7 +16,7 @@ from fitting.arrays import Floats
 from fitting.datasheet.in_time import buckling_mismatch, motion_figures
 from fitting.datasheet.variants import named
 from fitting.datasheet.words import PLACED, READ_AT_RATED
-from fitting.design.want import BY_DIFFERENCES, Limit, Want
+from fitting.design.want import BY_DIFFERENCES, OwnLimit, Want
 from suas_jax.config import SkinSpec, with_inputs
 from suas_jax.config.inputs import given_inputs
 from suas_jax.config.tolerance import UncertainQuantity, deviation_of
@@ -52,7 +52,7 @@ def off_the_wall(want: Want) -> Want:
     open_already = any(x.least and x.value >= held.get(x.key, inf) for x in want.limits)
     if open_already or want.figures.isdisjoint(READ_AT_RATED):
         return want
-    gap = Limit("min_gap_m", _LEFT * want.spec.geometry.mean_gap, least=True)
+    gap = OwnLimit("min_gap_m", _LEFT * want.spec.geometry.mean_gap, least=True)
     return replace(want, limits=(*want.limits, gap))
 
 

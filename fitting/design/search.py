@@ -9,11 +9,13 @@ variable t takes its place::
 multipliers say what each limit costs.
 """
 
+import pickle
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from functools import partial
 from typing import NamedTuple, Protocol
 
+import jax.numpy as jnp
 import numpy as np
 import scipy.optimize
 from scipy.stats import qmc
@@ -21,7 +23,8 @@ from scipy.stats import qmc
 from fitting.arrays import Floats
 from fitting.datasheet.words import WORDS
 from fitting.design.problem import Outcome, Problem
-from fitting.design.want import Limit, Want
+from fitting.design.want import Limit, OwnLimit, Want
+from suas_jax.runtime.settings import configure
 
 _STEPS = 80
 # Designs of one search at most, for each variable and one more; and those of them without a
@@ -58,6 +61,7 @@ class Price(NamedTuple):
     # relative change of the goal by a relative change of the limit; of a bound, by the whole
     # range of the variable. Above zero where the limit makes the goal worse.
     price: float
+    own: str = ""  # what a limit is for that the search has itself; empty of one of the file
 
 
 class Found(NamedTuple):
@@ -118,6 +122,8 @@ def best_first(
     sign = -1.0 if want.maximise else 1.0
     trials: list[Trial] = []
     run = partial(_tried, problem, want)
+    if workers is not None:
+        run = partial(_tried_by_worker, pickle.dumps((problem, want)))
     starts = list(starts)
     before = [None if kept is None else kept.known(want, start) for start in starts]
     missing = [s for s, trial in zip(starts, before, strict=True) if trial is None]
@@ -153,9 +159,12 @@ def _missed(want: Want, outcome: Outcome) -> list[tuple[float, str]]:
         if not share.min() > -_KEPT:
             value = float(outcome.values[limit.key][share.argmin()])
             side = "at least" if limit.least else "at most"
+            needed = "asked for"
+            if isinstance(limit, OwnLimit):
+                needed = f"needed, which {limit.purpose}"
             text = (
                 f"the {word.title.lower()} is {word.told(value)} in the design that comes "
-                f"nearest, {side} {word.told(limit.value)} is asked for"
+                f"nearest, {side} {word.told(limit.value)} is {needed}"
             )
             found.append((-float(share.min()), text))
     return found
@@ -163,6 +172,17 @@ def _missed(want: Want, outcome: Outcome) -> list[tuple[float, str]]:
 
 def _tried(problem: Problem, want: Want, start: Floats) -> Trial:
     return _Program(problem, want).solve(start)
+
+
+def _tried_by_worker(sent: bytes, start: Floats) -> Trial:
+    """One search in a worker's process.
+
+    The problem is sent as bytes: read before float64 is on, its arrays would be of float32.
+    """
+    if jnp.result_type(float) != jnp.float64:
+        configure()
+    problem, want = pickle.loads(sent)
+    return _tried(problem, want, start)
 
 
 def worst(want: Want, outcome: Outcome) -> float:
@@ -287,7 +307,9 @@ def _prices(want: Want, trial: Trial) -> Iterator[Price]:
     for limit in want.limits:
         for k in range(len(outcome.values[limit.key])):
             if limits[row] < _ACTIVE and own[row] > 0:
-                yield Price(limit.key, limit.least, limit.value, k, float(own[row] / goal))
+                purpose = limit.purpose if isinstance(limit, OwnLimit) else ""
+                price = float(own[row] / goal)
+                yield Price(limit.key, limit.least, limit.value, k, price, purpose)
             row += 1
     # Of the Lagrangian at a bound: what a step across it would gain.
     pull = trial.multipliers @ np.concatenate([by_goal, by_limits])

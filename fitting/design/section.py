@@ -29,7 +29,7 @@ from fitting.datasheet.readings import (
 from fitting.datasheet.variants import Variants, by_changes, variants_of
 from fitting.datasheet.words import PLACED
 from fitting.design.problem import STEP, Outcome, Problem, without_crosstalk
-from fitting.design.want import Limit, Variable, Want
+from fitting.design.want import OwnLimit, Variable, Want
 from fitting.force_range.bound import angles_over, first_contacts, rated_force
 from fitting.inverse_load.estimator import MODEL_ERROR
 from suas_jax import Loads, Skin, skin_of
@@ -44,7 +44,7 @@ from suas_jax.skin.prestress import is_prestressed
 _FURTHER = 1e-4  # share of first contact beyond it at which its change is read
 # Beyond buckling a skin has no figures, and before it none of them tells that it comes: a
 # search that sees no limit ends there.
-_NOT_BUCKLED = Limit("buckling_share", 0.95, least=False)
+_NOT_BUCKLED = OwnLimit("buckling_share", 0.95, least=False)
 
 
 class Numbers(NamedTuple):

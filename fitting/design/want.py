@@ -57,6 +57,19 @@ class Limit(NamedTuple):
         return share if self.least else -share
 
 
+class OwnLimit(Limit):
+    """A limit that no file asks for: a search has it itself."""
+
+    __slots__ = ()
+
+    @property
+    def purpose(self) -> str:
+        """What it does, in a sentence whose subject is the limit."""
+        if self.key == "min_gap_m":
+            return "keeps the membrane off the wall under the rated force"
+        return "keeps the skin from buckling at rest"
+
+
 class Front(NamedTuple):
     """A second figure that the goal is traded against."""
 
@@ -145,8 +158,8 @@ class _Goal(Spec):
 
 
 class _Limit(Spec):
-    at_least: float | str | None = None
-    at_most: float | str | None = None
+    at_least: Any = None
+    at_most: Any = None
 
 
 class _At(Spec):
@@ -301,16 +314,27 @@ class _Reader:
             given = self.part(_Limit, bounds, f"limits.{key}")
             if not given.model_fields_set:
                 self.refuse(f"limits.{key}", bounds, "at_least or at_most is needed")
-            kinds: dict[str, DimensionName] = {"N": "force", "mm": "length"}
-            values = {}
-            for side in given.model_fields_set:
-                name, text = f"limits.{key}.{side}", getattr(given, side)
-                values[side] = self.quantity(name, text, kinds.get(WORDS[key].unit, "number"))
-                if values[side] <= 0:
-                    self.refuse(name, text, "must be greater than zero")
+            values = {
+                side: self._limit(f"limits.{key}.{side}", getattr(given, side), WORDS[key].unit)
+                for side in given.model_fields_set
+            }
             if len(values) == 2 and values["at_least"] >= values["at_most"]:
                 self.refuse(f"limits.{key}", bounds, "at_least must be below at_most")
             yield from (Limit(key, value, side == "at_least") for side, value in values.items())
+
+    def _limit(self, key: str, text: Any, unit: str) -> float:
+        """A limit of a figure that data sheets tell in a unit [SI]."""
+        kinds: dict[str, DimensionName] = {"N": "force", "mm": "length"}
+        kind, bare = kinds.get(unit, "number"), text
+        if kind == "number" and unit != "%" and isinstance(text, str):
+            bare = text.removesuffix(unit)  # which no dimension of a skin file has
+        value = self.quantity(key, bare, kind)
+        if value <= 0:
+            self.refuse(key, text, "must be greater than zero")
+        if unit == "%" and value >= 1 and "%" not in str(text):
+            advice = f'its unit is needed from 1 on: "{value:g} %", or "{100 * value:g} %"'
+            self.refuse(key, text, advice)
+        return value
 
     def variables(self, table: dict[str, Any], spec: SkinSpec) -> Iterator[Variable]:
         if not table:

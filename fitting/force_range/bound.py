@@ -258,14 +258,16 @@ def readings_at_rest(skin: Skin, angle: Floats) -> Floats:
 
 
 def first_contacts(skin: Skin, angle: Floats) -> tuple[Floats, Floats]:
-    """Forces [angle] [N] at which the gap closes, by bisection, and the pressures there [Pa].
+    """Forces [angle] [N] at which the gap closes, and the pressures there [Pa].
+
+    By bisection, and a secant in the last bracket: derivatives of the force are read there.
 
     Of radial line loads at angles [rad] on a section without its wall; NaN where the gap closes
     under no force.
     """
     low, high = np.full(len(angle), _SMALLEST), np.full(len(angle), np.inf)
     lost = np.zeros(len(angle), bool)
-    pressure = np.full(len(angle), np.nan)
+    pressure, open_gap, closed_gap = np.full((3, len(angle)), np.nan)
     force = low.copy()
     for _ in range(80):
         gap, p, _, result = _solved(skin, angle, force)
@@ -273,6 +275,7 @@ def first_contacts(skin: Skin, angle: Floats) -> tuple[Floats, Floats]:
         # A failure under the smallest force is one at rest: there is no state whose gap counts.
         lost |= (result != 0) & (~closed | (force <= _SMALLEST))
         low = np.where(closed, low, force)
+        open_gap, closed_gap = np.where(closed, (open_gap, gap), (gap, closed_gap))
         high = np.where(closed, force, high)
         pressure = np.where(closed & (result == 0), p, pressure)
         open_ = np.isinf(high)
@@ -282,7 +285,9 @@ def first_contacts(skin: Skin, angle: Floats) -> tuple[Floats, Floats]:
         force = np.where(open_ & ~lost, 2 * low, force)
         if (lost | (high < 1.0001 * low)).all():
             break
-    return np.where(lost, np.nan, high), np.where(lost, np.nan, pressure)
+    share = open_gap / (open_gap - closed_gap)
+    touch = np.where(np.isnan(share), high, low + share * (high - low))
+    return np.where(lost, np.nan, touch), np.where(lost, np.nan, pressure)
 
 
 def rated_force(first_contact: Floats) -> float:
