@@ -166,6 +166,8 @@ def test_a_stated_ramp_stands_for_its_readings(tmp_path: pathlib.Path) -> None:
     expected = whole.predict(law)[: time.size][held]
     np.testing.assert_allclose(known.predict(law)[: held.sum()], expected, rtol=2e-4)
     assert abs(at_once.predict(law)[0] / expected[0] - 1.0) > 0.03
+    tests = [with_history(load_dataset("uniaxial", tmp_path / f"{k}.csv")) for k in "abc"]
+    assert [test.is_loaded_at_once for test in tests] == [False, True, False]
 
 
 def softened(stretch: np.ndarray, r: float, m: float, beta: float) -> np.ndarray:

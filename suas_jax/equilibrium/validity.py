@@ -89,7 +89,9 @@ def validity(
     return found
 
 
-def named(result: Int[Array, " lane"], verdict: Int[Array, " lane"]) -> Int[Array, " lane"]:
+def final_result(
+    result: Int[Array, " lane"], verdict: Int[Array, " lane"]
+) -> Int[Array, " lane"]:
     """The outcome of a solve, judged.
 
     A path ends where skin slips off a tip that is sharper than its mesh resolves.

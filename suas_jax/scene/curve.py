@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool
 from suas_jax.config import SceneSpec, with_solve
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.equilibrium_path import beyond_wall, path
-from suas_jax.equilibrium.validity import named
+from suas_jax.equilibrium.validity import final_result
 from suas_jax.mechanics.model import Counts, Meshes
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.assessment import assess
@@ -58,7 +58,7 @@ def _program(
         return assess(parts, meshes, problem, at[0], True, at[1], wall=scene.wall)[0]
 
     reports = jax.lax.map(one, (found.state, found.result != 0))
-    result = named(found.result, reports.pop("validity"))
+    result = final_result(found.result, reports.pop("validity"))
     outcome = {"result": result, "level": found.level, "iterations": found.iterations}
     unknowns = problem.mechanics.unknowns() + int(problem.oil.trapped)
     outcome["unknowns"] = jnp.full_like(found.result, unknowns)

@@ -16,7 +16,7 @@ from suas_jax.config import SceneSpec, continuous_inputs, with_solve
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.equilibrium.friction import equilibrium_with_friction
-from suas_jax.equilibrium.validity import named
+from suas_jax.equilibrium.validity import final_result
 from suas_jax.mechanics.model import AbstractPlan, Counts, Meshes
 from suas_jax.numerics.lanes import number
 from suas_jax.runtime.compiled import COMPILED
@@ -48,7 +48,7 @@ def _program(
     assessed = assess(parts, meshes, problem, found.state, judged, lost, wall=scene.wall)
     report, state, shown = assessed
     outcome = {
-        "result": named(found.result, report.pop("validity")),
+        "result": final_result(found.result, report.pop("validity")),
         "level": found.level,
         "iterations": found.iterations,
         "smallest_pivot": found.smallest_pivot,

@@ -73,6 +73,15 @@ class HistoryTest(StressTest):
         return bool(np.mean(moved <= HELD * farthest) > 0.5) if moved.size else False
 
     @property
+    def is_loaded_at_once(self) -> bool:
+        """Whether a strain is held from the first reading on, which came nobody knows how."""
+        if not self.is_timed:
+            return False
+        series = [(coordinates(self)[:, rows], self.time[rows]) for rows in self.paths()]
+        begun = (x for x, clock in series if not _before(self, x, clock)[0])
+        return any(not _is_at_rest(self, x) for x in begun)
+
+    @property
     def order(self) -> np.ndarray:
         """Position of each reading in its series, which orders neighbours, shape [n]."""
         return np.arange(self.size, dtype=float)
@@ -214,10 +223,10 @@ def _before(
     that begins with its strain held was loaded by the stated ramp; else at once, at time zero
     if that is not long before, or at its first reading.
     """
-    rest = np.zeros(2) if test.mode == "simple_shear" else np.ones(2)
+    rest = _rest(test)
     away = float(np.max(np.abs(_distance(rest, x[:, 0], test.mode))))
     farthest = float(np.max(np.abs(_distance(rest[:, None], x, test.mode))))
-    if away <= _NEAR_REST * farthest:
+    if _is_at_rest(test, x):
         return [], [], 0.0
     begin, span = float(clock[0]), float(clock[-1] - clock[0])
     since_zero = 0.0 < begin <= span
@@ -232,6 +241,16 @@ def _before(
         lasted = away / float(first) * float(clock[1] - clock[0])
         return [rest], [float(clock[0]) - lasted], 0.0
     return [], [], begin if since_zero else 0.0
+
+
+def _is_at_rest(test: HistoryTest, x: np.ndarray) -> bool:
+    """Whether a series of coordinates begins at rest."""
+    away = np.max(np.abs(_distance(_rest(test)[:, None], x, test.mode)), 0)
+    return bool(away[0] <= _NEAR_REST * away.max())
+
+
+def _rest(test: HistoryTest) -> np.ndarray:
+    return np.zeros(2) if test.mode == "simple_shear" else np.ones(2)
 
 
 def coordinates(test: StressTest) -> np.ndarray:

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from fitting.material.experiments.free_zero import can_be_freed
+from fitting.material.experiments.history import HistoryTest
 from fitting.material.experiments.measurements import PATHS
 from fitting.material.experiments.skin_readings import SkinTest
 from fitting.material.fit.band import asked_stretches
@@ -181,8 +182,22 @@ def _doubts(fit: MaterialFit) -> list[str]:
         doubts.append("only one start reached the lowest minimum: use more --starts")
     if fit.misfit.description:
         doubts.append(fit.misfit.description)
-    doubts += fit.instabilities()
-    return doubts
+    return doubts + _doubts_about_loading(fit) + fit.instabilities()
+
+
+def _doubts_about_loading(fit: MaterialFit) -> list[str]:
+    """Tests that do not show how their strain was reached, where that bears on relaxation."""
+    series = block_of(fit.family, Relaxation)
+    held = (x for x in fit.sets if isinstance(x, HistoryTest) and x.is_loaded_at_once)
+    files = ", ".join(dict.fromkeys(test.file for test in held))
+    if series is None or not files:
+        return []
+    fastest = float(fit.constants[series[1]][series[0].count :].min())
+    return [
+        f"{files}: the strain is held from the first reading on, and taken as reached at once; "
+        f"a loading of {fastest / 10:.2g} s makes the share of tau = {fastest:.3g} s 5 % too "
+        f'small: say how long it took (--specimen "ramp={fastest / 10:.2g} s")'
+    ]
 
 
 def prediction_report(fit: MaterialFit) -> dict[str, Any]:
