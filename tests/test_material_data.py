@@ -55,7 +55,7 @@ def rows(*columns: np.ndarray, between: str = ",", decimal: str = ".") -> str:
         "green_strain,pk2_kPa\n" + rows((STRETCH**2 - 1) / 2, NOMINAL / STRETCH / 1e3),
         "Report;7\nOperator;A\nExtension;Force\n(mm);(kgf)\n"
         + rows(25 * (STRETCH - 1), NOMINAL * 12e-6 / 9.80665, between=";", decimal=","),
-        "Strain,Engineering stress\n,MPa\n"
+        "Strain (mm/mm),Engineering stress\n,MPa\n"
         + rows(100 * (STRETCH - 1), NOMINAL / 1e6).replace(",", "%,"),
         "Green-Lagrange strain E11,PK2 S11 [kPa]\n"
         + rows((STRETCH**2 - 1) / 2, NOMINAL / STRETCH / 1e3),

@@ -122,7 +122,10 @@ def _part(
     rows = [
         _row(file, cells.lines[i], cells.rows[i], cells.delimiter, names) for i in layout.body
     ]
-    units = [unit or "%" * _in_percent(rows, i) for i, unit in enumerate(layout.units)]
+    units = [
+        "%" if "%" not in name and _in_percent(rows, i) else unit
+        for i, (name, unit) in enumerate(zip(names, layout.units, strict=True))
+    ]
     shown = renamed(file, names, units, columns)
     header = read_header(cells, layout)
     remarks = []
