@@ -4,6 +4,7 @@ import json
 import pathlib
 
 import numpy as np
+import openpyxl
 import pytest
 from machine_files import FILES, MODULUS, MachineFile
 from typer.testing import CliRunner
@@ -392,6 +393,20 @@ def test_sizes_of_the_deformed_specimen_are_no_sizes_at_rest(
     without = file.read_text(encoding="utf-8").replace("# grip", "# ")
     with pytest.raises(DataError, match="needs the specimen's length"):
         load_dataset("uniaxial", written(tmp_path, without))
+
+
+@pytest.mark.parametrize("name", ["Strain", "Strain (%)"])
+def test_cells_that_a_workbook_shows_in_per_cent(tmp_path: pathlib.Path, name: str) -> None:
+    # The number behind "50 %" is 0.5, which was read as 0.5 % where the name says per cent.
+    book = openpyxl.Workbook()
+    sheet = book.worksheets[0]
+    sheet.append([name, "Nominal stress (MPa)"])
+    for row, pair in enumerate(zip(STRETCH - 1, NOMINAL / 1e6, strict=True), 2):
+        sheet.append(list(map(float, pair)))
+        sheet.cell(row, 1).number_format = "0.0%"
+    book.save(tmp_path / "a.xlsx")
+    test = load_dataset("uniaxial", tmp_path / "a.xlsx")
+    np.testing.assert_allclose(test.stretch_1, STRETCH, rtol=1e-12)
 
 
 def test_a_block_is_sheared_on_its_face(tmp_path: pathlib.Path) -> None:

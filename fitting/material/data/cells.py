@@ -318,11 +318,11 @@ def _workbook(file: str, raw: bytes) -> list[Cells]:
 
 def _sheet(file: str, sheet: object) -> Cells:
     rows, lines = [], []
-    cells_of = sheet.iter_rows(values_only=True)  # type: ignore[attr-defined]
+    cells_of = sheet.iter_rows()  # type: ignore[attr-defined]
     for number, row in enumerate(cells_of, 1):
         if number > _MOST_ROWS:
             raise DataError(f"{file}: more than {_MOST_ROWS} rows; export fewer")
-        texts = [_as_text(value) for value in row]
+        texts = [_as_text(cell.value, cell.number_format) for cell in row]
         while texts and not texts[-1]:
             texts.pop()
         if texts:
@@ -332,11 +332,11 @@ def _sheet(file: str, sheet: object) -> Cells:
     return Cells(title, rows, lines)
 
 
-def _as_text(value: object) -> str:
+def _as_text(value: object, shown_as: str | None) -> str:
     if value is None:
         return ""
     if isinstance(value, bool):
         return "1" if value else "0"
     if isinstance(value, float | int):
-        return repr(value)
+        return f"{100 * value!r}%" if "%" in (shown_as or "") else repr(value)
     return " ".join(str(value).translate(_WIDE).split())
