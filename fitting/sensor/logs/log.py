@@ -150,11 +150,15 @@ def read_aligned(
         if quantity in ("force", "displacement", "inner_displacement", "depth"):
             kept &= np.isfinite(values)
             # At rest a load needs no place.
-            for name in ("angle", "arc"):
+            for name in ("angle", "arc", "direction", "axial", "diameter"):
                 placed = known.values.get((load, name), np.zeros(1))
                 kept &= np.isfinite(placed) | (values == 0)
     if not kept.any():
-        raise ValueError(f"{path}: no frame has known inputs: every row misses one")
+        empty = [known.names[k] for k, x in known.values.items() if not np.isfinite(x).any()]
+        wrong = f"{' and '.join(empty)} empty; leave out what is not known" if empty else ""
+        raise ValueError(
+            f"{path}: no frame has known inputs: {wrong or 'every row misses one'}"
+        )
     if not kept.all():
         warnings.append(f"{path}: {int((~kept).sum())} frames without known inputs left out")
     known = Known({k: v[kept] for k, v in known.values.items()}, None, known.names)
@@ -261,12 +265,12 @@ def _known(
     """Known inputs of every frame, which stand in its first row, and which frames have them."""
     where = str(log.path)
     known = from_columns(columns, where)
-    head = from_header(log.header, len(time), where)
-    known = Known(head.values, head.fluid, head.names).merged(known)
+    head = from_header(log.header, len(time), where, log.restated)
+    known = head.merged(known, where)
     covered = np.ones(len(time), bool)
     if inputs is not None:
         more, covered = from_file(inputs, time, clock)
-        known = known.merged(more)
+        known = known.merged(more, where)
     return known, covered
 
 
