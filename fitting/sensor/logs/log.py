@@ -160,7 +160,10 @@ def read_aligned(
             f"{path}: no frame has known inputs: {wrong or 'every row misses one'}"
         )
     if not kept.all():
-        warnings.append(f"{path}: {int((~kept).sum())} frames without known inputs left out")
+        warnings.append(
+            f"{path}: {int((~kept).sum())} frames without known inputs left out (an empty cell "
+            "is unknown; at rest a force is 0)"
+        )
     known = Known({k: v[kept] for k, v in known.values.items()}, None, known.names)
     check_known(spec, known, str(path))
     if not known.values:
