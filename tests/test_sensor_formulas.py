@@ -681,6 +681,10 @@ def test_sources_that_contradict_each_other_are_refused(tmp_path: Path) -> None:
         logged_inputs(tmp_path / "b.csv", columns, "4,oil", head=head).read_text()
         for head in (first, second)
     ]
+    scales = [f"# scale: {lsb} fF\n{text}" for lsb, text in zip((0.305, 1), texts, strict=True)]
+    one.write_text("".join(scales))
+    with pytest.raises(ValueError, match="header scale: one count is 1 fF"):
+        load_sensor_data(spec, [one])
     one.write_text("".join(texts))
     with pytest.raises(ValueError, match='is "20" and further below "25"'):
         load_sensor_data(spec, [one])

@@ -203,8 +203,9 @@ def _unknown_columns(log: SoLog) -> list[str]:
 
 def _check_header(spec: SkinSpec, log: SoLog) -> None:
     """Refuse a log whose own header says that its counts are something else."""
-    scale = log.header.get("scale", "").strip()
-    if scale:
+    for scale in (source.get("scale", "").strip() for source in (log.header, log.restated)):
+        if not scale:
+            continue
         try:
             lsb = parse_quantity(scale, "capacitance")
         except ValueError as error:
