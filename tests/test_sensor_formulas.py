@@ -599,6 +599,8 @@ def test_fluids_are_oil_air_or_a_permittivity() -> None:
     for text in ("0.99", "nan", "mud"):
         with pytest.raises(ValueError, match="relative permittivity"):
             permittivities(None, text, 1, "log")
+    with pytest.raises(ValueError, match="empty in some rows"):
+        permittivities(np.array(["air", ""], object), None, 2, "log")
     with pytest.raises(ValueError, match="leave --fluid out"):
         permittivities(column, "air", 4, "log")
 
@@ -657,6 +659,11 @@ def test_an_empty_cell_of_a_known_input_is_no_zero(
     data = load_sensor_data(spec, [logged_inputs(tmp_path / "a.csv", columns, *cells)])
     assert sorted(data.loads.force[0]) == [0.0, 4.0]
     assert any("2 frames without known inputs left out" in text for text in data.warnings)
+
+
+def test_a_log_named_twice_is_refused() -> None:
+    with pytest.raises(ValueError, match="named twice"):
+        load_sensor_data(load_skin(ROOT / "configs/skins/suas.toml"), [Path("a"), Path("./a")])
 
 
 def test_a_known_input_without_any_number_is_named(tmp_path: Path) -> None:

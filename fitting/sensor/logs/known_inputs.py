@@ -240,6 +240,8 @@ def permittivities(
         if text not in cache:
             cache[text] = _permittivity(str(text), where)
         found[i] = cache[text]
+    if "" in cache and np.isfinite(found).any():
+        raise ValueError(f"{where}: fluid is empty in some rows; name it in every row")
     return found
 
 
