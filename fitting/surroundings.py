@@ -97,7 +97,7 @@ def log_surroundings(
     temperature, said = _temperature(named, header, spec, where)
     depth = None
     if DEPTH in named:
-        value = _numbers(named[DEPTH], DEPTH, where)
+        value = numbers_of(named[DEPTH], DEPTH, where)
         if np.isfinite(value).any():
             depth = LogColumn(value, f"column {DEPTH}")
             met = SURROUNDINGS[DEPTH]
@@ -117,7 +117,7 @@ def _temperature(
 ) -> tuple[LogColumn | None, list[str]]:
     plain = next((name for name in _PLAIN if name.lower() in named), None)
     if plain is not None:
-        value = _numbers(named[plain.lower()], plain, where) + _PLAIN[plain]
+        value = numbers_of(named[plain.lower()], plain, where) + _PLAIN[plain]
         found, source = value, f"column {plain}"
     else:
         pads = [name for name in _PADS if name in named]
@@ -131,7 +131,7 @@ def _temperature(
                 f'add header lines "# {keys[0]}: 12" and "# {keys[1]}: 3100", the counts at '
                 f"[reference] temperature"
             ]
-        counts = np.mean([_numbers(named[name], name, where) for name in pads], 0)
+        counts = np.mean([numbers_of(named[name], name, where) for name in pads], 0)
         found, source = spec.reference.temperature + (counts - zero) / scale, ", ".join(pads)
     if not np.isfinite(found).any():
         return None, [f"{where}, {source}: no temperature in any row; not used"]
@@ -224,7 +224,7 @@ def _felt(spec: SkinSpec) -> dict[str, bool]:
     }
 
 
-def _numbers(column: Iterable[object], name: str, where: str) -> Floats:
+def numbers_of(column: Iterable[object], name: str, where: str) -> Floats:
     """A column's numbers, NaN where a cell is empty. ValueError: a cell is not a number."""
     texts = [str(x).strip() for x in column]
     values = np.array([number_in(text) for text in texts])

@@ -57,6 +57,15 @@ def test_mean_and_noise(rest, tmp_path):
     assert back.header["scale"] == "0.305 fF"
 
 
+def test_a_taxel_saturated_throughout_is_silent():
+    so = np.full((FRAMES, 1, 3), 1000.0) + np.arange(FRAMES)[:, None, None] % 2
+    so[:, 0, 1:] = [65535.0, 0.0]
+    baseline = take_baseline(log_of(so))
+    np.testing.assert_array_equal(baseline.so, [[1000.5, np.nan, np.nan]])
+    with pytest.raises(ValueError, match="every taxel is silent or saturated"):
+        take_baseline(log_of(so[..., 1:]))
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_noise_alone_is_never_refused(seed):
     rng = np.random.default_rng(seed)

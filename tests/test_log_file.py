@@ -108,6 +108,21 @@ def test_other_hands(tmp_path):
     assert log.flags["room"].tolist() == ["warm", "cold"]
 
 
+def test_an_empty_cell_is_no_zero_but_in_the_recorder_s_own_flags(tmp_path):
+    rows = ["0.01,0.010,0,0,13675,13680,,4", "0.02,0.020,1,0,13675,13680,1,"]
+    text = log_text(rows, f"{COLUMNS},lost,load_0_force_N")
+    flags = read_log(write(tmp_path / "a.csv", text)).flags
+    assert flags["lost"].tolist() == [0, 1]
+    assert flags["load_0_force_N"].tolist() == ["4", ""]
+
+
+def test_what_a_second_header_in_the_file_says_otherwise_is_kept(tmp_path):
+    text = log_text(ROWS) + log_text(ROWS).replace("a.toml", "b.toml")
+    log = read_log(write(tmp_path / "a.csv", text))
+    assert log.header == {"skin": "a.toml"}
+    assert log.restated == {"skin": "b.toml"}
+
+
 @pytest.mark.parametrize(
     ("row", "words"),
     [

@@ -167,3 +167,12 @@ def test_a_temperature_of_the_file_that_the_log_contradicts_is_told(
     found, _ = log_surroundings({"temperature_K": ["300"] * 2}, {}, spec, "log")
     _, told = spec_at(spec.model_copy(update={"environment": around}), found, "log")
     assert ("is not used" in told[0]) == said
+
+
+def test_an_empty_cell_says_nothing(spec: SkinSpec, tmp_path: Path) -> None:
+    columns = "temperature_degC,load_0_force_N"
+    log = read_log(log_of(tmp_path, "", columns, "30,4", ",", "30,8"))
+    readings = readings_of(log, spec, None)
+    np.testing.assert_array_equal(readings.force, [4.0, np.nan, 8.0])
+    assert readings.surroundings.temperature is not None
+    assert readings.surroundings.temperature.mean == pytest.approx(303.15)

@@ -599,6 +599,8 @@ def test_fluids_are_oil_air_or_a_permittivity() -> None:
     for text in ("0.99", "nan", "mud"):
         with pytest.raises(ValueError, match="relative permittivity"):
             permittivities(None, text, 1, "log")
+    with pytest.raises(ValueError, match="empty in some rows"):
+        permittivities(np.array(["air", ""], object), None, 2, "log")
     with pytest.raises(ValueError, match="leave --fluid out"):
         permittivities(column, "air", 4, "log")
 
@@ -630,6 +632,69 @@ def test_known_inputs_beyond_the_skin_are_refused(
     hole: Any = SimpleNamespace(values={(1, "angle"): np.zeros(1)}, names={})
     with pytest.raises(ValueError, match="numbered from 0"):
         check_known(spec, hole, "log")
+
+
+def logged_inputs(file: Path, columns: str, *cells: str, head: str = "") -> Path:
+    """A log of the section with known inputs in further columns."""
+    names = ["t_host_s", "t_device_s", "seq", "module", *(f"so_{k}" for k in range(1, 9))]
+    rows = [f"{k},{k},{k},0,{','.join(['200'] * 8)},{cell}" for k, cell in enumerate(cells)]
+    file.write_text("\n".join([f"{head}{','.join(names)},{columns}", *rows]) + "\n")
+    return file
+
+
+@pytest.mark.parametrize(
+    ("columns", "cells"),
+    [
+        ("load_0_force_N,load_0_angle_deg", ["4,20", ",20", "4,", "0,"]),
+        (
+            "load_0_force_N,load_0_angle_deg,load_0_direction_deg",
+            ["4,20,30", ",20,30", "4,20,", "0,20,"],
+        ),
+    ],
+)
+def test_an_empty_cell_of_a_known_input_is_no_zero(
+    columns: str, cells: list[str], tmp_path: Path
+) -> None:
+    spec = load_skin(ROOT / "configs/skins/suas.toml")
+    data = load_sensor_data(spec, [logged_inputs(tmp_path / "a.csv", columns, *cells)])
+    assert sorted(data.loads.force[0]) == [0.0, 4.0]
+    assert any("2 frames without known inputs left out" in text for text in data.warnings)
+
+
+def test_a_log_named_twice_is_refused() -> None:
+    with pytest.raises(ValueError, match="named twice"):
+        load_sensor_data(load_skin(ROOT / "configs/skins/suas.toml"), [Path("a"), Path("./a")])
+
+
+def test_a_known_input_without_any_number_is_named(tmp_path: Path) -> None:
+    spec = load_skin(ROOT / "configs/skins/suas.toml")
+    columns = "load_0_force_N,load_0_displacement_mm,load_0_angle_deg"
+    log = logged_inputs(tmp_path / "a.csv", columns, "4,,20", "8,,20")
+    with pytest.raises(ValueError, match='"load_0_displacement_mm" empty; leave out'):
+        load_sensor_data(spec, [log])
+
+
+def test_sources_that_contradict_each_other_are_refused(tmp_path: Path) -> None:
+    spec, columns = load_skin(ROOT / "configs/skins/suas.toml"), "load_0_force_N,fluid"
+    first, second = "# load_0_angle_deg: 20\n", "# load_0_angle_deg: 25\n"
+    one = logged_inputs(tmp_path / "a.csv", columns, "4,oil", head=f"{first}# fluid: air\n")
+    with pytest.raises(ValueError, match=r"a\.csv: two sources .* name the fluid"):
+        load_sensor_data(spec, [one])
+    both = f"{first}# load_0_force_N: 5\n"
+    one = logged_inputs(tmp_path / "a.csv", "load_0_force_N", "4", head=both)
+    with pytest.raises(ValueError, match=r'a\.csv: .* by header line "load_0_force_N" and'):
+        load_sensor_data(spec, [one])
+    texts = [
+        logged_inputs(tmp_path / "b.csv", columns, "4,oil", head=head).read_text()
+        for head in (first, second)
+    ]
+    scales = [f"# scale: {lsb} fF\n{text}" for lsb, text in zip((0.305, 1), texts, strict=True)]
+    one.write_text("".join(scales))
+    with pytest.raises(ValueError, match="header scale: one count is 1 fF"):
+        load_sensor_data(spec, [one])
+    one.write_text("".join(texts))
+    with pytest.raises(ValueError, match='is "20" and further below "25"'):
+        load_sensor_data(spec, [one])
 
 
 def test_states_at_rest_have_no_place() -> None:

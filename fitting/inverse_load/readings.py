@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.arrays import Flags, Floats
-from fitting.surroundings import Surroundings, log_surroundings
+from fitting.surroundings import Surroundings, log_surroundings, numbers_of
 from suas_jax.acquisition.baseline import Baseline
 from suas_jax.acquisition.log.log_file import Frames, SoLog, group_frames, sequence_notes
 from suas_jax.acquisition.taxel_faults import stuck_taxels
@@ -214,11 +214,10 @@ def readings_of(log: SoLog, spec: SkinSpec, noise: float | None) -> LogReadings:
         )
     several = "load_1_force_N" in log.flags
     pressure, force = (
-        None if column is None else frames.mean(column.astype(float))
-        for column in (
-            log.flags.get("oil_pressure_Pa"),
-            None if several else log.flags.get("load_0_force_N"),
-        )
+        frames.mean(numbers_of(log.flags[name], name, str(log.path)))
+        if name in log.flags and used
+        else None
+        for name, used in (("oil_pressure_Pa", True), ("load_0_force_N", not several))
     )
     host_time = np.where(np.isfinite(frames.t_host), frames.t_host, time)
     around, said = log_surroundings(log.flags, log.header, spec, str(log.path))

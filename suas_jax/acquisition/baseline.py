@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from suas_jax.acquisition.log.log_file import Frames, SoLog, group_frames
 from suas_jax.acquisition.missing import deviation, mean
+from suas_jax.acquisition.taxel_faults import saturated
 from suas_jax.files.reading import MEGABYTE, read_bytes
 from suas_jax.files.writing import write_text
 
@@ -56,7 +57,7 @@ def take_baseline(log: SoLog, *, tolerance: float | None = None) -> Baseline:
     The mean of a tenth of it may be off the mean of all by a tolerance [counts]; by default by
     what the taxel's own noise explains (6 standard errors), and at least one count. Raises
     NotAtRestError: the counts drift or jump; names the taxel and by how much; ValueError: too
-    few frames.
+    few frames, or no taxel that says anything.
     """
     frames = group_frames(log)
     if len(frames) < MIN_FRAMES:
@@ -66,6 +67,8 @@ def take_baseline(log: SoLog, *, tolerance: float | None = None) -> Baseline:
         )
     found = [_statistics(frames.of_module(k)) for k in range(len(frames.modules))]
     means, steps, so, noise = (np.stack(x, axis=-2) for x in zip(*found, strict=True))
+    if not np.isfinite(so).any():
+        raise ValueError(f"{log.path}: every taxel is silent or saturated; check the cable")
     _refuse_moving(log, frames, means, steps, tolerance)
     kept = ("skin", "scale", "start_time")
     header = {key: log.header[key] for key in kept if key in log.header}
@@ -197,9 +200,11 @@ def rest_of(baseline: Baseline, like: Baseline) -> NDArray[np.float64]:
 def _statistics(so: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
     """Of one module's counts [frame, taxel]: what a baseline is judged by and made of.
 
+    A taxel that is saturated throughout is silent: a cable or a converter has failed.
     Means of the parts [part, taxel]; standard deviation of the differences of neighbouring
     frames, mean and standard deviation, each [taxel].
     """
+    so = np.where((saturated(so) | np.isnan(so)).all(0), np.nan, so)
     size = len(so) // _PARTS
     means = np.stack([mean(so[k * size : (k + 1) * size]) for k in range(_PARTS)])
     return means, deviation(np.diff(so, axis=0)), mean(so), deviation(so)

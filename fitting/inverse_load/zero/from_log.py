@@ -119,7 +119,8 @@ def _told_in_columns(
     if not runs or len(rest) < 3:
         raise ValueError(
             f"{log.path}: {len(runs)} held presses and {len(rest)} frames of rest before the "
-            "first; one press that is held, after 3 frames of rest, is needed at least"
+            "first; one press that is held, after 3 frames of rest (force 0, an empty cell is "
+            "unknown), is needed at least"
         )
     presses = []
     for at, *_ in runs:

@@ -68,7 +68,7 @@ class Known:
     fluid: np.ndarray | None
     names: dict[Key, str]  # the column that each quantity came from
 
-    def merged(self, other: "Known") -> "Known":
+    def merged(self, other: "Known", where: str) -> "Known":
         """Together with what another source knows.
 
         Raises ValueError: both give the same quantity with different values.
@@ -78,10 +78,16 @@ class Known:
             size = float(np.nanmax(np.abs(own), initial=0.0))
             if not np.allclose(own, given, rtol=0.0, atol=_SAME * size, equal_nan=True):
                 raise ValueError(
-                    f"load {key[0]}: {key[1]} is given by {self.names[key]} and, with other "
-                    f"values, by {other.names[key]}; leave one out"
+                    f"{where}: load {key[0]}: {key[1]} is given by {self.names[key]} and, with "
+                    f"other values, by {other.names[key]}; leave one out"
                 )
-        fluid = self.fluid if other.fluid is None else other.fluid
+        first, fluid = self.fluid, other.fluid
+        if first is not None and fluid is not None and not np.array_equal(first, fluid):
+            raise ValueError(
+                f"{where}: two sources (header, column, --inputs) name the fluid, and not the "
+                "same one; leave one out"
+            )
+        fluid = first if fluid is None else fluid
         return Known(self.values | other.values, fluid, self.names | other.names)
 
 
@@ -115,7 +121,9 @@ def understood(name: str, where: str) -> tuple[Key, float] | None:
     return (load, quantity), unit_size(unit, dimension)
 
 
-def from_columns(columns: Mapping[str, Iterable[object]], where: str) -> Known:
+def from_columns(
+    columns: Mapping[str, Iterable[object]], where: str, kind: str = "column"
+) -> Known:
     """Known inputs among some columns.
 
     Raises ValueError: naming file, column, value and what is allowed.
@@ -132,20 +140,31 @@ def from_columns(columns: Mapping[str, Iterable[object]], where: str) -> Known:
             continue
         key, unit = meaning
         if key in values:
-            raise ValueError(f'{where}: columns "{names[key]}" and "{name}" say the same')
+            raise ValueError(f'{where}: {names[key]} and "{name}" say the same')
         values[key] = unit * np.array([_number(x, name, where) for x in column])
-        names[key] = f'column "{name}"'
+        names[key] = f'{kind} "{name}"'
     return Known(values, fluid, names)
 
 
-def from_header(header: Mapping[str, str], rows: int, where: str) -> Known:
-    """Known inputs that a header states for the whole log."""
-    relevant = {
-        key: [text] * rows
-        for key, text in header.items()
-        if key.strip().lower() == FLUID or _COLUMN.fullmatch(key.strip())
-    }
-    return from_columns(relevant, f"{where}, header")
+def from_header(
+    header: Mapping[str, str], rows: int, where: str, restated: Mapping[str, str]
+) -> Known:
+    """Known inputs that a header states for the whole log.
+
+    `restated` has the lines of further headers in the file that say something else.
+    Raises ValueError: these state other inputs, or a value is not allowed.
+    """
+
+    def told(texts: Mapping[str, str]) -> list[str]:
+        return [k for k in texts if k.strip().lower() == FLUID or _COLUMN.fullmatch(k.strip())]
+
+    for key in told(restated):
+        raise ValueError(
+            f'{where}, header: "{key}" is "{header[key]}" and further below '
+            f'"{restated[key]}", as in logs that were joined; give each a file of its own'
+        )
+    relevant = {key: [header[key]] * rows for key in told(header)}
+    return from_columns(relevant, f"{where}, header", "header line")
 
 
 def from_file(path: Path, time: np.ndarray, clock: str) -> tuple[Known, np.ndarray]:
@@ -221,6 +240,8 @@ def permittivities(
         if text not in cache:
             cache[text] = _permittivity(str(text), where)
         found[i] = cache[text]
+    if "" in cache and np.isfinite(found).any():
+        raise ValueError(f"{where}: fluid is empty in some rows; name it in every row")
     return found
 
 

@@ -150,13 +150,20 @@ def read_aligned(
         if quantity in ("force", "displacement", "inner_displacement", "depth"):
             kept &= np.isfinite(values)
             # At rest a load needs no place.
-            for name in ("angle", "arc"):
+            for name in ("angle", "arc", "direction", "axial", "diameter"):
                 placed = known.values.get((load, name), np.zeros(1))
                 kept &= np.isfinite(placed) | (values == 0)
     if not kept.any():
-        raise ValueError(f"{path}: no frame has known inputs: every row misses one")
+        empty = [known.names[k] for k, x in known.values.items() if not np.isfinite(x).any()]
+        wrong = f"{' and '.join(empty)} empty; leave out what is not known" if empty else ""
+        raise ValueError(
+            f"{path}: no frame has known inputs: {wrong or 'every row misses one'}"
+        )
     if not kept.all():
-        warnings.append(f"{path}: {int((~kept).sum())} frames without known inputs left out")
+        warnings.append(
+            f"{path}: {int((~kept).sum())} frames without known inputs left out (an empty cell "
+            "is unknown; at rest a force is 0)"
+        )
     known = Known({k: v[kept] for k, v in known.values.items()}, None, known.names)
     check_known(spec, known, str(path))
     if not known.values:
@@ -196,8 +203,9 @@ def _unknown_columns(log: SoLog) -> list[str]:
 
 def _check_header(spec: SkinSpec, log: SoLog) -> None:
     """Refuse a log whose own header says that its counts are something else."""
-    scale = log.header.get("scale", "").strip()
-    if scale:
+    for scale in (source.get("scale", "").strip() for source in (log.header, log.restated)):
+        if not scale:
+            continue
         try:
             lsb = parse_quantity(scale, "capacitance")
         except ValueError as error:
@@ -261,12 +269,12 @@ def _known(
     """Known inputs of every frame, which stand in its first row, and which frames have them."""
     where = str(log.path)
     known = from_columns(columns, where)
-    head = from_header(log.header, len(time), where)
-    known = Known(head.values, head.fluid, head.names).merged(known)
+    head = from_header(log.header, len(time), where, log.restated)
+    known = head.merged(known, where)
     covered = np.ones(len(time), bool)
     if inputs is not None:
         more, covered = from_file(inputs, time, clock)
-        known = known.merged(more)
+        known = known.merged(more, where)
     return known, covered
 
 

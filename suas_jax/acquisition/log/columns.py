@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from suas_jax.acquisition.integrity import Flags
 from suas_jax.acquisition.log.data import SoLog
 from suas_jax.acquisition.log.format import KEY_COLUMNS, MAX_COUNT, MEASURED, LogFileError
 
@@ -115,11 +116,15 @@ class Column:
         return numbers.astype(np.int64)
 
     def flag(self) -> NDArray[np.generic]:
-        """Whole numbers, in text zero where missing; the words where some are none."""
+        """Whole numbers; the words where some are none.
+
+        In text the recorder's own flags are zero where missing: nothing was amiss there.
+        """
         values = self.values
+        missing = "0" if self.name in Flags._fields else ""
         if self.lines is not None:
             try:
-                return np.array([int(text) if text.strip() else 0 for text in values], np.int64)
+                return np.array([int(text.strip() or missing) for text in values], np.int64)
             except (ValueError, OverflowError):
                 return np.array([text.strip() for text in values], np.str_)
         kind = values.dtype.kind

@@ -30,6 +30,8 @@ class SoLog:
     # something was measured (`oil_pressure_Pa`)
     flags: dict[str, NDArray[np.generic]]
     notes: tuple[str, ...] = ()  # what the reader left out, in words
+    # header lines of logs joined in one file that say something else than the first, by key
+    restated: dict[str, str] = dataclasses.field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.seq)

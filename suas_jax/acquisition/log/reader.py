@@ -101,6 +101,7 @@ class _Parser:
         self.path = path
         self.notes: list[str] = []
         self.header: dict[str, str] = {}
+        self.restated: dict[str, str] = {}
 
     def parse(self, data: bytes) -> SoLog:
         lines = list(self._lines(data))
@@ -134,7 +135,8 @@ class _Parser:
             name: Column(self.path, name, fields[k :: len(names)], numbers)
             for k, name in enumerate(names)
         }
-        return log_of(self.path, self.header, found, so, self.notes)
+        log = log_of(self.path, self.header, found, so, self.notes)
+        return dataclasses.replace(log, restated=self.restated)
 
     def _lines(self, data: bytes) -> Iterator[tuple[int, str]]:
         # A power cut leaves zero bytes where data was promised to the file system.
@@ -167,7 +169,9 @@ class _Parser:
     def _comment(self, line: str) -> None:
         key, colon, value = line[1:].partition(":")
         if colon:
-            self.header.setdefault(key.strip(), value.strip())
+            key, value = key.strip(), value.strip()
+            if self.header.setdefault(key, value) != value:
+                self.restated.setdefault(key, value)
 
     def _check_columns(self, number: int, names: list[str]) -> list[str]:
         where = f"{self.path}, line {number}"
