@@ -45,7 +45,7 @@ from suas_jax.equilibrium.correction import corrected_touch
 from suas_jax.equilibrium.equilibrium import Equilibrium, differentiable
 from suas_jax.equilibrium.friction import equilibrium_with_friction
 from suas_jax.equilibrium.outcomes import index_of
-from suas_jax.equilibrium.validity import named, room_for_bodies
+from suas_jax.equilibrium.validity import final_result, room_for_bodies
 from suas_jax.mechanics.contact.face import BodyContact
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.mesh.section import measures
@@ -399,7 +399,12 @@ def test_a_tip_that_comes_through_between_points_is_named() -> None:
     ended, sharp = index_of("limit_point"), index_of("sharp_body")
     outcomes = jnp.array([0, ended, ended, index_of("squeezed")])
     verdicts = jnp.array([sharp, sharp, index_of("unbalanced"), sharp])
-    assert named(outcomes, verdicts).tolist() == [sharp, sharp, ended, index_of("squeezed")]
+    assert final_result(outcomes, verdicts).tolist() == [
+        sharp,
+        sharp,
+        ended,
+        index_of("squeezed"),
+    ]
 
 
 def test_a_body_off_the_skin_leaves_it_at_rest() -> None:
