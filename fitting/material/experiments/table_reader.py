@@ -14,7 +14,7 @@ from fitting.material.data.errors import DataError
 from fitting.material.data.header import given_sizes, stated_sizes
 from fitting.material.data.tables import Table
 from fitting.material.experiments import timing
-from fitting.material.experiments.measurements import PATHS, Kind, Origin, StressTest
+from fitting.material.experiments.measurements import Kind, Origin, StressTest
 from fitting.material.experiments.named_columns import NamedColumns, closeness_to_specimen
 from fitting.material.experiments.prediction import POWERS
 from suas_jax.config.quantities import DimensionName, parse_quantity
@@ -194,18 +194,41 @@ class Reader(NamedColumns):
 
     def stress(self, direction: int = 0) -> tuple[np.ndarray, str] | None:
         """Readings of stress in a direction [Pa] and their measure; None if there are none."""
-        for quantity in ("nominal", "cauchy", "second_pk"):
+        for quantity in ("nominal", "cauchy", "second_pk", "stress"):
             values = self.signed(quantity, direction)
             if values is not None:
-                self._compare_with_force(values, quantity, direction)
-                return values, quantity
-        values = self.signed("stress", direction)
-        if values is not None:
-            return values, self._measure_by_force(values, direction)
+                return values, self._measure_of(quantity, values, direction)
         force = self.signed("force", direction)
         if force is not None:
             return force / self.area(), "nominal"
         return None
+
+    def _measure_of(self, quantity: str, values: np.ndarray, direction: int) -> str:
+        """Measure of stresses, which a force in the file tells where their name doesn't."""
+        name = self.table.names[self.position(quantity, direction)]
+        open_ = quantity == "stress"
+        measure = "nominal" if open_ else quantity
+        taken = "taken as nominal (force over undeformed area)" if open_ else "kept as it is"
+        beside = self._over_force(values, direction)
+        if beside is None:
+            said = f"does not say whether it is nominal or Cauchy stress; {taken}" * open_
+        else:
+            ratio, stretch = beside
+            off = {
+                kind: float(np.nanmedian(ratio / stretch ** (1 - POWERS[kind]))) - 1
+                for kind in (measure, "cauchy")
+            }
+            if abs(off[measure]) < _AS_FORCE:
+                said = ""
+            elif open_ and abs(off["cauchy"]) < _AS_FORCE:
+                said = "is taken as Cauchy stress: it is the force over the undeformed area "
+                said, measure = f"{said}times the stretch", "cauchy"
+            else:
+                said = f"is {1 + off[measure]:.3g} times the force over the stated "
+                said += f"cross-section: check the sizes; it is {taken}"
+        text = f'column "{name}" {said}'
+        self.warnings += [text] * (bool(said) and text not in self.warnings)
+        return measure
 
     def _over_force(
         self, values: np.ndarray, direction: int
@@ -219,45 +242,6 @@ class Reader(NamedColumns):
                 known = np.abs(force) > 0.1 * np.nanmax(np.abs(force))
                 return (values * area)[known] / force[known], stretch[known]
         return None
-
-    def _compare_with_force(self, values: np.ndarray, measure: str, direction: int) -> None:
-        """Where the file has the force, too, say so if it is not what stresses tell."""
-        beside = self._over_force(values, direction)
-        if beside is not None and self.mode in PATHS:
-            ratio = float(np.nanmedian(beside[0] / beside[1] ** (1 - POWERS[measure])))
-            self._doubt_sizes(measure, direction, ratio, "taken as it stands")
-
-    def _doubt_sizes(self, quantity: str, direction: int, ratio: float, taken: str) -> None:
-        if abs(ratio - 1.0) > _AS_FORCE:
-            name = self.table.names[self.position(quantity, direction)]
-            said = (
-                f'column "{name}" is {ratio:.3g} times the force over the stated '
-                f"cross-section: check the sizes; it is {taken}"
-            )
-            self.warnings += [said] * (said not in self.warnings)
-
-    def _measure_by_force(self, values: np.ndarray, direction: int) -> str:
-        """Measure of stresses whose name states none, where the file has the force, too."""
-        name = self.table.names[self.position("stress", direction)]
-        beside = self._over_force(values, direction)
-        taken = "taken as nominal (force over undeformed area)"
-        if beside is None:
-            self.warnings.append(
-                f'column "{name}" does not say whether it is nominal or Cauchy stress; {taken}'
-            )
-            return "nominal"
-        ratio, stretch = beside
-        off, off_grown = (
-            float(np.nanmedian(np.abs(x - 1.0))) for x in (ratio, ratio / stretch)
-        )
-        if off >= _AS_FORCE > off_grown:
-            self.warnings.append(
-                f'column "{name}" is taken as Cauchy stress: it is the force over the '
-                f"undeformed area times the stretch"
-            )
-            return "cauchy"
-        self._doubt_sizes("stress", direction, float(np.nanmedian(ratio)), taken)
-        return "nominal"
 
     def needed_stress(self, what: str, *names: str) -> tuple[np.ndarray, str]:
         """As `stress`; what is missing, and columns that would state it, are told."""
