@@ -6,6 +6,7 @@ saturated taxels, repeated frames, frames without known inputs.
 
 import dataclasses
 import functools
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -92,7 +93,7 @@ def load_sensor_data(
         raise ValueError("the skin has no [electrodes]: there is nothing to calibrate")
     if not logs:
         raise ValueError("no log: name at least one")
-    if len({Path(path).resolve() for path in logs}) < len(logs):
+    if len(set(map(os.path.realpath, logs))) < len(logs):
         raise ValueError("a log is named twice: its noise would count as that of two")
     for option, given in (("--inputs", inputs), ("--fluid", fluids)):
         if len(given) not in (0, 1, len(logs)):
