@@ -178,7 +178,7 @@ class _EvenFilm:
         return np.asarray((6e-3 - film) / 1e-6)
 
 
-def _taps(push: float, swings: list[float], force: float, budget: Budget | None) -> list:
+def _taps(swings: list[float], force: float, budget: Budget | None) -> list:
     """What every frame tells of swings whose mean a force explains, in five steps of 1 s."""
     clock = SimpleNamespace(now=0.0)
     found = LoadEstimate(True, (Contact(0.0, force, None, 0.01 * np.eye(2)),))
@@ -187,7 +187,7 @@ def _taps(push: float, swings: list[float], force: float, budget: Budget | None)
         levels=2,
         known=np.full(2, True),
         loads=np.array([[0.0, 1.0], [0.0, 2.0]]),
-        readings=1000.0 - push * np.array([[10.0] * 3, [20.0] * 3]),
+        readings=1000.0 - np.array([[10.0] * 3, [20.0] * 3]),
         nearest_to=lambda *_: np.zeros(1, int),
     )
 
@@ -214,14 +214,14 @@ def _taps(push: float, swings: list[float], force: float, budget: Budget | None)
 def test_a_motion_whose_mean_shows_no_press_is_no_tap() -> None:
     # What pushes as much out as in leaves a force of zero, over which no error is known.
     swings = [0.0, 0.0, 1.0, -1.0, *[0.0] * 20]
-    assert _taps(1.0, swings, 0.0, None) == [None] * len(swings)
+    assert _taps(swings, 0.0, None) == [None] * len(swings)
 
 
 def test_the_frame_that_ends_a_tap_keeps_its_budget() -> None:
     swings = [0.0, 0.0, 1.0, 1.0, *[0.0] * 20]
-    at_once = _taps(1.0, swings, 1.5, None)
+    at_once = _taps(swings, 1.5, None)
     (end,) = np.flatnonzero([tap is not None for tap in at_once])
-    later = _taps(1.0, swings, 1.5, Budget(2.0))
+    later = _taps(swings, 1.5, Budget(2.0))
     # Ten steps, two of which a frame has time for.
     assert later[end + 4].impulse == at_once[end].impulse > 0
     assert later.count(None) == len(swings) - 1
