@@ -4,6 +4,7 @@ Both are a `concurrent.futures.Executor`; who is given one need not know which.
 """
 
 import contextlib
+import functools
 import logging
 import multiprocessing
 import os
@@ -144,6 +145,22 @@ class LocalWorkers(Executor):
             else f"ended with status {status}"
         )
         return f"worker process {worker.process.pid} {how}"
+
+
+def in_float64(function: Callable[..., T], *first: Any) -> Callable[..., T]:
+    """A function for workers to call in float64, with what else it takes after some arguments.
+
+    These are sent as bytes: read before float64 is on, their arrays would be of float32.
+    """
+    return functools.partial(_called_in_float64, pickle.dumps((function, first)))
+
+
+def _called_in_float64(sent: bytes, *others: Any) -> Any:
+    from suas_jax.runtime.settings import configure
+
+    configure()
+    function, first = pickle.loads(sent)
+    return function(*first, *others)
 
 
 def _serve(pipe: Connection) -> None:

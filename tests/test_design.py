@@ -132,7 +132,7 @@ def test_a_limit_of_the_search_itself_is_told_as_one() -> None:
     )
     made = Design(problem, found, after, after, [], 0)  # type: ignore[arg-type]
     assert "itself: it keeps the membrane off the wall" in made._price(found.prices[0])
-    assert "search" not in made._price(found.prices[0]._replace(own=""))
+    assert "search" not in made._price(found.prices[0]._replace(purpose=""))
     problem.want = dataclasses.replace(problem.want, limits=(OwnLimit("min_gap_m", 3.0, True),))
     with pytest.raises(
         ValueError, match="at least 3000 mm is needed, which keeps the membrane"

@@ -111,17 +111,18 @@ def _errors(variants: Variants, skin: Skin, table: PadTable) -> PadErrors:
     own, paths = variants.errors, tuple(variants.inputs)
     directions = np.zeros((len(variants.changes), len(paths)))
     directions[: len(own), : len(own.paths)] = own.directions
-    for row, path in ((-2, WARMER), (-1, DEEPER)):
-        directions[row, paths.index(path)] = not why_constant(variants.spec, path)
+    rows = (-2, WARMER), (-1, DEEPER)
+    felt = [(row, path) for row, path in rows if not why_constant(variants.spec, path)]
+    for row, path in felt:
+        directions[row, paths.index(path)] = 1.0
     every = InputErrors(paths, directions, variants.changes, own.assumed, variants.spec)
     effects = effects_of(every, skin, table, slots=_SLOTS)
     radius = PadShape.of(skin).radius
     found = PadErrors(every.names, effects, table, radius, from_rest=False)
     found.rest = found.rest.copy()
-    for row, path in ((-2, WARMER), (-1, DEEPER)):
-        if not why_constant(variants.spec, path):
-            low, high = (_at_rest(variants.spec, path, side, skin) for side in (-1.0, 1.0))
-            found.rest[row] += (high - low) / 2
+    for row, path in felt:
+        low, high = (_at_rest(variants.spec, path, side, skin) for side in (-1.0, 1.0))
+        found.rest[row] += (high - low) / 2
     return found
 
 

@@ -73,7 +73,7 @@ class Design(NamedTuple):
                     "value": p.value,
                     **self._place(p),
                     "price": p.price,
-                    "own": p.own or None,
+                    "purpose": p.purpose or None,
                 }
                 for p in found.prices
             ],
@@ -227,10 +227,10 @@ class Design(NamedTuple):
         place = place_text(self._place(price))
         where = f" at {place}" if place else ""
         harder = "more" if price.least else "less"
-        own = f" The search has this limit itself: it {price.own}." if price.own else ""
+        ours = price.purpose and f" The search has this limit itself: it {price.purpose}."
         return (
             f"{word.title}{where} is at its {side} limit of {price.value / word.size:.4g} "
-            f"{word.unit}: 1 % {harder} of it costs {price.price:.2g} % of the {goal}.{own}"
+            f"{word.unit}: 1 % {harder} of it costs {price.price:.2g} % of the {goal}.{ours}"
         )
 
 

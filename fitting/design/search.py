@@ -9,13 +9,11 @@ variable t takes its place::
 multipliers say what each limit costs.
 """
 
-import pickle
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from functools import partial
 from typing import NamedTuple, Protocol
 
-import jax.numpy as jnp
 import numpy as np
 import scipy.optimize
 from scipy.stats import qmc
@@ -24,7 +22,7 @@ from fitting.arrays import Floats
 from fitting.datasheet.words import WORDS
 from fitting.design.problem import Outcome, Problem
 from fitting.design.want import Limit, OwnLimit, Want
-from suas_jax.runtime.settings import configure
+from fitting.workers import in_float64
 
 _STEPS = 80
 # Designs of one search at most, for each variable and one more; and those of them without a
@@ -61,7 +59,7 @@ class Price(NamedTuple):
     # relative change of the goal by a relative change of the limit; of a bound, by the whole
     # range of the variable. Above zero where the limit makes the goal worse.
     price: float
-    own: str = ""  # what a limit is for that the search has itself; empty of one of the file
+    purpose: str = ""  # of a limit that the search has itself; empty of one of the file
 
 
 class Found(NamedTuple):
@@ -121,9 +119,7 @@ def best_first(
     """Searches from starts, the best first; those whose design breaks a limit come last."""
     sign = -1.0 if want.maximise else 1.0
     trials: list[Trial] = []
-    run = partial(_tried, problem, want)
-    if workers is not None:
-        run = partial(_tried_by_worker, pickle.dumps((problem, want)))
+    run = (partial if workers is None else in_float64)(_tried, problem, want)
     starts = list(starts)
     before = [None if kept is None else kept.known(want, start) for start in starts]
     missing = [s for s, trial in zip(starts, before, strict=True) if trial is None]
@@ -172,17 +168,6 @@ def _missed(want: Want, outcome: Outcome) -> list[tuple[float, str]]:
 
 def _tried(problem: Problem, want: Want, start: Floats) -> Trial:
     return _Program(problem, want).solve(start)
-
-
-def _tried_by_worker(sent: bytes, start: Floats) -> Trial:
-    """One search in a worker's process.
-
-    The problem is sent as bytes: read before float64 is on, its arrays would be of float32.
-    """
-    if jnp.result_type(float) != jnp.float64:
-        configure()
-    problem, want = pickle.loads(sent)
-    return _tried(problem, want, start)
 
 
 def worst(want: Want, outcome: Outcome) -> float:

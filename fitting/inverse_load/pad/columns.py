@@ -1,7 +1,6 @@
 """Solved states of a pad under one contact: columns of all forces at one place."""
 
 import os
-import pickle
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from dataclasses import replace
@@ -15,9 +14,9 @@ from fitting.arrays import Flags, Floats
 from fitting.inverse_load.model.evaluation import NoRestError
 from fitting.inverse_load.pad.rest import film_readings
 from fitting.inverse_load.pad.table import LEVELS, grid
+from fitting.workers import in_float64
 from suas_jax.numerics.bordered_solve import BorderedVector
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.runtime.settings import configure
 from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import Loads
 from suas_jax.scene.pad_levels import Ahead, extrapolation, nothing_ahead, readings_along
@@ -126,10 +125,9 @@ class Columns:
         once: bool,
     ) -> list[Column]:
         """Columns in the order of their places."""
-        sent = pickle.dumps(skin)
+        solve = in_float64(_solve_columns, skin)
         futures = [
-            workers.submit(_solve_columns, sent, numbers[part], levels[part], line, once)
-            for part in parts
+            workers.submit(solve, numbers[part], levels[part], line, once) for part in parts
         ]
         for future in as_completed(futures):
             self._count(len(future.result()))  # raises what the worker raised
@@ -188,14 +186,9 @@ def solve_line(
 
 
 def _solve_columns(
-    sent: bytes, numbers: Floats, levels: Floats, line: int, once: bool
+    skin: Skin, numbers: Floats, levels: Floats, line: int, once: bool
 ) -> list[Column]:
-    """A few lines of columns [column, number] in a worker's process.
-
-    The skin is sent as bytes: read before float64 is on, its arrays would be of float32.
-    """
-    configure()
-    skin = pickle.loads(sent)
+    """A few lines of columns [column, number] in a worker's process."""
     parts = _parts(len(numbers), line)
     rows = [solve_line(skin, numbers[part], levels[part], once) for part in parts]
     return [column for row in rows for column in row]

@@ -214,7 +214,7 @@ def stated_sizes(
                 size = float(text.replace(",", ".")) * column.factor
                 text = f"{size!r} {_SI.get(name, 'm')}".rstrip()
         size, before = _parsed(file, name, text, f"# {key}"), keys.get(name)
-        gauge = [bool(_OF_GAUGE.search(plain_words(k))) for k in (before or "", key)]
+        gauge = [bool(_OF_GAUGE.search(k)) for k in (before or "", key)]
         counts = gauge[1] >= gauge[0]
         if before is not None and abs(size - sizes[name]) > 1e-6 * size:
             first, second = (f'"{k}" = {metadata[k]}' for k in (before, key))

@@ -74,12 +74,11 @@ class HistoryTest(StressTest):
 
     @property
     def is_loaded_at_once(self) -> bool:
-        """Whether a strain is held from the first reading on, which came nobody knows how."""
+        """Whether a strain is held from the first reading on, and nothing tells its loading."""
         if not self.is_timed:
             return False
         series = [(coordinates(self)[:, rows], self.time[rows]) for rows in self.paths()]
-        begun = (x for x, clock in series if not _before(self, x, clock)[0])
-        return any(not _is_at_rest(self, x) for x in begun)
+        return any(not (_begins_at_rest(self, x) or _before(self, x, t)[0]) for x, t in series)
 
     @property
     def order(self) -> np.ndarray:
@@ -223,11 +222,9 @@ def _before(
     that begins with its strain held was loaded by the stated ramp; else at once, at time zero
     if that is not long before, or at its first reading.
     """
-    rest = _rest(test)
-    away = float(np.max(np.abs(_distance(rest, x[:, 0], test.mode))))
-    farthest = float(np.max(np.abs(_distance(rest[:, None], x, test.mode))))
-    if _is_at_rest(test, x):
+    if _begins_at_rest(test, x):
         return [], [], 0.0
+    rest, away = _rest(test), _from_rest(test, x)
     begin, span = float(clock[0]), float(clock[-1] - clock[0])
     since_zero = 0.0 < begin <= span
     ramp = test.origin.ramp
@@ -237,16 +234,20 @@ def _before(
         end = begin if not since_zero else ramp if ramp <= begin else 0.0
         return [rest, x[:, 0]], [end - ramp, end], 0.0
     first = np.max(np.abs(_distance(x[:, 0], x[:, min(1, x.shape[1] - 1)], test.mode)))
-    if first > HELD * farthest and clock[1] > clock[0]:
-        lasted = away / float(first) * float(clock[1] - clock[0])
+    if first > HELD * away.max() and clock[1] > clock[0]:
+        lasted = float(away[0] / first) * float(clock[1] - clock[0])
         return [rest], [float(clock[0]) - lasted], 0.0
     return [], [], begin if since_zero else 0.0
 
 
-def _is_at_rest(test: HistoryTest, x: np.ndarray) -> bool:
-    """Whether a series of coordinates begins at rest."""
-    away = np.max(np.abs(_distance(_rest(test)[:, None], x, test.mode)), 0)
+def _begins_at_rest(test: HistoryTest, x: np.ndarray) -> bool:
+    away = _from_rest(test, x)
     return bool(away[0] <= _NEAR_REST * away.max())
+
+
+def _from_rest(test: HistoryTest, x: np.ndarray) -> np.ndarray:
+    """How far the states of a series are from rest [n]."""
+    return np.asarray(np.max(np.abs(_distance(_rest(test)[:, None], x, test.mode)), 0))
 
 
 def _rest(test: HistoryTest) -> np.ndarray:

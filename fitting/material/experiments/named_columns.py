@@ -17,7 +17,8 @@ from suas_jax.config.errors import listed
 _SIGNED = ("force", "stress", "nominal", "cauchy", "strain", "log_strain", "displacement")
 _STRAINS = ("strain", "log_strain", "green_strain", "stretch")
 _TOGETHER = 0.3  # share of the strain along, across, beyond which both are loaded
-# Sizes that a column may state of every specimen, of which a file has this many at most.
+# Sizes at rest. A column has one a specimen: more different numbers than this, and than a
+# quarter of the readings, are readings themselves.
 _AT_REST = ("length", "grip_separation", "width", "thickness", "diameter", "area")
 _OWN_SIZES = 6
 # What a file says of its test: the kind, method or standard of it.
@@ -221,10 +222,13 @@ class NamedColumns:
         if size.max() <= -size.min():
             return values
         name = self.table.names[self.position(quantity, direction)]
-        text = f'compression is positive in column "{name}"; it is taken as negative'
+        self.warn(f'compression is positive in column "{name}"; it is taken as negative')
+        return -values
+
+    def warn(self, text: str) -> None:
+        """Tell a person once what comes up whenever a column is read."""
         if text not in self.warnings:
             self.warnings.append(text)
-        return -values
 
     @functools.cached_property
     def _is_compression(self) -> bool:

@@ -205,29 +205,34 @@ class Reader(NamedColumns):
 
     def _measure_of(self, quantity: str, values: np.ndarray, direction: int) -> str:
         """Measure of stresses, which a force in the file tells where their name doesn't."""
-        name = self.table.names[self.position(quantity, direction)]
-        open_ = quantity == "stress"
-        measure = "nominal" if open_ else quantity
-        taken = "taken as nominal (force over undeformed area)" if open_ else "kept as it is"
+        column = f'column "{self.table.names[self.position(quantity, direction)]}"'
+        unnamed = quantity == "stress"
+        measure = "nominal" if unnamed else quantity
+        taken = "taken as nominal (force over undeformed area)" if unnamed else "kept as it is"
         beside = self._over_force(values, direction)
         if beside is None:
-            said = f"does not say whether it is nominal or Cauchy stress; {taken}" * open_
-        else:
-            ratio, stretch = beside
-            off = {
-                kind: float(np.nanmedian(ratio / stretch ** (1 - POWERS[kind]))) - 1
-                for kind in (measure, "cauchy")
-            }
-            if abs(off[measure]) < _AS_FORCE:
-                said = ""
-            elif open_ and abs(off["cauchy"]) < _AS_FORCE:
-                said = "is taken as Cauchy stress: it is the force over the undeformed area "
-                said, measure = f"{said}times the stretch", "cauchy"
-            else:
-                said = f"is {1 + off[measure]:.3g} times the force over the stated "
-                said += f"cross-section: check the sizes; it is {taken}"
-        text = f'column "{name}" {said}'
-        self.warnings += [text] * (bool(said) and text not in self.warnings)
+            if unnamed:
+                self.warn(
+                    f"{column} does not say whether it is nominal or Cauchy stress; {taken}"
+                )
+            return measure
+        ratio, stretch = beside
+
+        def times(measure: str) -> float:
+            return float(np.nanmedian(ratio / stretch ** (1 - POWERS[measure])))
+
+        if abs(times(measure) - 1) < _AS_FORCE:
+            return measure
+        if unnamed and abs(times("cauchy") - 1) < _AS_FORCE:
+            self.warn(
+                f"{column} is taken as Cauchy stress: it is the force over the undeformed area "
+                f"times the stretch"
+            )
+            return "cauchy"
+        self.warn(
+            f"{column} is {times(measure):.3g} times the force over the stated cross-section: "
+            f"check the sizes; it is {taken}"
+        )
         return measure
 
     def _over_force(
