@@ -409,6 +409,24 @@ def test_cells_that_a_workbook_shows_in_per_cent(tmp_path: pathlib.Path, name: s
     np.testing.assert_allclose(test.stretch_1, STRETCH, rtol=1e-12)
 
 
+def test_formulas_without_values_leave_the_other_columns(tmp_path: pathlib.Path) -> None:
+    # A stress whose formulas kept no values hid the force beside it.
+    book = openpyxl.Workbook()
+    sheet = book.active
+    assert sheet is not None
+    sheet.append(["Strain [%]", "Force [N]", "Stress [MPa]"])
+    for row, (stretch, stress) in enumerate(zip(STRETCH, NOMINAL, strict=True), 2):
+        sheet.append([float(100 * (stretch - 1)), float(stress * 12e-6), f"=B{row}/12"])
+    book.save(tmp_path / "a.xlsx")
+    test = load_dataset("uniaxial", tmp_path / "a.xlsx", specimen={"area": "12 mm2"})
+    np.testing.assert_allclose(test.value, NOMINAL, rtol=1e-12)
+    assert any("formulas count" in text for text in warnings_of(test))
+    sheet.delete_cols(2)
+    book.save(tmp_path / "b.xlsx")
+    with pytest.raises(DataError, match=r"stress is missing.*formulas count"):
+        load_dataset("uniaxial", tmp_path / "b.xlsx")
+
+
 def test_a_block_is_sheared_on_its_face(tmp_path: pathlib.Path) -> None:
     # The force over width times thickness was taken for the shear stress.
     shear = np.linspace(0.0, 1.0, 5)

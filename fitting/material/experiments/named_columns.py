@@ -55,11 +55,12 @@ class NamedColumns:
         self.columns: dict[tuple[str, int], tuple[int, Column]] = {}
         # Known quantities in units that are missing or unknown: an error once asked for.
         self._faulty: dict[str, DataError] = {}
+        self._emptiness = ""  # what is said of columns without a value
         self._read_names()
 
     def _read_names(self) -> None:
         """Find out what the columns measure."""
-        ignored = []
+        ignored, empty = [], []
         for index, name in enumerate(self.table.names):
             try:
                 column = understand(name, self.table.file) if name else None
@@ -68,6 +69,9 @@ class NamedColumns:
                 continue
             if column is None:
                 ignored += [name] if name else []
+                continue
+            if self._is_empty(index):
+                empty.append(name)
                 continue
             key = (column.quantity, column.direction)
             if (
@@ -82,6 +86,18 @@ class NamedColumns:
         if ignored:
             names = ", ".join(f'"{name}"' for name in ignored)
             self.warnings.append(f"column {names} is not used: not a quantity known here")
+        if empty:
+            names = ", ".join(f'"{name}"' for name in empty)
+            self._emptiness = f"column {names} is not used: it is empty in every row"
+            if self.table.file.casefold().endswith((".xlsx", ".xlsm")):
+                self._emptiness += "; formulas count once a spreadsheet has saved their values"
+            self.warnings.append(self._emptiness)
+
+    def _is_empty(self, index: int) -> bool:
+        """Whether a column, of a table that has rows, holds nothing in any of them."""
+        if not np.isnan(self.table.cells[:, index]).all():
+            return False
+        return bool(self.table.texts) and not any(row[index] for row in self.table.texts)
 
     def _set_aside_states(self) -> None:
         """Sizes that change from reading to reading are those of the deformed specimen."""
@@ -296,6 +312,7 @@ class NamedColumns:
                 f"--mode {mode})"
                 for mode in sorted(others)
             )
+            + (f"; {self._emptiness}" if self._emptiness else "")
         )
 
 
