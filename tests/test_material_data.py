@@ -427,6 +427,54 @@ def test_formulas_without_values_leave_the_other_columns(tmp_path: pathlib.Path)
         load_dataset("uniaxial", tmp_path / "b.xlsx")
 
 
+@pytest.mark.parametrize(
+    ("names", "encoding"),
+    [
+        ("Время, с;Перемещение траверсы, мм;Сила, Н", "cp1251"),
+        ("Время [с];Относительное удлинение [%];Напряжение [МПа]", "utf-8"),
+        ("Czas [s];Wydłużenie [mm];Siła [N]", "cp1250"),
+        ("Čas [s];Deformace [%];Smluvní napětí [MPa]", "cp1250"),
+        ("Zaman (s);Birim uzama (%);Çekme Gerilmesi (MPa)", "cp1254"),
+        ("Tid [s];Förlängning [mm];Kraft [N]", "cp1252"),
+        ("Tid [s];Forlængelse [mm];Kraft [N]", "utf-8"),
+    ],
+)
+def test_languages_in_the_code_pages_of_their_machines(
+    tmp_path: pathlib.Path, names: str, encoding: str
+) -> None:
+    seconds = np.arange(4.0)
+    strained = "%" in names
+    state = 100 * (STRETCH - 1) if strained else 25 * (STRETCH - 1)
+    reading = NOMINAL / 1e6 if strained else NOMINAL * 12e-6
+    head = "Ширина: 6 мм\nТолщина: 2 мм\n" if names.startswith("Время, ") else ""
+    text = head + names + "\n" + rows(seconds, state, reading, between=";", decimal=",")
+    file = written(tmp_path, text.encode(encoding))
+    sizes = {"length": "25 mm"} | ({} if head else {"area": "12 mm2"})
+    test = load_dataset("uniaxial", file, specimen=sizes)
+    np.testing.assert_allclose(test.stretch_1, STRETCH, rtol=1e-12)
+    np.testing.assert_allclose(test.value, NOMINAL, rtol=1e-9)
+    np.testing.assert_array_equal(test.time, seconds)
+
+
+def test_the_position_of_a_crosshead_is_counted_from_its_first(
+    tmp_path: pathlib.Path,
+) -> None:
+    # 120 mm were taken for slack, or for a break where the crosshead goes down.
+    force, sizes = NOMINAL * 12e-6, {"length": "25 mm", "area": "12 mm2"}
+    moved = 25 * (STRETCH - 1)
+    file = written(tmp_path, "Position [mm],Force [N]\n" + rows(120 + moved, force))
+    test = load_dataset("uniaxial", file, specimen=sizes)
+    np.testing.assert_allclose(test.stretch_1, STRETCH, rtol=1e-12)
+    assert any("is a position" in text for text in warnings_of(test))
+    down = written(tmp_path, "Position [mm],Force [N]\n" + rows(120 - moved / 2, force))
+    with pytest.raises(ValueError, match=r"-1 mm\" where it was pulled"):
+        refuse_without_information(load_dataset("uniaxial", down, specimen=sizes))
+    # A test that is cut out of a longer one begins under load.
+    cut = written(tmp_path, "Extension [mm],Force [N]\n" + rows(60 + moved, 5 + force))
+    test = load_dataset("uniaxial", cut, specimen=sizes)
+    np.testing.assert_allclose(test.stretch_1, 1 + (60 + moved) / 25, rtol=1e-12)
+
+
 def test_a_block_is_sheared_on_its_face(tmp_path: pathlib.Path) -> None:
     # The force over width times thickness was taken for the shear stress.
     shear = np.linspace(0.0, 1.0, 5)

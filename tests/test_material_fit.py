@@ -184,6 +184,9 @@ def test_balloon_file_is_read_as_the_balloon_formula(tmp_path: pathlib.Path) -> 
     )
     fit = fit_material([load_dataset("balloon", file)], "neo-hookean", starts=4)
     np.testing.assert_allclose(fit.constants, 4e5, rtol=1e-8)
+    file.write_text(file.read_text().replace("radius_mm,", "diameter [mm],"))
+    halved = load_dataset("balloon", file).stretch_1
+    np.testing.assert_allclose(halved, stretch / 2, rtol=1e-12)
 
 
 def test_bulges_of_a_height_have_the_pressure_of_the_inflated_membrane() -> None:

@@ -1,9 +1,9 @@
 """The cells of a file as text, whatever wrote it: delimited text or an .xlsx workbook.
 
 Text: UTF-8 and UTF-16 with or without byte order mark, Shift-JIS, GB 18030, EUC-KR, Windows
-code page 1252, any line ends; commas, semicolons, tabs, bars or blanks between fields; lines
-that begin with #, // or % are comments. Workbooks: every sheet, values as they were last
-computed.
+code pages 1250, 1251, 1252, 1254, any line ends; commas, semicolons, tabs, bars or blanks
+between fields; lines that begin with #, // or % are comments. Workbooks: every
+sheet, values as they were last computed.
 """
 
 import dataclasses
@@ -17,7 +17,7 @@ import zipfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from fitting.material.data.column_names import EASTERN_WORDS
+from fitting.material.data.column_names import EASTERN_WORDS, with_latin_units, words_known
 from fitting.material.data.columns import with_unit
 from fitting.material.data.errors import DataError, said_of
 from suas_jax.files.reading import MEGABYTE, read_bytes, split_fields
@@ -114,6 +114,8 @@ _MOST_UNPACKED = 512 * MEGABYTE
 _MOST_ROWS = 2_000_000
 _DELIMITERS = {";": "semicolons", "\t": "tabs", "|": "bars", ",": "commas", " ": "blanks"}
 _SAMPLED = 60
+_WESTERN = 1252, 1250, 1251, 1254  # code pages of Windows
+_OF_NAMES = 20_000  # characters in which names of columns stand
 _NO_TABLES = {
     b"\xd0\xcf\x11\xe0": "a workbook of the old format .xls",
     b"%PDF": "a PDF",
@@ -199,12 +201,14 @@ def _of_one_country(raw: bytes) -> tuple[str, str]:
         text = raw.decode(encoding, errors="replace")
         if any(word in text for word in EASTERN_WORDS):
             return text, name
-    return raw.decode("cp1252", errors="replace"), "Latin-1 (Windows 1252)"
+    texts = {page: raw.decode(f"cp{page}", errors="replace") for page in _WESTERN}
+    best = max(texts, key=lambda page: words_known(texts[page][:_OF_NAMES]))
+    return texts[best], "Latin-1 (Windows 1252)" if best == 1252 else f"Windows {best}"
 
 
 def _delimited(file: str, text: str, encoding: str) -> Cells:
     comments, kept, lines = [], [], []
-    text = _FORMULA.sub(r"\1", text)
+    text = with_latin_units(_FORMULA.sub(r"\1", text))
     for number, line in _numbered_lines(text.translate(_WIDE).splitlines()):
         bare = line.strip().strip("\x1a\ufeff")
         if _is_comment(bare):
@@ -339,4 +343,4 @@ def _as_text(value: object, shown_as: str | None) -> str:
         return "1" if value else "0"
     if isinstance(value, float | int):
         return f"{100 * value!r}%" if "%" in (shown_as or "") else repr(value)
-    return " ".join(str(value).translate(_WIDE).split())
+    return with_latin_units(" ".join(str(value).translate(_WIDE).split()))

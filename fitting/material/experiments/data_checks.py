@@ -91,6 +91,10 @@ def refuse_without_information(data: Dataset) -> None:
         squeezed = ""
         if state not in ("stretch", ""):  # which have no name for compression
             squeezed = f'--columns "compressive {state}={column}" where it was squeezed, or '
+        if state == "displacement":  # of a crosshead that goes down as it pulls
+            squeezed += (
+                f'"displacement={column} -1 {data.origin.unit}" where it was pulled, or '
+            )
         raise ValueError(
             f"{data.file}: stresses have the sign opposite to their strain, as no rubber's; "
             f"{squeezed}turn the sign of the stress or force by "

@@ -126,7 +126,9 @@ def simple_shear(reader: Reader) -> StressTest:
 def balloon(reader: Reader) -> StressTest:
     """Readings of a spherical balloon: p = 2 (H/R) σ / λ³ of Cauchy stress σ."""
     values = reader.needed("pressure", "the pressure", "pressure_kPa")
-    radius = reader.column("radius")
+    radius, wide = reader.column("radius"), reader.column("diameter")
+    if radius is None and wide is not None:
+        radius = 0.5 * wide
     rest = reader.size("rest_radius")
     if any(key[0] in ("stretch", "strain") for key in reader.columns):
         stretch = reader.stretch()
@@ -139,7 +141,7 @@ def balloon(reader: Reader) -> StressTest:
             f'"# rest_radius: 20 mm" to the file or --specimen "rest_radius=20 mm"'
         )
     else:
-        raise reader.need("the radius", "radius_mm", "stretch")
+        raise reader.need("the radius", "radius_mm", "diameter_mm", "stretch")
     ratio = reader.size("thickness_ratio")
     if ratio is None:
         thickness = reader.size("thickness")

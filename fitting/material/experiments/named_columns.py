@@ -21,6 +21,7 @@ _TOGETHER = 0.3  # share of the strain along, across, beyond which both are load
 # quarter of the readings, are readings themselves.
 _AT_REST = ("length", "grip_separation", "width", "thickness", "diameter", "area")
 _OWN_SIZES = 6
+_UNLOADED = 0.1  # share of the largest force, up to which a test begins without load
 # What a file says of its test: the kind, method or standard of it.
 _OF_TEST = re.compile(
     r"test|pruef|(?:specimen_)?(?:method|procedure|standard|norm|type|mode)(?![a-z])"
@@ -104,7 +105,8 @@ class NamedColumns:
         for key in [key for key in self.columns if key[0] in _AT_REST]:
             values = self.table.cells[:, self.columns[key][0]]
             distinct = len(np.unique(values[np.isfinite(values)]))
-            if distinct <= max(_OWN_SIZES, len(values) / 4):
+            inflated = self.mode == "balloon" and key[0] == "diameter"
+            if inflated or distinct <= max(_OWN_SIZES, len(values) / 4):
                 continue
             index, column = self.columns.pop(key)
             current = "current_length", key[1]
@@ -240,6 +242,22 @@ class NamedColumns:
         name = self.table.names[self.position(quantity, direction)]
         self.warn(f'compression is positive in column "{name}"; it is taken as negative')
         return -values
+
+    def travel(self, direction: int) -> np.ndarray | None:
+        """The displacement; of a position, farther off than it ever moves, from its first on.
+
+        A column is taken for one where the test begins without load.
+        """
+        moved, force = self.signed("displacement", direction), self.column("force", direction)
+        if moved is None or force is None or not np.isfinite(moved * force).any():
+            return moved
+        first = np.flatnonzero(np.isfinite(moved * force))[0]
+        loaded = abs(force[first]) > _UNLOADED * np.nanmax(np.abs(force))
+        if loaded or np.nanmin(np.abs(moved)) <= np.nanmax(moved) - np.nanmin(moved):
+            return moved
+        name = self.table.names[self.position("displacement", direction)]
+        self.warn(f'column "{name}" is a position: the displacement is counted from its first')
+        return moved - moved[first]
 
     def warn(self, text: str) -> None:
         """Tell a person once what comes up whenever a column is read."""

@@ -85,7 +85,7 @@ class Reader(NamedColumns):
                 if machine is not None:
                     values = values - self._given_way(direction) / self._needed_length()
                 return self._possible(convert(values), quantity, why)
-        moved = self.signed("displacement", direction)
+        moved = self.travel(direction)
         if moved is not None:
             length = self._needed_length(direction)
             if machine is not None:
