@@ -9,8 +9,10 @@ import dataclasses
 import numpy as np
 
 from fitting.sensor.logs.data import SensorData
+from fitting.sensor.logs.known_inputs import permittivities
 from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.logs.shared_errors import SharedErrors, Whitening
+from suas_jax.acquisition.baseline import FLUID as FLUID_KEY
 from suas_jax.acquisition.baseline import Baseline, rest_of
 
 ROUNDING = 1.0 / np.sqrt(12.0)
@@ -254,7 +256,9 @@ def gathered(
         state = np.concatenate([state, [loads.states]])
         log, time = np.concatenate([log, [-1]]), np.concatenate([time, [0.0]])
         loads = loads.with_rest()
-        permittivity = np.concatenate([permittivity, [np.nan]])
+        fluid = np.array([baseline.header.get(FLUID_KEY, "")], object)
+        own = permittivities(fluid, None, 1, "--baseline")
+        permittivity = np.concatenate([permittivity, own])
     present = np.isfinite(so)
     readings = LoggedCounts(
         so,
