@@ -233,7 +233,11 @@ def _told(
     """What readings change by with known inputs, and what is stated of these."""
     if stated is None and solver.alone:
         return NOTHING_TOLD  # a state takes seconds, its derivatives as much
-    slopes = solver.by_inputs(shapes) if like is None else like.told.slopes
+    if like is None:
+        slopes = solver.by_inputs(shapes)
+    else:
+        fluid = np.asarray(like.problem.model.permittivity)
+        slopes = like.told.slopes[..., solver.alike(like.loads, fluid)]
     return ToldErrors(slopes, InputNoise(dict(stated or {}), stated is not None))
 
 

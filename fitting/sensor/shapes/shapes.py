@@ -241,27 +241,37 @@ class ShapeSolver:
 
         Raises ValueError: its states are others, or it moved the membrane.
         """
-        old, new, model = loads, self._loads, shapes.model
-        names = (x.name for x in dataclasses.fields(KnownLoads) if x.name != "inner")
-        pairs = [(getattr(old, n), getattr(new, n)) for n in names]
-        pairs.append((np.asarray(model.permittivity), self._permittivity))
-        same = model.spec == self._data.spec and not model.moving and not self.moving
-        same &= all(
-            a.shape == b.shape and np.allclose(a, b, rtol=1e-12, atol=1e-15, equal_nan=True)
-            for a, b in pairs
-        )
-        if not same:
-            raise ValueError(
-                "like: a calibration of other states, or one that found the material"
-            )
+        model, index = shapes.model, self.alike(loads, np.asarray(shapes.model.permittivity))
+        if model.spec != self._data.spec or model.moving or self.moving:
+            raise ValueError("like: a calibration of another skin, or one that moved it")
         own = dataclasses.replace(
             model,
+            face=jax.tree.map(lambda x: jnp.asarray(np.asarray(x)[..., index]), model.face),
+            beyond=None if model.beyond is None else model.beyond[:, index],
+            permittivity=jnp.asarray(self._permittivity),
             at=jnp.asarray(constants),
             factor=None,
             family=self._family,
             gap_of=self._gap_of,
         )
-        return dataclasses.replace(shapes, model=own)
+        return Shapes(own, shapes.force[:, index], shapes.displacement[:, index])
+
+    def alike(self, loads: KnownLoads, permittivity: np.ndarray) -> np.ndarray:
+        """Which of other states, with their fluids, the solver's own are like [state].
+
+        Raises ValueError: one is like none of them.
+        """
+        names = [x.name for x in dataclasses.fields(KnownLoads) if x.name != "inner"]
+
+        def keys(loads: KnownLoads, fluid: np.ndarray) -> list[str]:
+            rows = np.concatenate([*(getattr(loads, n) for n in names), [fluid]]).T + 0.0
+            return [" ".join(f"{x:.10g}" for x in row) for row in rows]
+
+        known = {key: i for i, key in enumerate(keys(loads, permittivity))}
+        found = [known.get(key, -1) for key in keys(self._loads, self._permittivity)]
+        if -1 in found:
+            raise ValueError("like: a calibration of other states")
+        return np.array(found)
 
     def _answer_of(self, air: str) -> AbstractOil | None:
         known = np.isfinite(self._data.permittivity)
