@@ -22,6 +22,7 @@ from fitting.sensor.logs.shared_errors import SharedErrors, apart
 from fitting.sensor.model.constants import FORCE_ZERO, TOUCH, SensorFamily, named
 from fitting.sensor.model.counts import SensorModel, parts_of
 from fitting.sensor.report.skin_file import calibrated_skin
+from fitting.sensor.report.summary import sensor_report
 from fitting.sensor.shapes.deformations import deform
 from suas_jax.config import continuous_inputs, load_skin
 
@@ -270,6 +271,7 @@ def test_a_load_cell_s_noise_is_found_and_counts(
     assert not fit.masked
     (text,) = [w for w in fit.warnings if "--force-noise" in w]
     assert "as the noise of a load cell is" in text
+    assert sensor_report(fit)["input_noise"] == fit.told.noise._asdict()
     stated = fitted(
         tmp_path / "a.csv", truth[0], "load_0_force_N", told, input_noise={"force": 0.1}
     )
