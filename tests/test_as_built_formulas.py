@@ -21,11 +21,12 @@ from fitting.calibration.plan_figure import plot_plan
 from fitting.cli.app import app
 from fitting.inverse_load.estimator import MODEL_ERROR as ESTIMATOR_ERROR
 from fitting.inverse_load.estimator import PAD_MODEL_ERROR
-from fitting.sensor.fit.calibrate import _as_built, _settled
+from fitting.sensor.fit.calibrate import _as_built
 from fitting.sensor.fit.priors import hierarchical
 from fitting.sensor.fit.residuals import Prior, SensorProblem, SensorResiduals
 from fitting.sensor.fit.search import search
 from fitting.sensor.fit.sensor_posterior import sample_sensor
+from fitting.sensor.fit.settling import settled_shapes
 from fitting.sensor.logs.data import SensorData
 from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.logs.readings import LoggedCounts, averaged, held_presses
@@ -139,6 +140,7 @@ def test_presses_tell_what_their_forces_scatter_by(true: float, m: int) -> None:
         sigma=np.full((1, count), noise),
         state=np.arange(count),
         basis=lambda sigma: np.zeros((1, count, 0)),
+        whitening=lambda weight: None,
     )
     deviations = [0.1, *(part.size for part in forces)]
     means = np.append(1.0, np.zeros(count))
@@ -262,6 +264,7 @@ def test_priors_are_correlated_in_residuals_and_in_information() -> None:
         sigma=np.ones((2, 1)),
         state=np.zeros(1, int),
         basis=lambda sigma: np.zeros((2, 1, 0)),
+        whitening=lambda weight: None,
     )
     model: Any = Silent(SensorFamily(parts))
     problem = SensorProblem(model, readings, priors, covariance / np.outer(sd, sd))
@@ -611,7 +614,7 @@ def test_a_step_that_would_worsen_the_fit_is_damped() -> None:
     shapes = shapes_at(start)
     problem = SensorProblem(shapes.model, readings, priors, np.eye(1))
     given = problem, search(problem, start), shapes, ~one, solver, [0.0], print
-    _, found, *_, steady = _settled(*given)
+    _, found, *_, steady = settled_shapes(*given)
     assert steady
     assert abs(found.constants[0]) < 1e-3  # of a deviation of 5e-3
 

@@ -298,6 +298,46 @@ def test_command(rest, tmp_path, capsys):
     assert not (tmp_path / "c.json").exists()
 
 
+def test_a_baseline_of_another_fluid_is_refused_or_counted_as_such(rest, tmp_path, capsys):
+    """Its header named air, and it counted as one of the skin's oil."""
+    import typer
+
+    from fitting.cli.log import baseline
+    from fitting.inverse_load.zero.skin_estimator import rest_of as rest_in
+    from fitting.sensor.logs.data import load_sensor_data
+    from fitting.sensor.logs.readings import gathered
+    from suas_jax.config import load_skin
+    from suas_jax.config.oil import refuse_other_fluid
+
+    skin = Path(__file__).parent.parent / "configs/skins/suas.toml"
+    spec, log, out = load_skin(skin), tmp_path / "air.csv", tmp_path / "b.json"
+    names = ",".join(f"so_{k + 1}" for k in range(8))
+    for head, column in (("# fluid: air\n", ""), ("", ",fluid")):
+        rows = [
+            f"{i / 10},{i / 10},{i},0" + 8 * f",{75 + i % 2}" + ",air" * bool(column)
+            for i in range(40)
+        ]
+        top = f"# format: suas-so-log\n{head}t_host_s,t_device_s,seq,module,{names}{column}"
+        log.write_text("\n".join([top, *rows]) + "\n")
+        with pytest.raises(typer.Exit):
+            baseline(log, out, skin=skin)
+        assert 'its fluid is "air" (permittivity 1.001)' in capsys.readouterr().err
+    baseline(log, out)  # no skin is known
+    found = read_baseline(out)
+    assert found.header["fluid"] == "air"
+    with pytest.raises(ValueError, match="the skin filled as the file says"):
+        rest_in(spec, out)
+    log.write_text(log.read_text().replace(",air", ",oil"))
+    _, _, permittivity = gathered(load_sensor_data(spec, [log]), found, False)
+    np.testing.assert_array_equal(permittivity, [np.nan, 1.0006])
+    for name, own in (("", 2.2), ("Oil", None), ("silicone-oil", 2.35), ("2.3", 2.2)):
+        refuse_other_fluid(name, own, "a.csv")
+    refuse_other_fluid("silicone-oil", None, "a.csv")
+    for name, own in (("silicone-oil", 2.2), ("2.6", 2.2), ("air", None), ("water", 2.2)):
+        with pytest.raises(ValueError, match=r"a.csv"):
+            refuse_other_fluid(name, own, "a.csv")
+
+
 SCENE = """
 [geometry]
 inner_radius = "57.5 mm"

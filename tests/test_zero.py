@@ -11,6 +11,7 @@ import pytest
 from fitting.inverse_load.readings import _scale_note
 from fitting.inverse_load.zero import from_log, update
 from fitting.inverse_load.zero import zero as zero_module
+from fitting.inverse_load.zero.from_log import zero_from_log
 from fitting.inverse_load.zero.gaussian import Gaussian, conditioned
 from fitting.inverse_load.zero.presses import (
     FORCE_ERROR,
@@ -484,6 +485,17 @@ def test_presses_on_a_pad_have_a_place_along_its_axis() -> None:
     ):
         with pytest.raises(ValueError, match=message):
             known_press(text, geometry)
+
+
+@pytest.mark.parametrize("known", [(), ("5 N at 0 deg",)])
+def test_a_zero_of_another_fluid_is_refused(tmp_path: Path, known: tuple[str, ...]) -> None:
+    """Air between skin and wall answers otherwise than the oil, and reads less."""
+    names = ",".join(f"so_{k + 1}" for k in range(8))
+    top = f"# format: suas-so-log\n# fluid: air\nt_host_s,t_device_s,seq,module,{names}"
+    log = tmp_path / "air.csv"
+    log.write_text("\n".join([top, *(f"{i},{i},{i},0" + ",75" * 8 for i in range(9))]) + "\n")
+    with pytest.raises(ValueError, match=r'air.csv: its fluid is "air"'):
+        zero_from_log(load_skin(SKIN), log, known)
 
 
 # Compiles readings under presses with their derivatives, the simulation, and an estimator.

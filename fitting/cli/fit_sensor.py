@@ -76,6 +76,17 @@ def sensor(
         ),
     ] = None,
     place_error: PlaceError = "1 mm",
+    force_noise: Annotated[
+        str | None,
+        option(
+            "Standard deviation of a known force; default: what the readings show.",
+            metavar="FORCE",
+        ),
+    ] = None,
+    displacement_noise: Annotated[
+        str | None,
+        option("The same of a known displacement or depth.", metavar="LENGTH"),
+    ] = None,
     fluid: Annotated[
         list[str] | None,
         option("What fills the gap: oil, air, or a known permittivity: once, or once a log."),
@@ -129,6 +140,7 @@ def sensor(
             of_material = any(name.startswith(_OF_MATERIAL) for name in names)
             _refuse_sample(sample, names, spec)
             place_deviation = quantity_option("--place-error", place_error, "length")
+            input_noise = _input_noise(force_noise, displacement_noise)
             data = load_sensor_data(spec, logs, inputs or (), fluid or (), joint=of_material)
             from suas_jax.runtime.settings import configure
 
@@ -150,6 +162,7 @@ def sensor(
                     model=model,
                     field=field,
                     place_error=place_deviation,
+                    input_noise=input_noise,
                     progress=show,
                 )
                 sampler = (walkers, steps, seed, chain) if sample else None
@@ -251,6 +264,17 @@ def _relaxation(
     return relaxing_skin(skin, found), report, described(report)
 
 
+def _input_noise(force: str | None, displacement: str | None) -> dict[str, float] | None:
+    """Deviations of known inputs, SI; None where the readings are to show them."""
+    found = {}
+    if force is not None:
+        found["force"] = quantity_option("--force-noise", force, "force")
+    if displacement is not None:
+        own = quantity_option("--displacement-noise", displacement, "length")
+        found |= {"displacement": own, "depth": own}
+    return found or None
+
+
 def _prior(text: str) -> tuple[str, tuple[float, float]]:
     """NAME=VALUE+-SD in units."""
     from suas_jax.config import parse_quantity
@@ -262,9 +286,9 @@ def _prior(text: str) -> tuple[str, tuple[float, float]]:
             f'--prior "{text}": expected NAME=VALUE+-SD, such as gap=5 mm +- 0.1 mm'
         )
     own = name.strip()
-    dimension = {"gap": "length", "oil_gap": "length", "layers": "length"}.get(own)
-    dimension = dimension or {"scale": "capacitance", "lsb": "capacitance"}.get(own)
-    dimension = dimension or {"stray": "capacitance"}.get(own, "number")
+    lengths = dict.fromkeys(("gap", "oil_gap", "layers", "touch"), "length")
+    capacitances = dict.fromkeys(("scale", "lsb", "stray"), "capacitance")
+    dimension = (lengths | capacitances | {"force_zero": "force"}).get(own, "number")
     if own.startswith("material."):
         dimension = "number" if "alpha" in own else "stress"
     try:

@@ -176,6 +176,7 @@ def baseline(
     """
     with bad_input():
         from suas_jax.acquisition.baseline import (
+            FLUID,
             baseline_json,
             common_factor,
             doubt_of_factor,
@@ -197,8 +198,12 @@ def baseline(
             refuse_loaded(taken, rest, tolerance=reference_tolerance, source=str(reference))
         skin = skin_of_log(log) if skin is None else skin
         if skin is not None:
+            from suas_jax.config.oil import refuse_other_fluid
             from suas_jax.simulation.capacitances import rest_pattern
+            from suas_jax.simulation.load_path import skin_behind
 
+            oil = skin_behind(skin).oil.relative_permittivity
+            refuse_other_fluid(taken.header.get(FLUID, ""), oil, str(path))
             rest, source = rest_pattern(skin, taken), f"the model of {skin} (--model-tolerance)"
             factor = common_factor(taken, rest, source)
             refuse_loaded(taken, rest, tolerance=model_tolerance, source=source, factor=factor)

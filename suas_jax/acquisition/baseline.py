@@ -14,13 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from suas_jax.acquisition.log.log_file import Frames, SoLog, group_frames
+from suas_jax.acquisition.log.log_file import Frames, SoLog, fluid_of, group_frames
 from suas_jax.acquisition.missing import deviation, mean
 from suas_jax.acquisition.taxel_faults import saturated
 from suas_jax.files.reading import MEGABYTE, read_bytes
 from suas_jax.files.writing import write_text
 
 FORMAT = "suas-baseline"
+FLUID = "fluid"
+"""Key of what filled the gap, where the log names it."""
 _MOST_BYTES = 16 * MEGABYTE
 # Fewer frames say nothing about drift.
 MIN_FRAMES = 20
@@ -72,6 +74,8 @@ def take_baseline(log: SoLog, *, tolerance: float | None = None) -> Baseline:
     _refuse_moving(log, frames, means, steps, tolerance)
     kept = ("skin", "scale", "start_time")
     header = {key: log.header[key] for key in kept if key in log.header}
+    if fluid := fluid_of(log):
+        header[FLUID] = fluid
     return Baseline(frames.modules, so, noise, len(frames), header)
 
 

@@ -31,6 +31,43 @@ fit it: moisture alone raises them by per cents.
 """
 
 
+# Factors between permittivities of one fluid: one that is named is of some grade, a number is
+# known.
+_SAME_NAME, _SAME_NUMBER = 1.2, 1.1
+
+
+def refuse_other_fluid(fluid: str, permittivity: float | None, where: str) -> None:
+    """Refuse a log of a skin that was filled with something else than the skin file's oil.
+
+    `fluid` is what the log names: "oil" or nothing, a name of `FLUIDS`, or a relative
+    permittivity; `permittivity` is the skin file's, None where it states none.
+    Raises ValueError: it is another fluid, or no fluid.
+    """
+    name = fluid.strip().lower()
+    if name in ("", "oil"):
+        return
+    value = FLUIDS.get(name)
+    if value is None:
+        with contextlib.suppress(ValueError):
+            value = float(name)
+    if value is None or not value >= 1.0:
+        raise ValueError(
+            f'{where}, fluid "{fluid}": allowed: oil, {", ".join(FLUIDS)}, or a relative '
+            "permittivity"
+        )
+    same = _SAME_NAME if name in FLUIDS else _SAME_NUMBER
+    own = 2.0 if permittivity is None else float(permittivity)
+    unknown = permittivity is None and name != "air"
+    if unknown or 1 / same < value / own < same:
+        return
+    filled = "oil" if permittivity is None else f"oil of permittivity {own:.4g}"
+    raise ValueError(
+        f'{where}: its fluid is "{fluid}" (permittivity {value:.4g}), the skin file\'s is '
+        f"{filled}: take the log with the skin filled as the file says, or put "
+        "oil.relative_permittivity right"
+    )
+
+
 def _fluid(value: object, info: ValidationInfo) -> float:
     """A fluid by its name, or its relative permittivity."""
     if isinstance(value, str) and value.strip()[:1].isalpha():

@@ -21,9 +21,10 @@ from fitting.inverse_load.zero.update import PressModel, PressReadings, zero_of
 from fitting.inverse_load.zero.zero import KnownPress, Zero
 from fitting.sensor.logs.log import AlignedLog, read_aligned
 from fitting.surroundings import spec_at
-from suas_jax.acquisition.log.log_file import read_log
+from suas_jax.acquisition.log.log_file import fluid_of, read_log
 from suas_jax.config import SkinSpec, input_errors
 from suas_jax.config.input_errors import as_assembled
+from suas_jax.config.oil import refuse_other_fluid
 
 _SAME = 1e-3  # of the largest force, by which a known force may vary within a press
 
@@ -57,8 +58,10 @@ def zero_from_log(
         raise ValueError("a diameter belongs to presses on a pad; leave it out")
     if model_error is None:
         model_error = PAD_MODEL_ERROR if pad else MODEL_ERROR
+    read = read_log(log)
+    refuse_other_fluid(fluid_of(read), spec.oil.relative_permittivity, str(log))
     if known:
-        readings = readings_of(read_log(log), spec, None)
+        readings = readings_of(read, spec, None)
         so, time, around = _usable(readings), readings.time, readings.surroundings
         began = readings.header.get("start_time", "")
     else:

@@ -11,6 +11,7 @@ from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.readings import Layout
 from fitting.inverse_load.zero.zero_file import aged, skin_with_zero
 from suas_jax.config import SkinSpec
+from suas_jax.config.oil import refuse_other_fluid
 
 _log = logging.getLogger("suas")
 
@@ -52,11 +53,16 @@ def estimator_of(
 def rest_of(spec: SkinSpec, baseline: Path | None) -> tuple[NDArray | None, NDArray | None]:
     """Readings at rest and their variance from a baseline's file; None without one.
 
-    Raises ValueError: the skin has no electrodes, or the baseline is of another layout.
+    Raises ValueError: the skin has no electrodes, or the baseline is of another layout or
+    fluid.
     """
     layout = Layout(spec)
     if baseline is None:
         return None, None
-    from suas_jax.acquisition.baseline import read_baseline
+    from suas_jax.acquisition.baseline import FLUID, read_baseline
 
-    return layout.baseline(read_baseline(baseline), str(baseline))
+    read = read_baseline(baseline)
+    refuse_other_fluid(
+        read.header.get(FLUID, ""), spec.oil.relative_permittivity, str(baseline)
+    )
+    return layout.baseline(read, str(baseline))

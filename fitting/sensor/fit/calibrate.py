@@ -10,30 +10,37 @@ file within a stated tolerance (a prior), and the report says so.
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
 
 from fitting.sensor.fit.assumptions import elastic_warning, exact_membrane_warning
 from fitting.sensor.fit.checks import check_agreement, drift_warning
+from fitting.sensor.fit.input_noise import (
+    NOTHING_TOLD,
+    InputNoise,
+    ToldErrors,
+    stated_errors,
+    with_told_errors,
+)
 from fitting.sensor.fit.lacking import with_discrepancy
 from fitting.sensor.fit.priors import (
     as_built_priors,
-    hierarchical,
     needed_priors,
     prior_of,
 )
 from fitting.sensor.fit.residuals import Prior, SensorProblem
 from fitting.sensor.fit.result import SensorFit, judged_fit
 from fitting.sensor.fit.search import Found, robust, search
-from fitting.sensor.logs.data import NoCalibration, SensorData
+from fitting.sensor.fit.settling import away_from_the_wall, settled_shapes
+from fitting.sensor.fit.suspects import zeros_off
+from fitting.sensor.logs.data import SensorData
 from fitting.sensor.logs.readings import (
     averaged,
     gathered,
     measured_noise,
     with_model_error,
 )
+from fitting.sensor.logs.shared_errors import apart
 from fitting.sensor.model.as_built import (
     AS_BUILT,
     MODEL_ERROR,
@@ -47,7 +54,7 @@ from fitting.sensor.model.constants import (
     FILL,
     GAP,
     MOUNTING,
-    PATHS,
+    SensorConstant,
     SensorFamily,
     is_gap,
     moves_membrane,
@@ -56,20 +63,11 @@ from fitting.sensor.model.constants import (
     single_gaps,
     starting_values,
 )
-from fitting.sensor.model.counts import SensorModel
 from fitting.sensor.shapes.shapes import Shapes, ShapeSolver
-from fitting.statistics.residuals import sensitivity
 from suas_jax.acquisition.baseline import Baseline
-from suas_jax.runtime.compiled import COMPILED, require_float64
+from suas_jax.runtime.compiled import require_float64
 from suas_jax.skin.plain import angles_at, plain_geometry
 
-_ROUNDS = 16
-# Change of the negative log posterior that is none, and shapes that are tried for a step. The
-# first step is that of Gauss and Newton, the next ones are damped, each ten times as much.
-_RISE, _TRIALS, _DAMPING = 0.5, 7, 10.0
-_SAME, _SAME_AS_BUILT = 1e-7, 0.02  # of a constant's size, or of its prior's deviation
-# Frames are left out where the membrane would touch the wall in a gap smaller by this.
-_NEAR_CONTACT = 0.85
 _FIELD_ROUNDS = 2
 _UNSTEADY = (
     "the fit has not settled: the skin nearly buckles, or the constants that move the membrane "
@@ -90,6 +88,7 @@ def fit_sensor(
     model: str = "auto",
     field: bool = False,
     place_error: float = PLACE_ERROR,
+    input_noise: Mapping[str, float] | None = None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> SensorFit:
     """Find the constants that follow the logs best, and say how far they can be known.
@@ -109,6 +108,8 @@ def fit_sensor(
             solid, unless the logs say that `suas simulate` made them, which has the shell.
         field: take capacitances from the electrostatic field instead of the formula.
         place_error: standard deviation of the presses' places, with `AS_BUILT` [m].
+        input_noise: standard deviations of known "force" [N], "displacement" and "depth" [m];
+            None for what the readings show.
         like: a calibration of the same known states, whose shapes are used again.
         progress: called with what is being done.
 
@@ -118,16 +119,17 @@ def fit_sensor(
         Float64Error: float64 is off.
     """
     require_float64()
-    drawing, own = data.spec, AS_BUILT in fit
-    frames = np.zeros(0)
+    drawing, own, frames = data.spec, AS_BUILT in fit, np.zeros(0)
     if own:
-        if len(fit) > 1 or gaps != "global" or like is not None:
+        if len(fit) > 1 or gaps != "global" or (like, input_noise) != (None, None):
             raise ValueError(
-                f"--fit {AS_BUILT} finds the gap and every other constant of a unit: name no "
-                "other one, and leave --gap out"
+                f"--fit {AS_BUILT} finds the gap, every other constant of a unit and how exact "
+                "forces are: name no other one, and leave --gap and --force-noise out"
             )
         data, frames = averaged(_as_built(data))
         fit = as_built_names(data.spec)
+    else:
+        data = apart(data)
     data = dataclasses.replace(data, spec=naming(data.spec, fit))
     parts = tuple(dict.fromkeys(named(data.spec, name) for name in fit))
     if not parts:
@@ -153,12 +155,7 @@ def fit_sensor(
     stated = [solver.stated(name) for name in family.names]
     start = starting_values(parts, stated)
     shapes = solver.at(start) if like is None else solver.again(like.shapes, like.loads, start)
-    # Filling and mounting do much the same: the first fit holds both near the file's.
-    held = {
-        part.name: prior_of(part, value, "")
-        for part, value in zip(parts, stated, strict=True)
-        if part.name in (FILL, MOUNTING)
-    }
+    held = _held(parts, stated)
     correlation = None
     if own:
         places = data.loads.angle[0, pressed]
@@ -167,7 +164,9 @@ def fit_sensor(
         share = MODEL_ERROR[drawing.geometry.dimension]
         readings = with_model_error(readings, frames, data.loaded, share)
     problem = SensorProblem(shapes.model, readings, held | given, correlation)
-    problem, touching = _away_from_the_wall(problem, start)
+    told = _told(solver, shapes, like, input_noise) if not own else NOTHING_TOLD
+    problem = stated_errors(problem, loads, told)
+    problem, touching = away_from_the_wall(problem, start)
     progress("fitting")
     problem, found = robust(problem, start)
     if held:
@@ -180,22 +179,66 @@ def fit_sensor(
         for _ in range(_FIELD_ROUNDS):
             exact = problem.model.with_field(jnp.asarray(found.constants))
             problem, found = robust(problem.replace(model=exact), found.constants)
-    settled = _settled(problem, found, shapes, touching, solver, stated, progress)
+    settled = settled_shapes(problem, found, shapes, touching, solver, stated, progress)
     problem, found, shapes, touching, steady = settled
-    warnings = [*data.warnings, *solver.warnings, "" if steady else _UNSTEADY]
-    warnings += [elastic_warning(data), "" if own else exact_membrane_warning(family, data)]
-    drifts = drift_warning(problem, found.constants)
-    if drifts:
-        warnings.append(drifts)
-        drifting = dataclasses.replace(problem.readings, drifting=True)
-        problem, found = robust(problem.replace(readings=drifting), found.constants)
-    warnings += check_agreement(problem, found.constants, data)
+    problem, found, doubts = _checked(data, problem, found)
+    shown = with_told_errors(problem, found, loads, told, solver, shapes)
+    problem, found, told, shapes = shown
+    if problem.readings.told is not None and problem.model.moving:
+        settled = settled_shapes(problem, found, shapes, touching, solver, stated, progress)
+        problem, found, shapes, touching, steady = settled
+    warnings = [*data.warnings, *solver.warnings, "" if steady else _UNSTEADY, *doubts]
     # As built, the noise is that of means, with the model's error.
     noise = readings.sigma.min(1, keepdims=True) * np.ones(readings.logs)
     if not own:
         problem, found, noise = _with_measured_noise(problem, found)
-    judged = judged_fit(data, problem, found, shapes, loads, noise, touching, steady, warnings)
+        warnings += zeros_off(problem, found.constants, loads, told, solver)
+    judged = judged_fit(
+        data, problem, found, shapes, loads, noise, touching, steady, told, warnings
+    )
     return with_discrepancy(judged) if own else judged
+
+
+def _held(parts: Sequence[SensorConstant], stated: Sequence[float | None]) -> dict[str, Prior]:
+    """Filling and mounting do much the same: the first fit holds both near the file's."""
+    return {
+        part.name: prior_of(part, value, "")
+        for part, value in zip(parts, stated, strict=True)
+        if part.name in (FILL, MOUNTING)
+    }
+
+
+def _checked(
+    data: SensorData, problem: SensorProblem, found: Found
+) -> tuple[SensorProblem, Found, list[str]]:
+    """The fit with drift taken out, and what is doubtful in it.
+
+    Raises NoCalibration: the logs are of another skin, or units are mixed up.
+    """
+    exact = exact_membrane_warning(problem.family, data) if problem.correlation is None else ""
+    doubts, drifts = [elastic_warning(data), exact], drift_warning(problem, found.constants)
+    if drifts:
+        doubts.append(drifts)
+        drifting = dataclasses.replace(problem.readings, drifting=True)
+        problem, found = robust(problem.replace(readings=drifting), found.constants)
+    return problem, found, doubts + check_agreement(problem, found.constants, data)
+
+
+def _told(
+    solver: ShapeSolver,
+    shapes: Shapes,
+    like: SensorFit | None,
+    stated: Mapping[str, float] | None,
+) -> ToldErrors:
+    """What readings change by with known inputs, and what is stated of these."""
+    if stated is None and solver.alone:
+        return NOTHING_TOLD  # a state takes seconds, its derivatives as much
+    if like is None:
+        slopes = solver.by_inputs(shapes)
+    else:
+        fluid = np.asarray(like.problem.model.permittivity)
+        slopes = like.told.slopes[..., solver.alike(like.loads, fluid)]
+    return ToldErrors(slopes, InputNoise(dict(stated or {}), stated is not None))
 
 
 def _as_built(data: SensorData) -> SensorData:
@@ -247,150 +290,6 @@ def _given(
             )
         found[own] = Prior(mean, sd, "given with --prior")
     return found
-
-
-def _away_from_the_wall(
-    problem: SensorProblem, constants: np.ndarray
-) -> tuple[SensorProblem, np.ndarray]:
-    """Leave out frames in which the membrane touches the wall, or nearly.
-
-    The shapes know no wall: where it holds the membrane all taxels read something else.
-    """
-    near, model = constants.copy(), problem.model
-    gap = f"{PATHS[GAP]}."
-    names = problem.family.names
-    own = [i for i, name in enumerate(names) if is_gap(name) or name.startswith(gap)]
-    near[own] *= _NEAR_CONTACT
-    if not own:
-        gaps = {
-            k: _NEAR_CONTACT * x for k, x in model.inputs.items() if f"{k}.".startswith(gap)
-        }
-        model = dataclasses.replace(model, inputs=model.inputs | gaps)
-    readings = problem.readings
-    through = np.asarray(COMPILED.run(_through_the_wall, model, jnp.asarray(near), once=True))
-    touching = through[readings.state] & np.isfinite(readings.so)
-    present = np.isfinite(readings.so) & ~touching
-    if not present.any():
-        raise NoCalibration(
-            "the membrane touches the wall in every frame: check the units of the known "
-            "displacements or forces, and the skin's oil gap"
-        )
-    readings = dataclasses.replace(readings, present=present, used=present)
-    return problem.replace(readings=readings), touching
-
-
-@eqx.filter_jit
-def _through_the_wall(
-    model: SensorModel, constants: Float[Array, " p"]
-) -> Bool[Array, " state"]:
-    return model.through_the_wall(constants)
-
-
-def _settled(
-    problem: SensorProblem,
-    found: Found,
-    shapes: Shapes,
-    touching: np.ndarray,
-    solver: ShapeSolver,
-    stated: Sequence[float | None],
-    progress: Callable[[str], None],
-) -> tuple[SensorProblem, Found, Shapes, np.ndarray, bool]:
-    """Add the priors that are needed; solve shapes again until no constant moves them.
-
-    Returns the problem, its minimum, the shapes, which readings the wall takes, and whether
-    nothing changes any more.
-    """
-    names, moving = problem.family.names, problem.model.shaping
-    same = _SAME * problem.family.sizes[moving]
-    if problem.correlation is not None:
-        same = np.array([_SAME_AS_BUILT * problem.priors[names[i]].sd for i in moving])
-    damping = 0.0
-    for _ in range(_ROUNDS):
-        at = np.asarray(problem.model.at)[moving]
-        moved = bool((np.abs(found.constants[moving] - at) > same).any())
-        told = hierarchical(problem, found.constants)
-        needed = needed_priors(told, found.constants, stated)
-        known = all(
-            abs(prior.sd - problem.priors[name].sd) <= _SAME_AS_BUILT * prior.sd
-            for name, prior in told.priors.items()
-        )
-        if not moved and not needed and known:
-            # Of a gap that was found smaller than the file's, more frames touch.
-            away, now = _away_from_the_wall(problem, found.constants)
-            if not (now & ~touching).any():
-                return problem, found, shapes, touching, True
-            touching |= now
-            present = away.readings.present & ~touching
-            readings = dataclasses.replace(away.readings, present=present, used=present)
-            problem, found = robust(problem.replace(readings=readings), found.constants)
-            continue
-        step = _step(solver, problem, found.constants, damping) if moved else None
-        if moved and step is None:
-            break
-        problem = told.replace(priors={**told.priors, **needed})
-        if step is None:
-            found = search(problem, found.constants)
-            continue
-        shapes, damping = step
-        start, field = np.asarray(shapes.model.at), problem.model.factor
-        problem = problem.replace(model=dataclasses.replace(shapes.model, factor=field))
-        progress("fitting")
-        problem, touching = _away_from_the_wall(problem, start)
-        problem, found = robust(problem, start)
-    # Beyond the last shapes' constants the skin may buckle.
-    found = dataclasses.replace(found, constants=np.asarray(problem.model.at))
-    return problem, found, shapes, touching, False
-
-
-def _step(
-    solver: ShapeSolver, problem: SensorProblem, wanted: np.ndarray, damping: float
-) -> tuple[Shapes, float] | None:
-    """Shapes at constants that are no worse than the last shapes', by Levenberg and Marquardt.
-
-    Shapes are linear about the last ones, so the wanted constants, of least cost in them, may
-    be worse, or the skin may buckle there: then a step of more damping is tried.
-    Returns the shapes and the damping of the next step; None where no step is any better.
-    """
-    last = np.asarray(problem.model.at)
-    before = _cost(problem, last)
-    for trial in range(_TRIALS):
-        if damping:
-            wanted = search(_damped(problem, damping), last).constants
-        try:
-            shapes = solver.at(wanted)
-            model = dataclasses.replace(shapes.model, factor=problem.model.factor)
-            cost = _cost(problem.replace(model=model), wanted)
-        except NoCalibration:
-            cost = np.nan
-        if trial and abs(before - cost) <= _RISE:
-            return None
-        if cost <= before + _RISE:
-            return shapes, damping / _DAMPING if damping > 1.0 else 0.0
-        damping = max(1.0, _DAMPING * damping)
-    return None
-
-
-def _damped(problem: SensorProblem, damping: float) -> SensorProblem:
-    """The problem with the last shapes' constants as further priors of so much information.
-
-    It is counted in that of the constants' own priors, or in that of their sizes.
-    """
-    priors, share = dict(problem.priors), 1 + damping
-    names, at = problem.family.names, np.asarray(problem.model.at)
-    for name, last, size in zip(names, at, problem.family.sizes, strict=True):
-        own = priors.get(name)
-        mean, sd = float(last), float(size) / damping**0.5
-        if own is not None:
-            mean, sd = (own.mean + damping * mean) / share, own.sd / share**0.5
-        priors[name] = Prior(mean, sd, "damping")
-    return problem.replace(priors=priors)
-
-
-def _cost(problem: SensorProblem, constants: np.ndarray) -> float:
-    """Negative log posterior up to a constant; infinite where readings have no numbers."""
-    r, _ = sensitivity(problem.residuals(), jnp.asarray(constants))
-    cost = 0.5 * float(jnp.sum(r**2))
-    return cost if np.isfinite(cost) else np.inf
 
 
 def _with_measured_noise(

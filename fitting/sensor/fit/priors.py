@@ -15,6 +15,7 @@ from fitting.sensor.logs.data import SensorData
 from fitting.sensor.model.as_built import Alike, as_built_deviations, is_gain
 from fitting.sensor.model.constants import (
     FILL,
+    FORCE_ZERO,
     GAP,
     LAYERS,
     MOUNTING,
@@ -23,6 +24,7 @@ from fitting.sensor.model.constants import (
     SCALE,
     STRAY,
     THICKNESS,
+    TOUCH,
     SensorConstant,
     is_gap,
     is_press_error,
@@ -45,6 +47,8 @@ TOLERANCE = {
     FILL: 0.1,
     MOUNTING: 0.1,
     THICKNESS: 0.03,
+    TOUCH: 0.02,
+    FORCE_ZERO: 0.02,
 }
 _MATERIAL_TOLERANCE = 0.1
 _EXACT = 1e-6  # of a constant that the file declares exact (+- 0), relative to its size

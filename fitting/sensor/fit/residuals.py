@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int
 
 from fitting.sensor.logs.readings import LoggedCounts
 from fitting.sensor.model.constants import SensorFamily
-from fitting.sensor.model.counts import SensorModel
+from fitting.sensor.model.counts import SensorModel, counts_at
 from fitting.statistics.residuals import AbstractResiduals, sensitivity
 from suas_jax.runtime.compiled import COMPILED
 
@@ -46,6 +46,16 @@ class SensorResiduals(AbstractResiduals):
     basis: Float[Array, "taxel frame column"]
     # inverse root of the priors' correlations; None where they are independent
     mixing: Float[Array, "p p"] | None
+    # What readings share by the errors of known inputs, see `SharedErrors`: S, M, and what
+    # untangles taxels after it; None where known inputs are exact
+    shared: (
+        tuple[
+            Float[Array, "load taxel frame"],
+            Float[Array, "state load load"],
+            Float[Array, "tk tk"],
+        ]
+        | None
+    ) = None
 
     def predict(self, constants: Float[Array, " p"]) -> Float[Array, " n"]:
         """LoggedCounts for constants in SI units, and the constants themselves."""
@@ -75,17 +85,25 @@ class SensorResiduals(AbstractResiduals):
         if self.mixing is not None:
             prior = self.mixing @ r[taxels * frames :]
             r = jnp.concatenate([r[: taxels * frames], prior])
-        if columns == 0:
+        if columns == 0 and self.shared is None:
             return r
-        data = r[: taxels * frames].reshape(taxels, frames)
-        along = jnp.einsum("tfk,tf->tk", self.basis, data)
-        data = data - jnp.einsum("tfk,tk->tf", self.basis, along)
+        data = self._whitened(r[: taxels * frames].reshape(taxels, frames))
+        if columns:
+            along = jnp.einsum("tfk,tf->tk", self.basis, self._whitened(data))
+            if self.shared is not None:
+                along = (self.shared[2] @ along.reshape(-1)).reshape(along.shape)
+            taken = jnp.einsum("tfk,tk->tf", self.basis, along)
+            data = data - self._whitened(taken)
         return jnp.concatenate([data.reshape(-1), r[taxels * frames :]])
 
-
-@eqx.filter_jit
-def _counts(model: SensorModel, constants: Float[Array, " p"]) -> Float[Array, "taxel state"]:
-    return model.so(constants)
+    def _whitened(self, r: Float[Array, "taxel frame"]) -> Float[Array, "taxel frame"]:
+        if self.shared is None:
+            return r
+        columns, root, _ = self.shared
+        along = jnp.einsum("ktf,tf->fk", columns, r)
+        sums = jax.ops.segment_sum(along, self.state, len(root))
+        own = jnp.einsum("jkl,jl->jk", root, sums)[self.state]
+        return r - jnp.einsum("ktf,fk->tf", columns, own)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,14 +147,21 @@ class SensorProblem:
             part = self.family.parts[i]
             means[i], sds[i] = part.floor, 1 / (_HELD * part.size)
         value = np.concatenate([np.nan_to_num(here.so).reshape(-1), means])
+        basis = here.basis(here.sigma / np.sqrt(np.where(here.used, weight, 1)))
+        whitening, shared = here.whitening(weight), None
+        if whitening is not None:
+            untangling = here.untangling(basis, weight)
+            columns, root = jnp.asarray(whitening.columns), jnp.asarray(whitening.root)
+            shared = columns, root, jnp.asarray(untangling)
         return SensorResiduals(
             family=self.family,
             model=self.model,
             state=jnp.asarray(here.state),
             value=jnp.asarray(value),
             inverse_scale=jnp.asarray(np.concatenate([inverse.reshape(-1), sds])),
-            basis=jnp.asarray(here.basis(here.sigma / np.sqrt(np.where(here.used, weight, 1)))),
+            basis=jnp.asarray(basis),
             mixing=None if self.correlation is None else jnp.asarray(self._mixing()),
+            shared=shared,
         )
 
     def _mixing(self) -> np.ndarray:
@@ -155,23 +180,25 @@ class SensorProblem:
 
     def predicted(self, constants: np.ndarray) -> np.ndarray:
         """Counts without offsets and drift [taxel, frame]."""
-        so = COMPILED.run(_counts, self.model, jnp.asarray(constants), once=True)
+        so = COMPILED.run(counts_at, self.model, jnp.asarray(constants), once=True)
         return np.asarray(so)[:, self.readings.state]
 
     def standardised(
-        self, constants: np.ndarray, weight: np.ndarray | float = 1.0
+        self, constants: np.ndarray, weight: np.ndarray | float = 1.0, *, whole: bool = False
     ) -> np.ndarray:
         """Predicted less measured counts of all readings present, in units of the noise.
 
-        Offsets and drift are those of the readings that are used, so that outliers among
-        the others stand out; zero where nothing is present [taxel, frame].
+        Offsets, drift and, if not `whole`, what readings share are taken out. They are those of
+        the readings that are used, so that outliers among the others stand out; zero where
+        nothing is present [taxel, frame].
         """
         here = self.readings
         errors = np.where(here.present, here.so - self.predicted(constants), 0.0)
         if here.extras:
             found, _ = here.taken_out(errors, weight)
             errors = errors - np.einsum("tk,fk->tf", found, here.columns())
-        return np.where(here.present, -errors / here.sigma, 0.0)
+        r = np.where(here.present, -errors / here.sigma, 0.0)
+        return r if whole or here.told is None else here.whitened(r, weight)
 
     def relative_sizes(self, constants: np.ndarray) -> np.ndarray:
         """What a constant's error is compared with: its value, or its natural size [p]."""

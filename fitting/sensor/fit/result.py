@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.sensor.fit.assumptions import pulled_warning
+from fitting.sensor.fit.assumptions import contradiction_warning, pulled_warning
 from fitting.sensor.fit.checks import (
     disagreement_warning,
     exchanged_warning,
@@ -18,6 +18,7 @@ from fitting.sensor.fit.checks import (
     noise_warning,
     wall_warning,
 )
+from fitting.sensor.fit.input_noise import ToldErrors, noise_sentences
 from fitting.sensor.fit.priors import findings, log_contributions
 from fitting.sensor.fit.residuals import Prior, SensorProblem, SensorResiduals, bounds_of
 from fitting.sensor.fit.search import Found
@@ -58,6 +59,7 @@ class SensorFit:
     findings: tuple[str, ...]  # what the data don't determine, in words
     contributions: tuple[dict[str, Any], ...]  # what each log, and each fluid, tells
     warnings: tuple[str, ...]  # what a person should know
+    told: ToldErrors  # of known inputs
     discrepancy: Discrepancy | None = None  # from the model, as presses show; of sections
 
     @property
@@ -130,6 +132,7 @@ def judged_fit(
     noise: np.ndarray,  # standard deviation of a reading [taxel, log], counts
     touching: np.ndarray,  # readings of taxels that the membrane touches [taxel, frame]
     steady: bool,  # whether the shapes change no more
+    told: ToldErrors,  # of known inputs
     warnings: list[str],  # of the search
 ) -> SensorFit:
     """A calibration with its errors, its misfit and its warnings."""
@@ -165,7 +168,10 @@ def judged_fit(
         hint = "; --field takes capacitances from the field instead of the formula"
         can = problem.model.factor is None and data.spec.geometry.dimension == 2
         warnings.append(words + (hint if can else ""))
+    warnings += noise_sentences(problem, constants, told)
     warnings += [
+        *told.warnings,
+        contradiction_warning(family, data, shapes.force, shapes.displacement),
         disagreement_warning(problem, constants),
         exchanged_warning(problem, constants, data),
         pulled_warning(problem, constants),
@@ -196,6 +202,7 @@ def judged_fit(
             log_contributions(problem, constants, judged_misfit.inflation, data)
         ),
         warnings=tuple(dict.fromkeys(filter(None, warnings))),
+        told=told,
     )
 
 

@@ -53,6 +53,9 @@ class SensorData:
     warnings: tuple[str, ...]  # what a person should know
     # whether `suas simulate` made all of them, which has the shell's shapes
     simulated: bool = False
+    # of loads whose force and displacement are both known: the one that is not used, its mean
+    # in each state; NaN elsewhere [load, state] [N] or [m]
+    unused: np.ndarray | None = None
 
     @property
     def paths(self) -> str:
@@ -167,7 +170,9 @@ def _joined(spec: SkinSpec, parts: Sequence[AlignedLog], joint: bool) -> SensorD
         _only_bodies(table, parts, warnings)
     force, displacement = table["force"], table["displacement"]
     both = np.isfinite(force) & np.isfinite(displacement)
-    (displacement if joint else force)[both] = np.nan
+    left_out = displacement if joint else force
+    unused = np.where(both, left_out, np.nan)
+    left_out[both] = np.nan
     force[np.isnan(force) & np.isnan(displacement)] = 0.0
     known = {key for p in parts for key in p.known.values}
     for load in range(count):
@@ -207,7 +212,17 @@ def _joined(spec: SkinSpec, parts: Sequence[AlignedLog], joint: bool) -> SensorD
         tuple(masked),
         tuple(warnings),
         all(p.simulated for p in parts),
+        _means(unused, state.reshape(-1), len(first)) if both.any() else None,
     )
+
+
+def _means(values: np.ndarray, state: np.ndarray, states: int) -> np.ndarray:
+    """Means of values [load, frame] over the frames of each state; NaN where there are none."""
+    known = np.isfinite(values)
+    pairs = zip(values, known, strict=True)
+    sums = np.array([np.bincount(state[k], row[k], states) for row, k in pairs])
+    count = np.array([np.bincount(state[k], minlength=states) for k in known])
+    return np.where(count > 0, sums / np.maximum(count, 1), np.nan)
 
 
 def _forget_idle_places(table: Table) -> None:

@@ -5,6 +5,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+AMOUNTS = {"force": "N", "displacement": "m", "depth": "m"}
+"""What a load is known by, with its SI unit."""
+_STEP = 1e-3  # of the largest one, over which derivatives are taken
+
 
 @dataclasses.dataclass(frozen=True)
 class KnownLoads:
@@ -64,6 +68,46 @@ class KnownLoads:
         moved = getattr(self, name).copy()
         moved[0] += change
         return dataclasses.replace(self, **{name: moved})
+
+    @property
+    def told(self) -> dict[str, np.ndarray]:
+        """Where a load is known by its force, displacement or depth [load, state].
+
+        None of them where nothing is pressed, which is exact.
+        """
+        told = {name: np.nan_to_num(getattr(self, name)) != 0 for name in AMOUNTS}
+        return told | {"depth": self.depth > 0}
+
+    @property
+    def pressed(self) -> np.ndarray:
+        """Where a load presses [load, state]."""
+        return np.any(list(self.told.values()), axis=0)
+
+    def stepped(self, load: int) -> tuple["KnownLoads", np.ndarray]:
+        """The same with a load a little further, and by how much [state] [N] or [m]."""
+        changed, step = {}, np.zeros(self.states)
+        for name, told in self.told.items():
+            values = getattr(self, name).copy()
+            own = np.where(told[load], _STEP * np.abs(values[told]).max(initial=0.0), 0.0)
+            values[load] += own
+            changed[name] = values
+            step += own
+        return dataclasses.replace(self, **changed), step
+
+    def zeros(self, travel: float, force: float) -> np.ndarray:
+        """Errors of what was told where gauges show this at no load [load, state]."""
+        told = self.told
+        moved = told["displacement"] | told["depth"]
+        return np.asarray(np.where(moved, travel, np.where(told["force"], force, 0.0)))
+
+    def less(self, error: np.ndarray) -> "KnownLoads":
+        """The loads without an error of what was told of them [load, state] [N] or [m]."""
+        rest = {
+            name: getattr(self, name) - np.where(told, error, 0.0)
+            for name, told in self.told.items()
+        }
+        rest["depth"] = np.maximum(rest["depth"], 0.0)
+        return dataclasses.replace(self, **rest)
 
     def with_rest(self) -> "KnownLoads":
         """One more state, without loads."""

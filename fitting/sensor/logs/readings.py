@@ -9,7 +9,10 @@ import dataclasses
 import numpy as np
 
 from fitting.sensor.logs.data import SensorData
+from fitting.sensor.logs.known_inputs import permittivities
 from fitting.sensor.logs.known_loads import KnownLoads
+from fitting.sensor.logs.shared_errors import SharedErrors, Whitening
+from suas_jax.acquisition.baseline import FLUID as FLUID_KEY
 from suas_jax.acquisition.baseline import Baseline, rest_of
 
 ROUNDING = 1.0 / np.sqrt(12.0)
@@ -33,6 +36,7 @@ class LoggedCounts:
     offsets: bool  # whether every taxel has an offset
     drifting: bool  # whether every taxel drifts steadily in every log
     logs: int  # how many logs there are
+    told: SharedErrors | None = None  # of known inputs; None where all are exact
 
     @property
     def extras(self) -> int:
@@ -68,9 +72,65 @@ class LoggedCounts:
         """
         w = np.where(self.used, np.sqrt(weight) / self.sigma, 0.0)
         stack = self.columns() * w[..., None]
-        inverse = np.linalg.pinv(stack, rcond=1e-9)
-        found = np.einsum("tkf,tf->tk", inverse, np.where(self.used, errors, 0.0) * w)
-        return found, np.sqrt(np.einsum("tkf,tkf->tk", inverse, inverse))
+        errors = np.where(self.used, errors, 0.0) * w
+        whitening = self.whitening(weight)
+        if whitening is None:
+            inverse = np.linalg.pinv(stack, rcond=1e-9)
+            found = np.einsum("tkf,tf->tk", inverse, errors)
+            return found, np.sqrt(np.einsum("tkf,tkf->tk", inverse, inverse))
+        size = np.maximum(np.linalg.norm(stack, axis=1), 1e-300)  # [taxel, column]
+        stack = stack / size[:, None]
+        inverse = _inverse(whitening.gram(self.state, stack))
+        own = whitening.inverse @ whitening.sums(self.state, errors)[..., None]
+        errors = errors - np.einsum("ktf,fk->tf", whitening.columns, own[self.state, :, 0])
+        found = inverse @ np.einsum("tfk,tf->tk", stack, errors).reshape(-1)
+        spread = np.sqrt(np.maximum(np.diag(inverse), 0.0))
+        return found.reshape(size.shape) / size, spread.reshape(size.shape) / size
+
+    def whitening(self, weight: np.ndarray | float = 1.0) -> Whitening | None:
+        """What makes errors independent that readings share; None where they share none.
+
+        Of the readings that are used, each with its weight beside its noise [taxel, frame].
+        """
+        if self.told is None:
+            return None
+        inverse = np.where(self.used, np.sqrt(weight) / self.sigma, 0.0)
+        return self.told.whitening(self.state, inverse)
+
+    def whitened(self, r: np.ndarray, weight: np.ndarray | float = 1.0) -> np.ndarray:
+        """Residuals less what those of their state share [taxel, frame].
+
+        They are in units of the noise, without the weights that they have beside it. What the
+        used ones tell of the shared errors is taken off the others, too.
+        """
+        whitening = self.whitening(weight)
+        if whitening is None or self.told is None:
+            return r
+        root = np.sqrt(np.broadcast_to(weight, r.shape))
+        shared = whitening.root @ whitening.sums(self.state, r * root)[..., None]
+        told = (self.told.slopes * self.told.deviation[:, None])[..., self.state] / self.sigma
+        return np.asarray(r - np.einsum("ktf,fk->tf", told, shared[self.state, :, 0]))
+
+    def shared(self, r: np.ndarray) -> np.ndarray:
+        """The most probable errors of what was told [load, state] [N] or [m].
+
+        Of residuals in units of the noise, predicted less measured [taxel, frame].
+        """
+        whitening = self.whitening()
+        if whitening is None or self.told is None:
+            return np.zeros((0, 0))
+        found = whitening.inverse @ whitening.sums(self.state, r)[..., None]
+        return np.asarray(self.told.deviation * found[..., 0].T)
+
+    def untangling(self, basis: np.ndarray, weight: np.ndarray | float = 1.0) -> np.ndarray:
+        """(B^T W W B)^-1 of what is taken out, B the orthonormal `basis`."""
+        whitening = self.whitening(weight)
+        assert whitening is not None
+        return _inverse(whitening.gram(self.state, basis))
+
+
+def _inverse(gram: np.ndarray) -> np.ndarray:
+    return np.asarray(np.linalg.pinv(gram, rcond=1e-12, hermitian=True))
 
 
 def held_presses(data: SensorData) -> SensorData:
@@ -196,7 +256,9 @@ def gathered(
         state = np.concatenate([state, [loads.states]])
         log, time = np.concatenate([log, [-1]]), np.concatenate([time, [0.0]])
         loads = loads.with_rest()
-        permittivity = np.concatenate([permittivity, [np.nan]])
+        fluid = np.array([baseline.header.get(FLUID_KEY, "")], object)
+        own = permittivities(fluid, None, 1, "--baseline")
+        permittivity = np.concatenate([permittivity, own])
     present = np.isfinite(so)
     readings = LoggedCounts(
         so,

@@ -16,6 +16,8 @@ STRAY, LAYERS = "stray", "layers"
 FILL, MOUNTING, THICKNESS = "fill", "mounting", "thickness"
 STIFFNESS = "stiffness"  # a factor on all stresses of the material
 PLACE, AXIAL, PUSH = "place", "axial", "push"  # a press's errors: of its force relative
+TOUCH, FORCE_ZERO = "touch", "force_zero"  # what is told of travel and force at no load
+ZEROS = (TOUCH, FORCE_ZERO)
 PRESS_ERRORS = {PLACE: "angle", AXIAL: "axial", PUSH: "force"}
 """What of a known load each of them moves."""
 ALIASES = {"permittivity": PERMITTIVITY, "gap": GAP, "scale": SCALE}
@@ -35,6 +37,7 @@ _MATERIAL = "material."
 _VACUUM = 8.854e-12
 _DIAMETER = 4e-3  # of a usual taxel [m]
 _SMALL_FILL, _SMALL_MOUNTING = 0.03, 5e-3  # natural sizes: what these are judged against
+_FORCE = 10.0  # of a usual press [N]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,6 +116,7 @@ def moves_membrane(name: str) -> bool:
         MOUNTING,
         THICKNESS,
         STIFFNESS,
+        *ZEROS,
     )
 
 
@@ -127,14 +131,14 @@ def with_constants(
     """Inputs by TOML path with constants in their places.
 
     The inputs come without the constants; a stiffness is a factor on what they have. Names and
-    values are those of the constants, SI; gaps of single taxels and errors of places are no
-    inputs.
+    values are those of the constants, SI; gaps of single taxels, errors of places and zeros of
+    gauges are no inputs.
     """
     found = dict(inputs)
     for name, value in zip(names, values, strict=True):
         if name == STIFFNESS:
             found |= {path: value * inputs[path] for path in stresses_of(spec)}
-        elif not (is_press_error(name) or name.startswith(f"{GAP}.")):
+        elif not (is_press_error(name) or name in ZEROS or name.startswith(f"{GAP}.")):
             found[PATHS.get(name, name)] = value
     return found
 
@@ -184,6 +188,8 @@ def named(spec: SkinSpec, name: str) -> SensorConstant:
         MOUNTING: ("1", _SMALL_MOUNTING, False),
         THICKNESS: ("m", spec.geometry.mean_thickness),
         STIFFNESS: ("1", 1.0),
+        TOUCH: ("m", gap, False),
+        FORCE_ZERO: ("N", _FORCE, False),
     }
     if own in known:
         return SensorConstant(own, *known[own])
@@ -197,8 +203,8 @@ def named(spec: SkinSpec, name: str) -> SensorConstant:
         what = "is found alone" if name == "relaxation" else "unknown"
         raise ValueError(
             f'--fit "{name}": {what}; allowed: as-built or relaxation alone, or any of '
-            "permittivity, gap, scale, stray, layers, fill, mounting, thickness, "
-            + ", ".join(material)
+            "permittivity, gap, scale, stray, layers, fill, mounting, thickness, touch, "
+            "force_zero, " + ", ".join(material)
         )
     value = material[own]
     size = abs(value) or max(abs(v) for v in material.values())

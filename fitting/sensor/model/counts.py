@@ -68,6 +68,9 @@ class SensorModel(eqx.Module):
     # positions among the constants of the errors of each state's place, -1 where there is none
     # [kind, state]; their derivatives follow those of `moving`
     latent: tuple[tuple[int, ...], ...] = eqx.field(static=True, default=())
+    # Counts that are further by so much, to first order, as what was told of the loads is not
+    # what the faces were computed for [taxel, state]; None where it is
+    beyond: Float[Array, "taxel state"] | None = None
 
     @property
     def shaping(self) -> list[int]:
@@ -125,10 +128,11 @@ class SensorModel(eqx.Module):
         fluid = jnp.where(oil, electrodes.permittivity, known)
         electrodes = eqx.tree_at(lambda e: e.permittivity, electrodes, fluid)
         readings = electrodes.read_face(self._face(constants))
+        beyond = 0.0 if self.beyond is None else self.beyond
         if self.factor is None:
-            return readings.so
+            return readings.so + beyond
         own = readings.capacitance - electrodes.stray
-        return (electrodes.stray + self.factor * own) / electrodes.lsb
+        return (electrodes.stray + self.factor * own) / electrodes.lsb + beyond
 
     def through_the_wall(self, constants: Float[Array, " p"]) -> Bool[Array, " state"]:
         """Whether the membrane passes through the wall, of which its shape knows nothing.
@@ -185,6 +189,12 @@ class SensorModel(eqx.Module):
 
         face: AbstractFace = eqx.apply_updates(self.face, jax.tree.map(moved, self.slope))
         return face
+
+
+@eqx.filter_jit
+def counts_at(model: SensorModel, constants: Float[Array, " p"]) -> Float[Array, "taxel state"]:
+    """Counts of a model at some constants; see `SensorModel.so`."""
+    return model.so(constants)
 
 
 @eqx.filter_jit

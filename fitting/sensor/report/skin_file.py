@@ -22,6 +22,7 @@ from fitting.sensor.model.constants import (
     STIFFNESS,
     STRAY,
     THICKNESS,
+    ZEROS,
     is_gap,
     is_press_error,
 )
@@ -46,7 +47,7 @@ _PLACES = {
 }
 
 
-_NOT_MATERIAL = ("geometry.", "electrodes.", *(f"{kind}." for kind in PRESS_ERRORS))
+_NOT_MATERIAL = ("geometry.", "electrodes.", *ZEROS, *(f"{kind}." for kind in PRESS_ERRORS))
 
 
 def calibrated_skin(skin: Path, fit: SensorFit) -> str:

@@ -143,6 +143,8 @@ class SceneStates:
         moving: Mapping[str, float],  # those constants by name
         latent: tuple[str, ...],
         oil: AbstractOil | None,  # how the fluid answers, if not as the skin file says
+        *,
+        slopes: bool = True,  # whether derivatives are wanted
     ) -> Solved:
         """Find the shape of the membrane in some states, and its derivatives.
 
@@ -152,7 +154,7 @@ class SceneStates:
         both = Moving.of({**moving, **dict.fromkeys(latent, 0.0)})
         held = {path: x for path, x in held.items() if path in self._numbers}
         inputs = self._numbers | with_constants(self._spec, held, moving, moving.values())
-        found, slopes = [], []
+        found, by = [], []
         told: list[Inputs] = []
         for row, k in enumerate(index):
             self._progress(f"deforming the membrane, state {row + 1} of {len(index)}")
@@ -171,12 +173,12 @@ class SceneStates:
             one = found[row]
             return self._slope(int(index[row]), loads, row, told[row], both, oil, one)
 
-        if both.names:
+        if both.names and slopes:
             # A program keeps one core busy: states share out the others.
             with ThreadPoolExecutor(os.cpu_count()) as pool:
                 for row, own_slope in enumerate(pool.map(slope, range(len(index)))):
                     self._progress(f"derivatives of state {row + 1} of {len(index)}")
-                    slopes.append(own_slope)
+                    by.append(own_slope)
 
         def joined(parts: list[Any]) -> Any:
             return jax.tree.map(lambda *x: np.concatenate(x, -1), *parts)
@@ -185,7 +187,7 @@ class SceneStates:
             joined([one.face for one in found]),
             joined([one.force for one in found]),
             joined([one.displacement for one in found]),
-            joined(slopes) if slopes else None,
+            joined(by) if by else None,
         )
 
     def _slope(
@@ -203,7 +205,8 @@ class SceneStates:
         if PUSH in moving.names and len(before) == _AS_BUILT_ROUNDS:
             return before[-1]
         wanted = np.isfinite(loads.displacement[:, row : row + 1]).astype(float)
-        arguments = known, loads.angle[:, row], one.force, wanted, loads.inner
+        pressed = loads.pressed[:, row].astype(float)
+        arguments = known, loads.angle[:, row], one.force, wanted, loads.inner, pressed
         found: AbstractFace = COMPILED.run(
             state_slopes,
             self._scene,

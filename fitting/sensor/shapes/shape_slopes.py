@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from fitting.sensor.logs.known_loads import KnownLoads
-from fitting.sensor.model.constants import PLACE, PUSH, with_constants
+from fitting.sensor.model.constants import FORCE_ZERO, PLACE, PUSH, TOUCH, with_constants
 from fitting.sensor.model.counts import parts_of
 from fitting.sensor.shapes.deformations import Deformed
 from fitting.sensor.shapes.press import Press, first_only
@@ -79,6 +79,7 @@ def _of_section(
     force: Array,
     start: State,
     wanted: Array,
+    told: Array,
     inputs: dict[str, Array],
     moving: Moving,
     spec: SkinSpec,
@@ -89,11 +90,13 @@ def _of_section(
         geometry, law, answer, _ = parts_of(spec, numbers, oil)
         moved = press.shifted(moving.shift(PLACE, values))
         push = 1 + first_only(force) * moving.shift(PUSH, values)
-        problem = moved.problem(geometry, law, answer, push * force)
+        own = push * force - told * moving.shift(FORCE_ZERO, values)
+        problem = moved.problem(geometry, law, answer, own)
         found = equilibrium(problem, start)
         _, shown, shell = corrected(problem, found.state)
         face = section_of(shell).face(shown.q)
-        return moved.displacements(shell, shown.q), eqx.filter(face, eqx.is_inexact_array)
+        travel = moved.displacements(shell, shown.q) + told * moving.shift(TOUCH, values)
+        return travel, eqx.filter(face, eqx.is_inexact_array)
 
     return slopes_of(shape, moving.values, force, wanted)
 
@@ -117,6 +120,7 @@ def shape_slopes(
         jnp.asarray(shape.force),
         shape.state,
         jnp.asarray(np.isfinite(loads.displacement), float),
+        jnp.asarray(loads.pressed, float),
         dict(inputs),
         Moving.of(moving),
         spec,

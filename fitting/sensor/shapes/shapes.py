@@ -12,16 +12,18 @@ from fitting.sensor.logs.data import NoCalibration, SensorData
 from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.model.constants import (
     FILL,
+    FORCE_ZERO,
     GAP,
     PATHS,
     PRESS_ERRORS,
     PUSH,
+    TOUCH,
     SensorFamily,
     is_gap,
     moves_membrane,
     with_constants,
 )
-from fitting.sensor.model.counts import SensorModel, parts_of
+from fitting.sensor.model.counts import SensorModel, counts_at, parts_of
 from fitting.sensor.shapes.deformations import Deformed, NoDeformation, deform
 from fitting.sensor.shapes.scene_states import SceneStates, Solved
 from fitting.sensor.shapes.shape_slopes import shape_slopes
@@ -36,6 +38,7 @@ from suas_jax.config.inputs import given_inputs
 from suas_jax.config.tolerance import deviation_of
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.mechanics.face import AbstractFace
+from suas_jax.runtime.compiled import COMPILED
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil
 from suas_jax.skin.oils.compressible import CompressibleOil
@@ -52,6 +55,17 @@ class Shapes:
     model: SensorModel  # counts as a function of the constants
     force: np.ndarray  # on each load, given or found [load, state, N]
     displacement: np.ndarray  # of each load [load, state, m]
+
+    def slopes_by(self, other: "Shapes", step: np.ndarray) -> np.ndarray:
+        """Counts by an input that is a step further in other shapes [taxel, state].
+
+        The step is zero where the input is exact [state].
+        """
+        counts = [
+            np.asarray(COMPILED.run(counts_at, x.model, self.model.at, once=True))
+            for x in (self, other)
+        ]
+        return np.where(step != 0, counts[1] - counts[0], 0) / np.where(step != 0, step, 1)
 
 
 class ShapeSolver:
@@ -85,14 +99,16 @@ class ShapeSolver:
         }
         self.warnings: list[str] = []  # what a person should know of the shapes
         self._data, self._loads, self._permittivity = data, loads, permittivity
+        self._beyond: Array | None = None
         self._family, self._gap_of, self._progress = family, gap_of, progress
         self._shell = model == "shell" or (model == "auto" and data.simulated)
         self._air = self._answer_of(air)
         self._corrections: list[SolidCorrection] | None = None
-        alone = data.spec.geometry.dimension == 3 or loads.bodies
+        # whether states are solved one by one
+        self.alone = data.spec.geometry.dimension == 3 or loads.bodies
         self._states = (
             SceneStates(data.spec, loads, progress, whole_slopes=whole_slopes)
-            if alone
+            if self.alone
             else None
         )
         by_gap = FILL in family.names or self._volume_goes_with_gap()
@@ -132,8 +148,14 @@ class ShapeSolver:
         deviation = deviation_of(given_inputs(self._data.spec).get(path))
         return float(value) if deviation is None else UncertainQuantity(value, deviation)
 
-    def at(self, constants: np.ndarray) -> Shapes:
-        """Shapes at some constants. Raises NoCalibration: a known state has no equilibrium."""
+    def at(
+        self, constants: np.ndarray, loads: KnownLoads | None = None, *, slopes: bool = True
+    ) -> Shapes:
+        """Shapes at some constants, under the known loads or others like them.
+
+        `slopes` is whether derivatives by the constants that move the membrane are wanted.
+        Raises NoCalibration: a known state has no equilibrium.
+        """
         self._progress("deforming the membrane")
         names = self._family.names
         values = [float(x) for x in constants]
@@ -141,13 +163,15 @@ class ShapeSolver:
         kept = {name: jnp.asarray(x) for name, x in zip(names, values, strict=True)}
         kept = {name: x for name, x in kept.items() if name not in moving}
         held = with_constants(self._data.spec, self.inputs, kept, kept.values())
-        loads = self._loads
+        loads = self._loads if loads is None else loads
         for kind, row in self._latent.items():
             off = np.where(np.array(row) >= 0, constants[np.array(row)], 0.0)
             loads = loads.shifted(
                 PRESS_ERRORS[kind], off * loads.force[0] if kind == PUSH else off
             )
-        parts = [self._part(*group, loads, held, moving) for group in self._fluids()]
+        groups = self._fluids()
+        loads = loads.less(loads.zeros(moving.get(TOUCH, 0.0), moving.get(FORCE_ZERO, 0.0)))
+        parts = [self._part(*group, loads, held, moving, slopes=slopes) for group in groups]
         order = np.argsort(np.concatenate([part.index for part in parts]))
         counts = [len(part.index) for part in parts]
 
@@ -158,8 +182,8 @@ class ShapeSolver:
         face: AbstractFace = jax.tree.map(
             lambda *x: _in_order(x, counts, order), *(part.shape.face for part in parts)
         )
-        slopes = [part.slope for part in parts]
-        slope = jax.tree.map(lambda *x: _in_order(x, counts, order), *slopes)
+        own = [part.slope for part in parts]
+        slope = jax.tree.map(lambda *x: _in_order(x, counts, order), *own)
         model = SensorModel(
             self.inputs,
             face,
@@ -169,9 +193,10 @@ class ShapeSolver:
             None,
             self._data.spec,
             self._family,
-            self.moving,
+            self.moving if slopes else (),
             self._gap_of,
-            tuple(self._latent.values()),
+            tuple(self._latent.values()) if slopes else (),
+            self._beyond,
         )
         return Shapes(
             model,
@@ -179,32 +204,74 @@ class ShapeSolver:
             np.asarray(joined(lambda p: p.shape.displacement)),
         )
 
+    def by_inputs(self, shapes: Shapes) -> np.ndarray:
+        """Counts by what is told of each load, SI [load, taxel, state].
+
+        By its force, displacement or depth, whichever is known; zero at rest.
+        """
+        at = np.asarray(shapes.model.at)
+        found = []
+        for load in range(len(self._loads.angle)):
+            loads, step = self._loads.stepped(load)
+            other = self.at(at, loads, slopes=False)
+            found.append(shapes.slopes_by(other, step))
+        return np.array(found)
+
+    def moved(
+        self, constants: np.ndarray, loads: KnownLoads, error: np.ndarray
+    ) -> tuple[Shapes, np.ndarray]:
+        """Shapes under other loads, from now on, and counts by these [load, taxel, state].
+
+        What was told of the loads is more by an error [load, state]: the model's counts are
+        those under the told ones, to first order.
+        """
+        self._loads, self._beyond = loads, None
+        shapes = self.at(constants)
+        slopes = self.by_inputs(shapes)
+        self._beyond = jnp.asarray(np.einsum("kts,ks->ts", slopes, error))
+        model = dataclasses.replace(shapes.model, beyond=self._beyond)
+        return dataclasses.replace(shapes, model=model), slopes
+
+    def less(self, constants: np.ndarray, error: np.ndarray) -> Shapes:
+        """Shapes if the loads were less by an error of what was told [load, state]."""
+        return self.at(constants, self._loads.less(error))
+
     def again(self, shapes: Shapes, loads: KnownLoads, constants: np.ndarray) -> Shapes:
         """Shapes of an earlier calibration of the same states.
 
         Raises ValueError: its states are others, or it moved the membrane.
         """
-        old, new, model = loads, self._loads, shapes.model
-        names = (x.name for x in dataclasses.fields(KnownLoads) if x.name != "inner")
-        pairs = [(getattr(old, n), getattr(new, n)) for n in names]
-        pairs.append((np.asarray(model.permittivity), self._permittivity))
-        same = model.spec == self._data.spec and not model.moving and not self.moving
-        same &= all(
-            a.shape == b.shape and np.allclose(a, b, rtol=1e-12, atol=1e-15, equal_nan=True)
-            for a, b in pairs
-        )
-        if not same:
-            raise ValueError(
-                "like: a calibration of other states, or one that found the material"
-            )
+        model, index = shapes.model, self.alike(loads, np.asarray(shapes.model.permittivity))
+        if model.spec != self._data.spec or model.moving or self.moving:
+            raise ValueError("like: a calibration of another skin, or one that moved it")
         own = dataclasses.replace(
             model,
+            face=jax.tree.map(lambda x: jnp.asarray(np.asarray(x)[..., index]), model.face),
+            beyond=None if model.beyond is None else model.beyond[:, index],
+            permittivity=jnp.asarray(self._permittivity),
             at=jnp.asarray(constants),
             factor=None,
             family=self._family,
             gap_of=self._gap_of,
         )
-        return dataclasses.replace(shapes, model=own)
+        return Shapes(own, shapes.force[:, index], shapes.displacement[:, index])
+
+    def alike(self, loads: KnownLoads, permittivity: np.ndarray) -> np.ndarray:
+        """Which of other states, with their fluids, the solver's own are like [state].
+
+        Raises ValueError: one is like none of them.
+        """
+        names = [x.name for x in dataclasses.fields(KnownLoads) if x.name != "inner"]
+
+        def keys(loads: KnownLoads, fluid: np.ndarray) -> list[str]:
+            rows = np.concatenate([*(getattr(loads, n) for n in names), [fluid]]).T + 0.0
+            return [" ".join(f"{x:.10g}" for x in row) for row in rows]
+
+        known = {key: i for i, key in enumerate(keys(loads, permittivity))}
+        found = [known.get(key, -1) for key in keys(self._loads, self._permittivity)]
+        if -1 in found:
+            raise ValueError("like: a calibration of other states")
+        return np.array(found)
 
     def _answer_of(self, air: str) -> AbstractOil | None:
         known = np.isfinite(self._data.permittivity)
@@ -238,6 +305,8 @@ class ShapeSolver:
         loads: KnownLoads,
         held: Mapping[str, Array],
         moving: Mapping[str, float],
+        *,
+        slopes: bool,
     ) -> "_Part":
         spec, loads = self._data.spec, loads.take(index)
         if loads.bodies and self._latent:
@@ -248,7 +317,7 @@ class ShapeSolver:
         try:
             if self._states is not None:
                 kinds = tuple(self._latent)
-                own = self._states.solve(index, loads, held, moving, kinds, oil)
+                own = self._states.solve(index, loads, held, moving, kinds, oil, slopes=slopes)
                 return _Part(index, own, own.slope)
             inputs = with_constants(spec, held, moving, map(jnp.asarray, moving.values()))
             geometry, law, answer, _ = parts_of(spec, inputs, oil)
@@ -257,7 +326,7 @@ class ShapeSolver:
                 shape = self._as_solid(shape, loads, geometry, law, answer)
         except NoDeformation as error:
             raise NoCalibration(f"{self._data.paths}: {error}") from None
-        moving = {**moving, **dict.fromkeys(self._latent, 0.0)}
+        moving = {**moving, **dict.fromkeys(self._latent, 0.0)} if slopes else {}
         slope = shape_slopes(shape, loads, spec, held, moving, oil) if moving else None
         return _Part(index, shape, slope)
 

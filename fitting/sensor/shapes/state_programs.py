@@ -8,7 +8,14 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from fitting.sensor.model.constants import AXIAL, PLACE, PUSH, with_constants
+from fitting.sensor.model.constants import (
+    AXIAL,
+    FORCE_ZERO,
+    PLACE,
+    PUSH,
+    TOUCH,
+    with_constants,
+)
 from fitting.sensor.shapes.shape_slopes import Moving, slopes_of
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.correction import Corrected, corrected
@@ -85,17 +92,18 @@ def solve_state(
 def state_slopes(
     scene: Structure,
     plan: AbstractPlan,
-    known: tuple[Inputs, Array, Array, Array, Array],
+    known: tuple[Inputs, Array, Array, Array, Array, Array],
     moving: Moving,
     oil: AbstractOil | None,
     state: State,
     known_equilibrium: Callable[[Problem, State], Corrected],
 ) -> AbstractFace:
-    """See `slopes_of`; known are numbers, angles [load], forces, what is wanted, inner.
+    """See `slopes_of`.
 
+    `known`: numbers, angles [load], forces, what is wanted, inner, which loads press.
     `known_equilibrium`: `corrected`, or `uncorrected`, which takes half as long.
     """
-    inputs, angle, force, wanted, inner = known
+    inputs, angle, force, wanted, inner, pressed = known
     section = plain_geometry(scene.scene.geometry).section
 
     def shape(values: Array, force: Array) -> tuple[Array, AbstractFace]:
@@ -105,10 +113,14 @@ def state_slopes(
         for i in range(len(force)):
             if f"load.{i}.force" in own:
                 push = 1 + moving.shift(PUSH, values) if i == 0 else 1
-                own[f"load.{i}.force"] = push * force[i, 0]
+                zero = pressed[i] * moving.shift(FORCE_ZERO, values)
+                own[f"load.{i}.force"] = push * force[i, 0] - zero
+            if f"load.{i}.depth" in own:
+                own[f"load.{i}.depth"] -= pressed[i] * moving.shift(TOUCH, values)
         parts, problem = _problem(scene, plan, own, oil)
         found = known_equilibrium(problem, state)
         face, _, moved = _read(parts, problem, found, inner)
+        moved = moved + (pressed * moving.shift(TOUCH, values))[:, None]
         return moved, eqx.filter(face, eqx.is_inexact_array)
 
     return slopes_of(shape, moving.values, force, wanted)

@@ -134,6 +134,21 @@ def flagged(log: SoLog, name: str) -> NDArray[np.bool_]:
     return flag.astype(bool)
 
 
+def fluid_of(log: SoLog) -> str:
+    """What filled the gap, as the header or a column names it; empty where neither does.
+
+    Raises ValueError: several fluids are named.
+    """
+    told = [value for key, value in log.header.items() if key.strip().lower() == "fluid"]
+    for name, column in log.flags.items():
+        if name.strip().lower() == "fluid":
+            told += [str(value) for value in np.unique(column)]
+    named = sorted({value.strip().lower() for value in told} - {""})
+    if len(named) > 1:
+        raise ValueError(f"{log.path}: fluids {', '.join(named)}; give each a log of its own")
+    return named[0] if named else ""
+
+
 def without_other_taxels(log: SoLog) -> SoLog:
     """The log without the rows that are flagged `other_taxels`."""
     kept = ~flagged(log, "other_taxels")

@@ -20,6 +20,7 @@ from suas_jax.acquisition.log.data import (
     Frames,
     SoLog,
     flagged,
+    fluid_of,
     group_frames,
     sequence_notes,
     without_other_taxels,
