@@ -42,7 +42,7 @@ def film_of(course: Course) -> Film:
     An equilibrium lags behind its loads by the time that its bandwidth tells, and the more the
     thinner the film is.
     """
-    scene, *changes = course
+    scene = course.scene
     reason = _not_covered(scene) or _jumps(*course)
     if reason is not None:
         return Film(False, f"The film's inertia and viscosity are left out: {reason}.")
@@ -50,7 +50,7 @@ def film_of(course: Course) -> Film:
     elements = scene.solve.elements if scene.geometry.dimension == 3 else None
     resting = with_solve(bare, oil_pressure=None, elements=elements)
     bandwidth = modes(resting, 1).bandwidth
-    if bandwidth is not None and _lag(bandwidth, *changes) <= _SHARE * scene.rtol:
+    if bandwidth is not None and _lag(bandwidth, *course[1:]) <= _SHARE * scene.rtol:
         slow = f"the history is slow against {bandwidth:.3g} Hz, the bandwidth of statics"
         return Film(False, f"The film's inertia and viscosity are left out: {slow}.", bandwidth)
     return Film(True, "The film's inertia and viscosity are included.", bandwidth)
