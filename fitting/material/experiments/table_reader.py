@@ -109,7 +109,15 @@ class Reader(NamedColumns):
     def times(self, strain: np.ndarray) -> np.ndarray:
         """Time of each row [s]; NaN where neither a column nor a rate of strain states it."""
         times = self.column("time")
-        return self.stated.times(strain) if times is None else times
+        if times is None:
+            return self.stated.times(strain)
+        index, column = self.columns.get(("time", 0)) or self.columns["time", 1]
+        if not column.unit and np.isfinite(self.table.cells[:, index]).any():
+            self.warn(
+                f'column "{self.table.names[index]}" states no unit; taken as seconds '
+                f'(--columns "time={index + 1} min" says another)'
+            )
+        return times
 
     def _needed_length(self, direction: int = 0) -> np.ndarray:
         length = self._length_of("displacement", direction)
