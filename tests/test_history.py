@@ -1,6 +1,7 @@
 """Loads over time: the update in closed form, an independent program's creep, limits, files."""
 
 import csv
+import dataclasses
 import itertools
 import json
 from pathlib import Path
@@ -463,6 +464,26 @@ def creeping(scene: SceneSpec) -> SceneSpec:
     """A scene whose rubber relaxes as the held press's does."""
     own = {"relaxation": load_scene(HOLD).material.relaxation}
     return scene.model_copy(update={"material": scene.material.model_copy(update=own)})
+
+
+@pytest.mark.parametrize(
+    ("file", "counts"), [(HOLD, (4,)), (SCENES / "pad_crown.toml", (4, 4))]
+)
+def test_what_a_shell_omits_relaxes_as_its_stress_does(file: Path, counts: Any) -> None:
+    scene = creeping(load_scene(file))
+    plan = plan_for(scene, "shell", counts)
+    soft, stiff = (
+        built(scene.responding(x), plan).mechanics for x in ("long-term", "instantaneous")
+    )
+    random = np.random.default_rng(2)
+    q = jnp.asarray(1e-5 * random.standard_normal(stiff.rest().shape))
+    none = jnp.zeros(jax.eval_shape(stiff.deviator, q).shape)
+    response = Response(SERIES.long_term_share[None], none)
+    relaxed = dataclasses.replace(stiff, response=response)
+    omitted = quick(lambda membrane, q: membrane.omitted_energy(q, jnp.ones(1)))
+    wanted = float(omitted(soft, q)[0])
+    assert float(omitted(relaxed, q)[0]) == pytest.approx(wanted, rel=1e-10)
+    assert abs(float(omitted(stiff, q)[0]) / wanted - 1) > 1e-3
 
 
 # A program of a step and one of derivatives; the chain of pasts above, the balance below.

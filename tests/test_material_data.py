@@ -295,6 +295,23 @@ def test_a_clock_tells_the_time(tmp_path: pathlib.Path) -> None:
     np.testing.assert_allclose(np.diff(data.time), [0.5, 2.0, 1.25])
 
 
+@pytest.mark.parametrize(
+    ("name", "cell", "told"),
+    [
+        ("Time", "7", True),
+        ("time_min", "7", False),
+        ("Time (s)", "7", False),
+        ("Time", "0:00:07", False),
+    ],
+)
+def test_times_without_a_unit_are_taken_as_seconds_aloud(
+    tmp_path: pathlib.Path, name: str, cell: str, told: bool
+) -> None:
+    text = f"{name},strain,nominal_stress_MPa\n{cell},0.1,0.1\n{cell}.5,0.2,0.2\n"
+    data = load_dataset("uniaxial", written(tmp_path, text.encode()))
+    assert any("states no unit; taken as seconds" in text for text in data.warnings) == told
+
+
 def test_shear_by_its_letters(tmp_path: pathlib.Path) -> None:
     shear = np.linspace(0.1, 0.8, 8)
     file = written(tmp_path, "gamma [-];tau [MPa]\n" + rows(shear, 0.6 * shear, between=";"))

@@ -107,6 +107,18 @@ def test_damped_roots_are_those_of_oscillators_in_the_order_of_their_modes() -> 
     np.testing.assert_allclose(roots, wanted, rtol=1e-12)
 
 
+def test_what_a_thick_oil_delays_is_not_rounded() -> None:
+    omega = np.geomspace(1.0, 300.0, 6)
+    coupled = np.diag(1 / omega) + 1e-2 * np.exp(-np.add.outer(np.arange(6), np.arange(6)))
+    damping = 1e9 * coupled
+    times = -1 / damped_roots(omega**2, damping).real
+    wanted = -1 / np.linalg.eigvals(-np.linalg.solve(damping, np.diag(omega**2)))
+    np.testing.assert_allclose(np.sort(times), np.sort(wanted), rtol=1e-7)
+    assert bandwidth_of(omega[:1] ** 2, damping[:1, :1]) * 2 * np.pi == pytest.approx(
+        0.01 / damping[0, 0] / np.sqrt(1 - 1e-4), rel=1e-6
+    )
+
+
 def test_bandwidth_of_one_mode() -> None:
     tau = 0.3  # |1 / (1 + i w tau) - 1| = 0.01
     viscous = bandwidth_of(np.array([1e10]), np.array([[tau * 1e10]]))

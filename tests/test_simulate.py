@@ -1,13 +1,17 @@
 """Simulated logs and their conversion: what is written is what the model says."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from skins import quick
+from test_cli import SCENES
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
+from fitting.cli.simulate import _tell
 from fitting.sensor.logs.data import load_sensor_data
 from suas_jax.acquisition.log.convert import convert, to_xarray
 from suas_jax.acquisition.log.log_file import SoLog, group_frames, read_log
@@ -355,3 +359,17 @@ def test_a_jump_between_frames_is_remembered_from_its_own_time(folder: Path) -> 
     np.testing.assert_allclose(late[1:], soon[1:], rtol=2e-5)
     assert done == [3, 3]  # frames, not the rows between them
     assert np.abs(late[1] - late[2]).max() > 1e-3 * late[2].max()  # it still creeps
+
+
+def test_a_log_without_the_motion_of_its_film_says_so(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    moving, still = load_scene(SCENES / "tap.toml"), load_scene(SCENES / "press.toml")
+    pressed, held = np.array([[1e-14], [2e-14]]), np.array([[np.nan], [np.nan]])
+    for scene, found in ((moving, pressed), (moving, held), (still, pressed)):
+        sample: Any = SimpleNamespace(saturated=np.zeros(1, bool))
+        log: Any = SimpleNamespace(scene=scene, capacitance=found, readings=[], sample=sample)
+        log.untold = ""
+        _tell(log, Path("tap.csv"), 10.0, written=True)
+        told = "film's inertia and viscosity are left out" in capsys.readouterr().err
+        assert told == (scene is moving and found is pressed)

@@ -25,6 +25,7 @@ from suas_jax.dynamics.pad import pad_inertia, pad_motion
 from suas_jax.scene.build import plan_for
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import inputs_of
+from suas_jax.scene.sweep import SweepError
 
 TAP = SCENES / "tap.toml"
 TIME = [0.0, 0.0, 0.02, 0.05, 0.1]
@@ -153,9 +154,7 @@ def test_what_moves_has_the_derivative_that_short_steps_need() -> None:
 
 
 def film(scene: SceneSpec, time: list[float], force: list[float]) -> Any:
-    course = Course.of(scene, history_of(time, force_N=force))
-    plan = plan_for(scene, "shell", (16,))
-    return film_of(course.scene, plan, course.time, course.values, course.rest)
+    return film_of(Course.of(scene, history_of(time, force_N=force)))
 
 
 def test_the_film_is_left_out_where_the_history_is_slow() -> None:
@@ -179,10 +178,26 @@ def test_what_the_film_is_not_known_for_is_told() -> None:
     data["load"] = [{"kind": "patch", "angle": "0 deg", "size": ["9 mm", "9 mm"]}]
     data["load"][0]["force"] = "5 N"
     uneven, time = scene_from_dict(data, base=SCENES), np.array([0.0, 1.0])
-    plan = plan_for(uneven, "shell", (8, 8))
-    found = film_of(uneven, plan, time, {FACTOR: time}, {FACTOR: 0.0})
+    found = film_of(Course(uneven, time, {FACTOR: time}, {FACTOR: 0.0}))
     assert not found.included
     assert "geometry.thickness varies along the axis" in found.message
+
+
+def test_where_the_film_moves_auto_keeps_to_the_shell(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+
+    def noted(scene: SceneSpec, counts: Any = None) -> Any:
+        asked.append(scene.solve.model)
+        raise SweepError("noted")
+
+    monkeypatch.setattr(history._Errors, "at", noted)
+    fast, slow = history_of([0.0, 0.01], force_N=[0.0, 5.0]), history_of([0.0], force_N=[0.0])
+    auto, solid = (with_solve(tapped(), model=x, elements=None) for x in ("auto", "solid"))
+    for scene, given in ((auto, fast), (auto, slow), (solid, fast)):
+        with pytest.raises(SweepError, match="noted"):
+            history_sweep(scene, given)
+    assert asked == ["shell", "auto", "solid"]
+    assert 'use solve.model = "shell"' in film_of(Course.of(solid, fast)).message
 
 
 def pressed(**load: Any) -> SceneSpec:
@@ -239,9 +254,7 @@ def test_a_cylinder_that_taps_by_force_moves_the_skin_as_the_force_does() -> Non
 
 def test_a_travel_that_jumps_is_told() -> None:
     plate = pressed(shape="plate", depth="2 mm")
-    course = Course.of(plate, history_of([0.0, 1.0], depth_m=[1e-3, 2e-3]))
-    plan = plan_for(plate, "shell", (16,))
-    found = film_of(course.scene, plan, course.time, course.values, course.rest)
+    found = film_of(Course.of(plate, history_of([0.0, 1.0], depth_m=[1e-3, 2e-3])))
     assert not found.included
     assert "travel jumps" in found.message
 

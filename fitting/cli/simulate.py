@@ -147,6 +147,14 @@ def _tell(log: "SimulatedLog", file: Path, rate: float, *, written: bool) -> Non
     if log.untold and written:
         note += f"; without its true loads ({log.untold}): suas fit sensor needs --inputs"
     say(note, err=True)
+    skin = log.scene
+    told = skin.oil.density, skin.oil.viscosity, skin.material.density
+    if None not in told and len({row.tobytes() for row in log.capacitance}) > 1:
+        say(
+            f"suas: {file}: the film's inertia and viscosity are left out: readings are right "
+            "where loads change slowly against the bandwidth that suas modes tells",
+            err=True,
+        )
 
 
 def convert(

@@ -7,10 +7,10 @@ import numpy as np
 from jaxtyping import Float
 
 from suas_jax.config import ConfigError, SceneSpec, with_solve
+from suas_jax.dynamics.course import Course
 from suas_jax.dynamics.driven import FACTOR
 from suas_jax.dynamics.inertia import densities_of
 from suas_jax.dynamics.modes import STATIC_ERROR, modes
-from suas_jax.mechanics.model import AbstractPlan
 
 # Error by the film's lag that a history without it may have, over the wanted relative error.
 _SHARE = 0.1
@@ -36,32 +36,27 @@ class Film(NamedTuple):
 LEFT_OUT = Film(False, "The film's inertia and viscosity are left out, as was asked.")
 
 
-def film_of(
-    scene: SceneSpec,  # what the history changes
-    plan: AbstractPlan,  # mesh of the whole section
-    time: Float[np.ndarray, " row"],  # of the rows [s]
-    values: Mapping[str, Float[np.ndarray, " row"]],  # numbers that change, one a row
-    rest: Mapping[str, float],  # the same before the first row
-) -> Film:
+def film_of(course: Course) -> Film:
     """Decide for a history.
 
     An equilibrium lags behind its loads by the time that its bandwidth tells, and the more the
     thinner the film is.
     """
-    reason = _not_covered(scene, plan) or _jumps(scene, time, values, rest)
+    scene = course.scene
+    reason = _not_covered(scene) or _jumps(*course)
     if reason is not None:
         return Film(False, f"The film's inertia and viscosity are left out: {reason}.")
     bare = scene.model_copy(update={"loads": ()})
-    elements = scene.solve.elements if plan.dimension == 3 else None
+    elements = scene.solve.elements if scene.geometry.dimension == 3 else None
     resting = with_solve(bare, oil_pressure=None, elements=elements)
     bandwidth = modes(resting, 1).bandwidth
-    if bandwidth is not None and _lag(bandwidth, time, values, rest) <= _SHARE * scene.rtol:
+    if bandwidth is not None and _lag(bandwidth, *course[1:]) <= _SHARE * scene.rtol:
         slow = f"the history is slow against {bandwidth:.3g} Hz, the bandwidth of statics"
         return Film(False, f"The film's inertia and viscosity are left out: {slow}.", bandwidth)
     return Film(True, "The film's inertia and viscosity are included.", bandwidth)
 
 
-def _not_covered(scene: SceneSpec, plan: AbstractPlan) -> str | None:
+def _not_covered(scene: SceneSpec) -> str | None:
     try:
         densities_of(scene)
     except ConfigError as error:
@@ -71,7 +66,7 @@ def _not_covered(scene: SceneSpec, plan: AbstractPlan) -> str | None:
         return f"geometry.{scene.geometry.sheets[0]} varies along the axis"
     if not scene.oil.trapped:
         return "vented oil flows through an outlet that no file describes"
-    if plan.model != "shell":
+    if scene.solve.model == "solid" or scene.solve.mesh is not None:
         return 'they are modelled for shells only: use solve.model = "shell"'
     return None
 

@@ -84,12 +84,13 @@ def history_sweep(
     if gradient is not None:
         asked = point_asked(gradient, len(history.time), len(scene.loads))
         require_derivatives(course.scene, moves=False)
-    errors = _Errors.at(course.largest)
-    changes = course.time, course.values, course.rest
-    moves = film_of(course.scene, errors.plan, *changes) if film else LEFT_OUT
+    moves = film_of(course) if film else LEFT_OUT
+    # Without the film the solid would be further off than the shell is with it.
+    largest = course.largest
+    errors = _Errors.at(with_solve(largest, model="shell") if moves.included else largest)
     fewer = _fewer(course.scene, errors.plan) if moves.included else None
     if fewer is not None:
-        errors = _Errors.at(course.largest, fewer)
+        errors = _Errors.at(largest, fewer)
     if asked is not None:
         require_derivatives(course.scene, moves=moves.included)
     follower = _Follower(course, errors, moves, len(history.time) <= _FEW)

@@ -223,9 +223,12 @@ def damped_roots(
     """
     n = len(squares)
     omega = np.sqrt(squares)
-    # Unknowns w u and du/dt, so that both have one unit.
-    first_order = np.block([[np.zeros((n, n)), np.diag(omega)], [-np.diag(omega), -damping]])
-    roots, states = scipy.linalg.eig(first_order)
+    # Unknowns w u and du/dt, so that both have one unit; 1/s, as rounding is relative to the
+    # largest number, and slow motions are sought: fast ones of a thick oil are 1e14 as fast.
+    viscous = damping / np.outer(omega, omega)
+    once = np.diag(1 / omega)
+    reciprocals, states = scipy.linalg.eig(np.block([[-viscous, -once], [once, 0 * once]]))
+    roots = 1 / reciprocals
     swinging, real = roots.imag > 0, np.flatnonzero(roots.imag == 0)
     slower = real[np.argsort(-roots[real].real)[: len(real) // 2]]
     kept = np.concatenate([np.flatnonzero(swinging), slower])  # one a mode
@@ -253,6 +256,6 @@ def bandwidth_of(
 
     # At half of the lowest frequency inertia alone is an error of a third.
     found: float = scipy.optimize.brentq(
-        excess, 0.0, omega[0] / 2, xtol=1e-12 * omega[0], rtol=1e-9
+        excess, 0.0, omega[0] / 2, xtol=1e-30 * omega[0], rtol=1e-9
     )
     return found / (2 * np.pi)

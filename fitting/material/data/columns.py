@@ -167,7 +167,7 @@ def _with_unit(
     if dimension == "time":
         bare = "s" if bare in _CLOCKS else bare
         size = SECONDS.get(bare or "s", 0.0)
-        return Column("time", direction, bare or "s", size) if size else None
+        return Column("time", direction, bare, size) if size else None
     # ISO 527 calls a thickness a0.
     of_thickness = kind == "area" and name.strip().casefold().startswith("a0")
     if of_thickness and known in ("mm", "cm", "m", "um"):

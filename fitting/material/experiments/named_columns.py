@@ -231,6 +231,19 @@ class NamedColumns:
             raise self.need(what, *names)
         return values
 
+    def seconds(self) -> np.ndarray | None:
+        """The column of times [s]; None without one. A unit that is not stated is told."""
+        times = self.column("time")
+        if times is None:
+            return None
+        index, column = self.columns.get(("time", 0)) or self.columns["time", 1]
+        if not column.unit and np.isfinite(self.table.cells[:, index]).any():
+            self.warn(
+                f'column "{self.table.names[index]}" states no unit; taken as seconds '
+                f'(--columns "time={index + 1} min" says another)'
+            )
+        return times
+
     def signed(self, quantity: str, direction: int) -> np.ndarray | None:
         """A column that is negative in compression, where the file counts that as positive."""
         values = self.column(quantity, direction)

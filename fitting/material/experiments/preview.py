@@ -85,7 +85,7 @@ def _column(table: Table, index: int) -> dict[str, Any]:
         entry |= {
             "quantity": column.quantity,
             "direction": column.direction,
-            "unit": column.unit or "1",
+            "unit": column.unit or ("s" if column.quantity == "time" else "1"),
         }
     return entry
 

@@ -108,7 +108,7 @@ class Reader(NamedColumns):
 
     def times(self, strain: np.ndarray) -> np.ndarray:
         """Time of each row [s]; NaN where neither a column nor a rate of strain states it."""
-        times = self.column("time")
+        times = self.seconds()
         return self.stated.times(strain) if times is None else times
 
     def _needed_length(self, direction: int = 0) -> np.ndarray:

@@ -122,7 +122,9 @@ class PadLane(AbstractLane):
         under = self._at(self.net.gather(q), points.angle, points.axial)
         below = forces_of(self.law, under, self._layers(under.rest))
         inward = -factor * jnp.sum(points.force * jnp.stack(jnp.broadcast_arrays(*under.n)), 0)
-        work = thinning_work(below, inward, under.rest.thickness, self.modulus)
+        # Instantaneous forces over the instantaneous modulus: both relax alike.
+        modulus = self.law.shear_modulus
+        work = thinning_work(below, inward, under.rest.thickness, modulus)
         return self.relaxed_energy(q) + work
 
     def _at(self, qe: ElementVector, angle: Array, axial: Array) -> Surface:
