@@ -486,6 +486,22 @@ def test_exchanged_taxels_are_named(rest: int) -> None:
         assert told in text if told else not text
 
 
+def test_taxels_that_should_read_alike_are_not_called_exchanged() -> None:
+    # Of a log that tells no load, eighty pairs of taxels that are left out were named.
+    predicted = np.full((4, 20), 300.0)
+    so = predicted + RNG.normal(size=predicted.shape)
+    readings = SimpleNamespace(
+        so=so,
+        sigma=np.ones(so.shape),
+        present=~np.isnan(so),
+        used=np.zeros(so.shape, bool),
+        offsets=False,
+    )
+    one: Any = SimpleNamespace(readings=readings, predicted=lambda constants: predicted)
+    data: Any = SimpleNamespace(spec=load_skin(ROOT / "configs/skins/suas.toml"))
+    assert not checks.exchanged_warning(one, np.ones(2), data)
+
+
 def test_places_of_known_loads_are_told_as_scenes_tell_them() -> None:
     circle = load_skin(ROOT / "configs/skins/suas.toml").geometry
     points = ((-0.04, 0.0), (-0.022, 0.027), (0.0, 0.03), (0.02, 0.024), (0.038, 0.0))

@@ -190,7 +190,8 @@ def disagreement_warning(problem: SensorProblem, constants: np.ndarray) -> str:
 def exchanged_warning(problem: SensorProblem, constants: np.ndarray, data: SensorData) -> str:
     """A warning where taxels read as each other should, not as themselves, or nothing.
 
-    Those count of which a part is left out: at rest most taxels read alike.
+    Those count of which a part is left out, and that should read apart: at rest most taxels
+    read alike.
     """
     here, so = problem.readings, problem.predicted(constants)
     modules, numbers = data.spec.sensing.taxel_names
@@ -203,10 +204,16 @@ def exchanged_warning(problem: SensorProblem, constants: np.ndarray, data: Senso
         off = off - off.mean() * here.offsets
         return bool(np.sqrt(np.mean(off**2)) < _FOLLOWS)
 
+    def apart(i: int, k: int) -> bool:
+        """Whether the two should read apart by more than what they may be off."""
+        off = ((so[i] - so[k]) / here.sigma[i])[here.present[i]]
+        off = off - off.mean() * here.offsets
+        return bool(np.sqrt(np.mean(off**2)) > 2 * _FOLLOWS)
+
     pairs = [
         f"{modules[i]}.{numbers[i]} and {modules[k]}.{numbers[k]}"
         for i, k in itertools.combinations(out.tolist(), 2)
-        if follows(i, k) and follows(k, i)
+        if follows(i, k) and follows(k, i) and apart(i, k)
     ]
     if not pairs:
         return ""
