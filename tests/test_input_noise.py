@@ -24,6 +24,7 @@ from fitting.sensor.model.counts import SensorModel, parts_of
 from fitting.sensor.report.skin_file import calibrated_skin
 from fitting.sensor.report.summary import sensor_report
 from fitting.sensor.shapes.deformations import deform
+from fitting.sensor.shapes.shape_slopes import Moving
 from suas_jax.config import continuous_inputs, load_skin
 
 SKIN = Path(__file__).parent.parent / "configs/skins/suas.toml"
@@ -154,6 +155,13 @@ def test_known_loads_without_what_is_off() -> None:
     more, step = loads.stepped(0)
     np.testing.assert_allclose(step, [0, 5e-3, 2e-6, 0])
     np.testing.assert_allclose(more.force[0, :2], [0, 5.005])
+
+
+def test_zeros_that_shapes_lack_already_are_not_counted_twice() -> None:
+    # The derivative by a touch of 0.1 mm was taken where no equilibrium is, and zero there.
+    moving = Moving.of({"thickness": 2e-3, TOUCH: 1e-4, FORCE_ZERO: 0.3})
+    np.testing.assert_array_equal(moving.values, [2e-3, 0.0, 0.0])
+    assert float(moving.shift(TOUCH, jnp.array([2e-3, 1e-6, 0.0]))) == 1e-6
 
 
 def test_deviations_are_settled_and_read() -> None:

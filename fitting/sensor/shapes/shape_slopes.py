@@ -14,7 +14,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from fitting.sensor.logs.known_loads import KnownLoads
-from fitting.sensor.model.constants import FORCE_ZERO, PLACE, PUSH, TOUCH, with_constants
+from fitting.sensor.model.constants import (
+    FORCE_ZERO,
+    PLACE,
+    PUSH,
+    TOUCH,
+    ZEROS,
+    with_constants,
+)
 from fitting.sensor.model.counts import parts_of
 from fitting.sensor.shapes.deformations import Deformed
 from fitting.sensor.shapes.press import Press, first_only
@@ -36,8 +43,9 @@ class Moving(eqx.Module):
 
     @classmethod
     def of(cls, values: Mapping[str, float]) -> Self:
-        """From values by name."""
-        return cls(jnp.asarray(list(values.values()), float), tuple(values))
+        """From values by name. Loads are those less the zeros, which count from there."""
+        own = [0.0 if name in ZEROS else x for name, x in values.items()]
+        return cls(jnp.asarray(own, float), tuple(values))
 
     def shift(self, kind: str, values: Array) -> Array | float:
         """Of the first load's place or force."""
