@@ -3,7 +3,7 @@
 The truth is the shell, as in the fit, so that nothing but the errors can bias it. Prints the
 table of docs/sensor_method.md. Run from the repository's root:
 
-    python benchmarks/input_noise.py [LOGS]
+    python -m benchmarks.input_noise [LOGS]
 """
 
 import dataclasses
