@@ -864,6 +864,18 @@ def test_taxels_that_never_speak_are_named(folder: Path, estimator: LoadEstimato
     assert "taxels 0.40 have no count in any frame" in note
 
 
+def test_a_log_of_another_fluid_is_refused(folder: Path, estimator: LoadEstimator) -> None:
+    file = write_log(folder / "air.csv", np.tile(np.rint(estimator.model_rest), (3, 1)))
+    for fluid in ("oil", "2.2", "air"):
+        log = read_log(file)
+        log.header["fluid"] = fluid
+        if fluid == "air":
+            with pytest.raises(ValueError, match='its fluid is "air"'):
+                readings_of(log, estimator.spec, 2.0)
+        else:
+            readings_of(log, estimator.spec, 2.0)
+
+
 @pytest.mark.long
 def test_posterior_agrees_with_the_covariance(
     study: ModuleType, estimator: LoadEstimator, readings: Callable[..., np.ndarray]

@@ -10,9 +10,16 @@ from numpy.typing import NDArray
 from fitting.arrays import Flags, Floats
 from fitting.surroundings import Surroundings, log_surroundings, numbers_of
 from suas_jax.acquisition.baseline import Baseline
-from suas_jax.acquisition.log.log_file import Frames, SoLog, group_frames, sequence_notes
+from suas_jax.acquisition.log.log_file import (
+    Frames,
+    SoLog,
+    fluid_of,
+    group_frames,
+    sequence_notes,
+)
 from suas_jax.acquisition.taxel_faults import stuck_taxels
 from suas_jax.config import SkinSpec
+from suas_jax.config.oil import refuse_other_fluid
 
 # Relative difference of scales that agree; of one that a calibration or a zero found, which is
 # no longer the converter's own.
@@ -190,9 +197,11 @@ def readings_of(log: SoLog, spec: SkinSpec, noise: float | None) -> LogReadings:
     Raises:
         EmptyLogError: no frame in it.
         LayoutMismatchError: it is another skin's.
-        ValueError: the skin has no electrodes, or the noise is not a number of counts.
+        ValueError: the skin has no electrodes, the noise is not a number of counts, or the log
+            names another fluid than the skin's oil.
     """
     layout = Layout(spec)
+    refuse_other_fluid(fluid_of(log), spec.oil.relative_permittivity, str(log.path))
     frames: Frames = group_frames(log)
     if not len(frames):
         raise EmptyLogError(f"{log.path}: empty_log: no frame in it")

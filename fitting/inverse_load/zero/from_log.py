@@ -59,12 +59,12 @@ def zero_from_log(
     if model_error is None:
         model_error = PAD_MODEL_ERROR if pad else MODEL_ERROR
     read = read_log(log)
-    refuse_other_fluid(fluid_of(read), spec.oil.relative_permittivity, str(log))
     if known:
         readings = readings_of(read, spec, None)
         so, time, around = _usable(readings), readings.time, readings.surroundings
         began = readings.header.get("start_time", "")
     else:
+        refuse_other_fluid(fluid_of(read), spec.oil.relative_permittivity, str(log))
         aligned = read_aligned(spec, log, inputs, None)
         so, time, around = aligned.so.T, aligned.time, aligned.surroundings
         began = aligned.began
