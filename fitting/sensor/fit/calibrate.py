@@ -69,8 +69,8 @@ from suas_jax.runtime.compiled import require_float64
 from suas_jax.skin.plain import angles_at, plain_geometry
 
 _FIELD_ROUNDS = 2
-# States under bodies or of pads, beyond which their derivatives by what was told of the loads
-# are not looked at unasked: one takes up to seconds.
+# Presses by bodies or on pads, beyond which errors of what was told of them are not looked at
+# unasked: each is then solved by itself and once more for its derivative, up to seconds.
 _FEW = 30
 _UNSTEADY = (
     "the fit has not settled: the skin nearly buckles, or the constants that move the membrane "
@@ -122,7 +122,7 @@ def fit_sensor(
         Float64Error: float64 is off.
     """
     require_float64()
-    drawing, own, frames = data.spec, AS_BUILT in fit, np.zeros(0)
+    drawing, own, frames, looked = data.spec, AS_BUILT in fit, np.zeros(0), False
     if own:
         if len(fit) > 1 or gaps != "global" or (like, input_noise) != (None, None):
             raise ValueError(
@@ -132,7 +132,10 @@ def fit_sensor(
         data, frames = averaged(_as_built(data))
         fit = as_built_names(data.spec)
     else:
-        data = apart(data)
+        separate = apart(data)
+        alone = data.spec.geometry.dimension == 3 or data.loads.bodies
+        looked = input_noise is not None or not alone or separate.loads.states <= _FEW
+        data = separate if looked else data
     data = dataclasses.replace(data, spec=naming(data.spec, fit))
     parts = tuple(dict.fromkeys(named(data.spec, name) for name in fit))
     if not parts:
@@ -167,7 +170,7 @@ def fit_sensor(
         share = MODEL_ERROR[drawing.geometry.dimension]
         readings = with_model_error(readings, frames, data.loaded, share)
     problem = SensorProblem(shapes.model, readings, held | given, correlation)
-    told = _told(solver, shapes, like, input_noise) if not own else NOTHING_TOLD
+    told = _told(solver, shapes, like, input_noise) if looked else NOTHING_TOLD
     problem = stated_errors(problem, loads, told)
     problem, touching = away_from_the_wall(problem, start)
     progress("fitting")
@@ -234,8 +237,6 @@ def _told(
     stated: Mapping[str, float] | None,
 ) -> ToldErrors:
     """What readings change by with known inputs, and what is stated of these."""
-    if stated is None and solver.alone and shapes.model.permittivity.size > _FEW:
-        return NOTHING_TOLD
     if like is None:
         slopes = solver.by_inputs(shapes)
     else:

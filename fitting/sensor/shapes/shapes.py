@@ -104,11 +104,10 @@ class ShapeSolver:
         self._shell = model == "shell" or (model == "auto" and data.simulated)
         self._air = self._answer_of(air)
         self._corrections: list[SolidCorrection] | None = None
-        # whether states are solved one by one
-        self.alone = data.spec.geometry.dimension == 3 or loads.bodies
+        alone = data.spec.geometry.dimension == 3 or loads.bodies
         self._states = (
             SceneStates(data.spec, loads, progress, whole_slopes=whole_slopes)
-            if self.alone
+            if alone
             else None
         )
         by_gap = FILL in family.names or self._volume_goes_with_gap()
