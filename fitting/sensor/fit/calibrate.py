@@ -132,10 +132,7 @@ def fit_sensor(
         data, frames = averaged(_as_built(data))
         fit = as_built_names(data.spec)
     else:
-        separate = apart(data)
-        alone = data.spec.geometry.dimension == 3 or data.loads.bodies
-        looked = input_noise is not None or not alone or separate.loads.states <= _FEW
-        data = separate if looked else data
+        data, looked = _apart(data, stated=input_noise is not None)
     data = dataclasses.replace(data, spec=naming(data.spec, fit))
     parts = tuple(dict.fromkeys(named(data.spec, name) for name in fit))
     if not parts:
@@ -203,6 +200,14 @@ def fit_sensor(
         data, problem, found, shapes, loads, noise, touching, steady, told, warnings
     )
     return with_discrepancy(judged) if own else judged
+
+
+def _apart(data: SensorData, *, stated: bool) -> tuple[SensorData, bool]:
+    """Presses with errors of their own, and whether these are looked at, or are stated."""
+    separate = apart(data)
+    alone = data.spec.geometry.dimension == 3 or data.loads.bodies
+    looked = stated or not alone or separate.loads.states <= _FEW
+    return (separate, looked) if looked else (data, looked)
 
 
 def _held(parts: Sequence[SensorConstant], stated: Sequence[float | None]) -> dict[str, Prior]:
