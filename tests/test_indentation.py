@@ -221,11 +221,12 @@ def test_modulus_from_another_programs_curve(tmp_path: Path) -> None:
     slope = data.as_specimen.slopes[:, data.as_specimen.inputs.index("geometry.thickness")]
     at = int(np.argmax(data.drive * (data.channel == DISPLACEMENT)))
     deep = with_inputs(scene, {"load.0.depth": float(data.drive[at])})
-    forces = []
-    for share in (0.995, 1.005):
+    # Over a step that the mesh, which is refined about the zone of each, does not govern.
+    forces, shares = [], (0.98, 1.02)
+    for share in shares:
         found = solve(with_inputs(deep, {"geometry.thickness": share * thickness}))
         forces.append(found.report["loads"][0]["force_N"])
-    change = np.log(forces[1] / forces[0]) / 0.01
+    change = np.log(forces[1] / forces[0]) / np.log(shares[1] / shares[0])
     np.testing.assert_allclose(slope[at] / data.value[at], change, rtol=0.02)
 
 
