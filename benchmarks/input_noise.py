@@ -48,11 +48,10 @@ def told_log(
     """A log whose forces, or displacements, are told with an error in every frame."""
     random = np.random.default_rng(seed)
     counts = np.rint(so + NOISE * random.standard_normal(so.shape))
-    error, none = (
-        deviation * random.standard_normal(FORCE.size),
-        np.full((1, FORCE.size), np.nan),
-    )
-    loads = KnownLoads.pushes(ANGLE + 0 * none, (FORCE + error)[None])
+    error = deviation * random.standard_normal(FORCE.size)
+    none = np.full((1, FORCE.size), np.nan)
+    told = np.where(FORCE > 0, FORCE + error, 0.0)[None]
+    loads = KnownLoads.pushes(ANGLE + 0 * told, told)
     if kind == "displacement":
         moved = np.where(travel > 0, travel + error, 0.0)[None]
         loads = dataclasses.replace(loads, force=none, displacement=moved)
