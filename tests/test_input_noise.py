@@ -180,17 +180,18 @@ def test_errors_that_neighbours_share_are_called_no_noise() -> None:
     white = RNG.normal(size=(1, 40))
     smooth = np.sin(np.arange(40) / 6)[None]
     one = np.full((1, 40), 0.2)
+    pushed = KnownLoads.pushes(0 * one, one)
     told = ToldErrors(np.ones((1, 3, 40)), InputNoise({"force": 0.2}))
     for e, words in ((white + 3, "noise of a load cell"), (smooth, "no noise")):
         here: Any = type("Readings", (), {"told": SharedErrors(told.slopes, one)})()
         here.shared = lambda r, e=e: e
         own: Any = type("Problem", (), {"readings": here})()
         own.standardised = lambda *_, **__: None
-        (text,) = noise_sentences(own, np.ones(1), told)
+        (text,) = noise_sentences(own, np.ones(1), pushed, told)
         assert "0.2 N (standard deviation)" in text
         assert words in text
     stated = told._replace(noise=InputNoise({"force": 0.2}, True))
-    assert not noise_sentences(own, np.ones(1), stated)
+    assert not noise_sentences(own, np.ones(1), pushed, stated)
 
 
 def test_zeros_that_are_off_are_named_with_what_finds_them() -> None:

@@ -2,8 +2,8 @@
 
 Text: UTF-8 and UTF-16 with or without byte order mark, Shift-JIS, GB 18030, EUC-KR, Windows
 code pages 1250, 1251, 1252, 1254, any line ends; commas, semicolons, tabs, bars or blanks
-between fields; lines that begin with #, // or % are comments. Workbooks: every
-sheet, values as they were last computed.
+between fields; lines that begin with #, // or % are comments. Workbooks: every sheet,
+values as they were last computed.
 """
 
 import dataclasses
@@ -114,7 +114,7 @@ _MOST_UNPACKED = 512 * MEGABYTE
 _MOST_ROWS = 2_000_000
 _DELIMITERS = {";": "semicolons", "\t": "tabs", "|": "bars", ",": "commas", " ": "blanks"}
 _SAMPLED = 60
-_WESTERN = 1252, 1250, 1251, 1254  # code pages of Windows
+_WESTERN = 1252, 1250, 1251, 1254  # code pages of Windows, a byte a character
 _OF_NAMES = 20_000  # characters in which names of columns stand
 _NO_TABLES = {
     b"\xd0\xcf\x11\xe0": "a workbook of the old format .xls",
@@ -201,9 +201,13 @@ def _of_one_country(raw: bytes) -> tuple[str, str]:
         text = raw.decode(encoding, errors="replace")
         if any(word in text for word in EASTERN_WORDS):
             return text, name
-    texts = {page: raw.decode(f"cp{page}", errors="replace") for page in _WESTERN}
-    best = max(texts, key=lambda page: words_known(texts[page][:_OF_NAMES]))
-    return texts[best], "Latin-1 (Windows 1252)" if best == 1252 else f"Windows {best}"
+
+    def known(page: int) -> int:
+        return words_known(raw[:_OF_NAMES].decode(f"cp{page}", errors="replace"))
+
+    page = max(_WESTERN, key=known)
+    text = raw.decode(f"cp{page}", errors="replace")
+    return text, "Latin-1 (Windows 1252)" if page == 1252 else f"Windows {page}"
 
 
 def _delimited(file: str, text: str, encoding: str) -> Cells:

@@ -3,13 +3,17 @@
 import re
 from typing import NamedTuple
 
+
+def _pairs(text: str) -> dict[str, str]:
+    """Words and what they mean, from a text such as "kraft=force weg=travel"."""
+    return dict(re.findall(r"(\S+)=(\S+)", text))
+
+
 # German, French, Italian, Spanish, Portuguese, Dutch, Scandinavian, Polish, Czech, Turkish,
 # Russian, Chinese, Japanese and Korean words, spelled without accents, the longest of alike
 # ones first; in the last three blanks part no words.
-_WORDS = dict(
-    re.findall(
-        r"(\S+)=(\S+)",
-        """
+_WORDS = _pairs(
+    """
     standardkraft=standard_force pruefkraft=test_force zugkraft=tensile_force
     zuglast=tensile_load zugverlaengerung=tensile_extension zugdehnung=tensile_strain
     maschinenweg=machine_travel traverse=crosshead feindehnung=extensometer
@@ -149,8 +153,7 @@ _WORDS = dict(
     공칭응력=nominal_stress 응력=stress 진변형률=true_strain 공칭변형률=nominal_strain
     변형률=strain 압력=pressure 시간=time 표점거리=gauge_length 너비=width 두께=thickness
     직경=diameter 단면적=area 높이=height 힘=force 폭=width
-    """,
-    )
+    """
 )
 EASTERN_WORDS = tuple(word for word in _WORDS if len(word) > 1 and word > "\u3000")
 """Words of tests by which an eastern text's code page is known."""
@@ -161,12 +164,9 @@ _ACCENTS = str.maketrans(
 ) | str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "æ": "ae", "ø": "oe"})
 _FOREIGN = re.compile(rf"(?<![a-zа-я])(?:{'|'.join(_WORDS)})(?![a-zа-я])")
 
-_RUSSIAN_UNITS = dict(
-    re.findall(
-        r"(\S+)=(\S+)",
-        "па=Pa кпа=kPa мпа=MPa гпа=GPa н=N кн=kN кгс=kgf гс=gf бар=bar мкм=um мм=mm см=cm м=m "
-        "мс=ms с=s сек=s мин=min ч=h град=deg",
-    )
+_RUSSIAN_UNITS = _pairs(
+    "па=Pa кпа=kPa мпа=MPa гпа=GPa н=N кн=kN кгс=kgf гс=gf бар=bar мкм=um мм=mm см=cm м=m "
+    "мс=ms с=s сек=s мин=min ч=h град=deg"
 )
 _RUSSIAN_UNIT = re.compile(
     rf"(?i)(?<![а-яё])(?:{'|'.join(_RUSSIAN_UNITS)})(?=\s*(?:[\])}},;/|²^23\"'\t]|$))",
@@ -183,16 +183,19 @@ def with_latin_units(text: str) -> str:
 
 def words_known(text: str) -> int:
     """How many words of tests stand in a text, whatever the language."""
-    plain = re.sub(r"\W+", "_", text.casefold().translate(_ACCENTS))
-    return len(_FOREIGN.findall(plain))
+    return len(_FOREIGN.findall(_spelled(text)))
+
+
+def _spelled(text: str) -> str:
+    """A text in lower case, without accents, words joined by underscores."""
+    text = text.casefold().translate(_ACCENTS)
+    return re.sub(r"[\s\-.:,;\"']+", "_", text).strip("_")
 
 
 def plain_words(text: str) -> str:
     """A name in English, lower case, without accents, words joined by underscores."""
     text = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])(?!Pa)", "_", text.strip())
-    text = text.casefold().translate(_ACCENTS)
-    text = re.sub(r"[\s\-.:,;\"']+", "_", text).strip("_")
-    text = re.sub("试样|(?<![a-z])sample_", "specimen_", text)
+    text = re.sub("试样|(?<![a-z])sample_", "specimen_", _spelled(text))
     return _FOREIGN.sub(lambda found: _WORDS[found.group()], text)
 
 

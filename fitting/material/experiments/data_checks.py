@@ -88,16 +88,14 @@ def refuse_without_information(data: Dataset) -> None:
         )
     if isinstance(data, StressTest) and data.mode in PATHS and np.mean(_opposed(data)) > 0.9:
         state, column = data.origin.state, data.origin.column
-        squeezed = ""
+        ways = ""
         if state not in ("stretch", ""):  # which have no name for compression
-            squeezed = f'--columns "compressive {state}={column}" where it was squeezed, or '
+            ways = f'--columns "compressive {state}={column}" where it was squeezed, or '
         if state == "displacement":  # of a crosshead that goes down as it pulls
-            squeezed += (
-                f'"displacement={column} -1 {data.origin.unit}" where it was pulled, or '
-            )
+            ways += f'"displacement={column} -1 {data.origin.unit}" where it was pulled, or '
         raise ValueError(
             f"{data.file}: stresses have the sign opposite to their strain, as no rubber's; "
-            f"{squeezed}turn the sign of the stress or force by "
+            f"{ways}turn the sign of the stress or force by "
             f'its unit, such as --columns "force=NAME -1 N" or "stress=NAME -1 MPa"'
         )
 

@@ -202,10 +202,7 @@ class NamedColumns:
 
         Raises DataError: a cell holds neither a number nor a usual sign of a missing one.
         """
-        wanted = (0, 1) if direction in (0, 1) else (direction,)
-        found = next(
-            (self.columns[quantity, d] for d in wanted if (quantity, d) in self.columns), None
-        )
+        found = self._found(quantity, direction)
         if found is None:
             if quantity in self._faulty:
                 raise self._faulty[quantity]
@@ -231,12 +228,18 @@ class NamedColumns:
             raise self.need(what, *names)
         return values
 
+    def _found(self, quantity: str, direction: int = 0) -> tuple[int, Column] | None:
+        """Position and meaning of a column; None if there is none."""
+        wanted = (0, 1) if direction in (0, 1) else (direction,)
+        keys = ((quantity, d) for d in wanted if (quantity, d) in self.columns)
+        return next((self.columns[key] for key in keys), None)
+
     def seconds(self) -> np.ndarray | None:
         """The column of times [s]; None without one. A unit that is not stated is told."""
-        times = self.column("time")
-        if times is None:
+        times, found = self.column("time"), self._found("time")
+        if times is None or found is None:
             return None
-        index, column = self.columns.get(("time", 0)) or self.columns["time", 1]
+        index, column = found
         if not column.unit and np.isfinite(self.table.cells[:, index]).any():
             self.warn(
                 f'column "{self.table.names[index]}" states no unit; taken as seconds '

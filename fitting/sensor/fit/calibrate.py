@@ -127,7 +127,7 @@ def fit_sensor(
         if len(fit) > 1 or gaps != "global" or (like, input_noise) != (None, None):
             raise ValueError(
                 f"--fit {AS_BUILT} finds the gap, every other constant of a unit and how exact "
-                "forces are: name no other one, and leave --gap and --force-noise out"
+                "forces are: name no other one, and leave --gap and noises of known inputs out"
             )
         data, frames = averaged(_as_built(data))
         fit = as_built_names(data.spec)

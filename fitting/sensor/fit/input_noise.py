@@ -232,18 +232,17 @@ def _beyond_stated(shown: Likelihood, stated: InputNoise, loads: KnownLoads) -> 
 
 
 def noise_sentences(
-    problem: SensorProblem, constants: np.ndarray, told: ToldErrors
+    problem: SensorProblem, constants: np.ndarray, loads: KnownLoads, told: ToldErrors
 ) -> list[str]:
     """What a fit that counted errors of known inputs has to say of them."""
-    errors = problem.readings.told
-    if errors is None or told.noise.stated:
+    if problem.readings.told is None or told.noise.stated:
         return []
     e = problem.readings.shared(problem.standardised(constants, whole=True))
     found = []
     for name, deviation in told.noise.deviation.items():
         if not deviation > 0:
             continue
-        own = errors.deviation == deviation
+        own = loads.told[name]
         rows = [r[k] - r[k].mean() for r, k in zip(e, own, strict=True) if k.any()]
         pairs = sum(float(row[1:] @ row[:-1]) for row in rows)
         ordered = pairs / sum(float(row @ row) for row in rows) > _ORDERED

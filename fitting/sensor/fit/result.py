@@ -168,7 +168,7 @@ def judged_fit(
         hint = "; --field takes capacitances from the field instead of the formula"
         can = problem.model.factor is None and data.spec.geometry.dimension == 2
         warnings.append(words + (hint if can else ""))
-    warnings += noise_sentences(problem, constants, told)
+    warnings += noise_sentences(problem, constants, loads, told)
     warnings += [
         *told.warnings,
         contradiction_warning(family, data, shapes.force, shapes.displacement),

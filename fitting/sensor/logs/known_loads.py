@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-AMOUNTS = {"force": "N", "displacement": "m", "depth": "m"}
-"""What a load is known by, with its SI unit."""
+AMOUNTS = "force", "displacement", "depth"
+"""What a load is known by."""
 _STEP = 1e-3  # of the largest one, over which derivatives are taken
 
 

@@ -168,9 +168,10 @@ class ShapeSolver:
             loads = loads.shifted(
                 PRESS_ERRORS[kind], off * loads.force[0] if kind == PUSH else off
             )
-        groups = self._fluids()
         loads = loads.less(loads.zeros(moving.get(TOUCH, 0.0), moving.get(FORCE_ZERO, 0.0)))
-        parts = [self._part(*group, loads, held, moving, slopes=slopes) for group in groups]
+        parts = [
+            self._part(*group, loads, held, moving, slopes=slopes) for group in self._fluids()
+        ]
         order = np.argsort(np.concatenate([part.index for part in parts]))
         counts = [len(part.index) for part in parts]
 
