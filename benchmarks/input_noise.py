@@ -76,7 +76,7 @@ def main() -> None:
                 off = fit.constants - TRUTH
                 errors.append(off / TRUTH)
                 pulls.append(off / fit.uncertainty.standard_errors)
-                shown.append(fit.told.noise.deviation.get(kind, 0.0))
+                shown.append(fit.input_errors.noise.deviation.get(kind, 0.0))
             bias = 100 * np.mean(errors, 0)
             size = np.sqrt(np.mean(np.square(pulls), 0))
             largest = np.abs(pulls).max(0)

@@ -1,7 +1,8 @@
 """Scenes around the paper's skin, and compiled functions that the physics tests share."""
 
+import contextlib
 import csv
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +79,21 @@ def rotation(seed: int) -> np.ndarray:
 def quick(function: Callable, jit: Callable = eqx.filter_jit) -> Callable:
     """Compile for a few calls, which the compiler's own optimisation would outlast."""
     return jit(function, compiler_options={"xla_backend_optimization_level": 0})
+
+
+@contextlib.contextmanager
+def compilations() -> Iterator[list[str]]:
+    """What is compiled meanwhile."""
+    found: list[str] = []
+
+    def listen(event: str, *_: object, **__: object) -> None:
+        found.extend([event] * ("backend_compile" in event))
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    try:
+        yield found
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listen)
 
 
 find = quick(equilibrium)

@@ -12,7 +12,7 @@ from test_sensor_formulas import logged
 from fitting.cli.fit_sensor import _input_noise, _prior
 from fitting.sensor.fit import assumptions
 from fitting.sensor.fit.calibrate import fit_sensor
-from fitting.sensor.fit.input_noise import InputNoise, ToldErrors, noise_sentences, settled
+from fitting.sensor.fit.input_noise import InputErrors, InputNoise, noise_sentences, settled
 from fitting.sensor.fit.residuals import SensorResiduals
 from fitting.sensor.fit.result import SensorFit
 from fitting.sensor.fit.suspects import OFFSET, ZeroOff, sentence
@@ -78,8 +78,10 @@ def test_least_squares_has_the_covariance_of_what_readings_share(
 ) -> None:
     """Residuals' sum of squares, offsets and drifts are those of dense generalised squares."""
     here = logged(16, 3, offsets=offsets, drifting=drifting, state=np.arange(16) // 4)
-    here = dataclasses.replace(here, sigma=RNG.uniform(1, 3, here.so.shape), told=shared())
-    K = covariance(here.told, here.state, here.sigma)
+    here = dataclasses.replace(
+        here, sigma=RNG.uniform(1, 3, here.so.shape), input_errors=shared()
+    )
+    K = covariance(here.input_errors, here.state, here.sigma)
     whitening = here.whitening()
     assert whitening is not None
     assert whitening.log_determinant == pytest.approx(np.linalg.slogdet(K)[1])
@@ -105,8 +107,8 @@ def test_least_squares_has_the_covariance_of_what_readings_share(
 
 
 def test_whitened_residuals_are_independent_and_tell_the_errors() -> None:
-    here = dataclasses.replace(logged(8, 3, state=np.arange(8) // 2), told=shared())
-    K = covariance(here.told, here.state, here.sigma)
+    here = dataclasses.replace(logged(8, 3, state=np.arange(8) // 2), input_errors=shared())
+    K = covariance(here.input_errors, here.state, here.sigma)
     unit = np.eye(24).reshape(24, 3, 8)
     W = np.array([here.whitened(one).reshape(-1) for one in unit]).T
     np.testing.assert_allclose(W @ K @ W.T, np.eye(24), atol=1e-10)
@@ -118,7 +120,7 @@ def test_whitened_residuals_are_independent_and_tell_the_errors() -> None:
     odd = r.copy()
     odd[1, 3] += 100.0
     np.testing.assert_allclose(less.whitened(odd)[used], less.whitened(r)[used])
-    told = here.told
+    told = here.input_errors
     size = (told.slopes * told.deviation[:, None])[..., here.state] / here.sigma
     for k in range(4):
         S = np.where(here.state == k, size, 0.0).reshape(2, -1).T
@@ -181,9 +183,9 @@ def test_errors_that_neighbours_share_are_called_no_noise() -> None:
     smooth = np.sin(np.arange(40) / 6)[None]
     one = np.full((1, 40), 0.2)
     pushed = KnownLoads.pushes(0 * one, one)
-    told = ToldErrors(np.ones((1, 3, 40)), InputNoise({"force": 0.2}))
+    told = InputErrors(np.ones((1, 3, 40)), InputNoise({"force": 0.2}))
     for e, words in ((white + 3, "noise of a load cell"), (smooth, "no noise")):
-        here: Any = type("Readings", (), {"told": SharedErrors(told.slopes, one)})()
+        here: Any = type("Readings", (), {"input_errors": SharedErrors(told.slopes, one)})()
         here.shared = lambda r, e=e: e
         own: Any = type("Problem", (), {"readings": here})()
         own.standardised = lambda *_, **__: None
@@ -275,12 +277,12 @@ def test_a_load_cell_s_noise_is_found_and_counts(
     """Forces that were taken as exact made this gap 1.2 % wrong, and cost five taxels."""
     told = FORCE + 0.5 * np.random.default_rng(3).standard_normal(len(FORCE))
     fit = fitted(tmp_path / "a.csv", truth[0], "load_0_force_N", told)
-    assert fit.told.noise.deviation["force"] == pytest.approx(0.5, rel=0.25)
+    assert fit.input_errors.noise.deviation["force"] == pytest.approx(0.5, rel=0.25)
     assert np.abs(pulls(fit)).max() < 2.0
     assert not fit.masked
     (text,) = [w for w in fit.warnings if "--force-noise" in w]
     assert "as the noise of a load cell is" in text
-    assert sensor_report(fit)["input_noise"] == fit.told.noise._asdict()
+    assert sensor_report(fit)["input_noise"] == fit.input_errors.noise._asdict()
     stated = fitted(
         tmp_path / "a.csv", truth[0], "load_0_force_N", told, input_noise={"force": 0.1}
     )

@@ -21,9 +21,7 @@ from suas_jax.dynamics.inertia import (
     Outline,
     Water,
     densities_of,
-    flow_of,
     inertia_of,
-    weights_of,
 )
 from suas_jax.dynamics.modes import (
     Modes,
@@ -60,8 +58,7 @@ def strip(segments: int, motion: str) -> Motion:
 
 
 def inertia(motion: Motion) -> Inertia:
-    weights = weights_of(motion.outline, motion.section, motion.water, GIVEN)
-    return inertia_of(flow_of(motion.outline, motion.moved, motion.water), weights)
+    return inertia_of(motion.outline, motion.moved, motion.section, motion.water, GIVEN)
 
 
 def test_film_membrane_and_water_have_the_energies_of_closed_forms() -> None:

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from skins import EPDM, GEOMETRY, quick
+from skins import EPDM, GEOMETRY, compilations, quick
 
 from suas_jax.config import continuous_inputs, load_skin, scene_from_dict
 from suas_jax.equilibrium.balance import State
@@ -148,17 +148,9 @@ def test_converged_everywhere_and_undisturbed_by_a_start(
 def test_called_with_numbers_it_compiles_once(pad: object, batch: SensorOutput) -> None:
     first = forward(pad, loads())
     np.testing.assert_allclose(first.so, batch.so, rtol=1e-9)
-    compiled: list[str] = []
     lighter = dataclasses.replace(loads(), force=0.9 * loads().force)
-
-    def listen(event: str, *_: object, **__: object) -> None:
-        compiled.extend([event] * ("backend_compile" in event))
-
-    jax.monitoring.register_event_duration_secs_listener(listen)
-    try:
+    with compilations() as compiled:
         second = forward(pad, lighter)
-    finally:
-        jax.monitoring.unregister_event_duration_listener(listen)
     assert not compiled
     assert not np.any(second.result)
     assert np.all(np.asarray(second.oil_pressure) < np.asarray(batch.oil_pressure))
@@ -291,7 +283,8 @@ def test_the_error_of_the_model_is_bounded_and_named() -> None:
     change[1, 16] = [0, 2e-5, 0, -5.5e-3, 0, 6e-5, 8e-5]
     more = jnp.array([0.0, 0.0, 2e3, 0.0, 1.0, 0.0, 0.0])
     shown = State(root.q + change, pressure + more, factor)
-    found = bounded(problem, root, shown, jnp.zeros(7, jnp.int32))
+    judged = quick(bounded)
+    found = judged(problem, root, shown, jnp.zeros(7, jnp.int32))
     floor = problem.mechanics.omitted_floor
     expected = [floor, floor + 0.4 * 0.1 + 0.01, floor + 0.4 + 1.0]
     np.testing.assert_allclose(found.error[:3], expected, rtol=1e-12)
@@ -306,7 +299,7 @@ def test_the_error_of_the_model_is_bounded_and_named() -> None:
     ]
     assert floor + 0.08 <= found.error[4] < 0.1
     free = dataclasses.replace(problem, mechanics=problem.mechanics.with_wall(None))
-    through = found.error[3] - bounded(free, root, shown, found.result).error[3]
+    through = found.error[3] - judged(free, root, shown, found.result).error[3]
     assert float(through) > 0.1
 
 

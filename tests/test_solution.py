@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from jaxtyping import Array
 
-from suas_jax.config import SceneSpec, with_solve
+from suas_jax.config import SceneSpec, with_inputs, with_solve
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.mechanics.model import Counts
 from suas_jax.scene.gradient import UnknownQuantityError, gradient
@@ -17,7 +17,7 @@ from suas_jax.scene.report import _on_wall
 from suas_jax.scene.report_keys import require_reported
 from suas_jax.scene.solve import solve
 from suas_jax.scene.sweep import sweep
-from tests.skins import LAWS, WIDTH, line, program_text, scene
+from tests.skins import LAWS, WIDTH, compilations, line, program_text, scene
 
 SCENES: dict[str, SceneSpec] = {
     "case A": scene(line(0, 24.4)),
@@ -61,6 +61,16 @@ def test_discretisation_error_is_above_the_true_one_and_near(name: str) -> None:
     report = solve(with_solve(SCENES[name], elements=16)).report
     true = largest_error(report, truth)
     assert true < report["discretisation_error"] < 6 * true
+
+
+def test_another_value_compiles_nothing() -> None:
+    """The shear modulus had a program of its own in every solve, four times as long as that."""
+    spec = with_solve(SCENES["case B"], elements=16)
+    solve(spec)
+    with compilations() as compiled:
+        lighter = solve(with_inputs(spec, {"load.0.force": 19.0}))
+    assert lighter.converged
+    assert not compiled
 
 
 @pytest.mark.long  # half an arc; the whole one above

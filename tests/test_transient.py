@@ -7,7 +7,7 @@ import jax
 import numpy as np
 import pytest
 import scipy.linalg
-from skins import built
+from skins import built, quick
 from test_cli import SCENES
 
 from suas_jax import load_scene, scene_from_dict, solve, with_inputs, with_solve
@@ -18,7 +18,7 @@ from suas_jax.dynamics.driven import FACTOR
 from suas_jax.dynamics.film import Film, film_of
 from suas_jax.dynamics.history import history_sweep
 from suas_jax.dynamics.history_table import history_of
-from suas_jax.dynamics.inertia import densities_of, flow_of, inertia_of, weights_of
+from suas_jax.dynamics.inertia import densities_of, inertia_of
 from suas_jax.dynamics.motion import Sampling, free_unknowns, motion_of
 from suas_jax.dynamics.moving_section import MovingSection
 from suas_jax.dynamics.pad import pad_inertia, pad_motion
@@ -54,8 +54,7 @@ def exact(force: float) -> list[float]:
     """Displacement under the load of small motions, by exponentials of matrices."""
     scene = tapped(1e-9)
     motion, given = motion_of(solve(scene)), densities_of(scene)
-    weights = weights_of(motion.outline, motion.section, motion.water, given)
-    inertia = inertia_of(flow_of(motion.outline, motion.moved, motion.water), weights)
+    inertia = inertia_of(motion.outline, motion.moved, motion.section, motion.water, given)
     crown = np.argmin(np.abs(motion.outline.faces[1, 0]))
     read = -motion.moved[1, 1, crown]
     return swinging(scene, (16,), (inertia, motion), read, force)
@@ -79,8 +78,8 @@ def swinging(
     problem = built(scene, plan_for(scene, "shell", counts), inputs_of(scene))
     shell: Any = problem.mechanics
     zero = np.zeros(1)
-    load = np.asarray(shell.assemble(shell.rest(), zero, zero).load).ravel()
-    unit = basis.T @ load[free_unknowns(shell)] / 1e-9
+    load = quick(lambda shell: shell.assemble(shell.rest(), zero, zero).load)(shell)
+    unit = basis.T @ np.ravel(load)[free_unknowns(shell)] / 1e-9
     n = len(mass)
     # Displacements, velocities, force and its rate.
     system = np.zeros((2 * n + 2, 2 * n + 2))
@@ -137,19 +136,21 @@ def test_what_moves_has_the_derivative_that_short_steps_need() -> None:
     scene = with_solve(with_inputs(tapped(), {"geometry.thickness": 3e-3}), elements=40)
     inputs, plan = inputs_of(scene), plan_for(scene, "shell", (40,))
     shell: Any = built(scene, plan, inputs).mechanics
-    sampling = Sampling.of(shell, scene_parts(scene, inputs).skin.geometry)
+    geometry = scene_parts(scene, inputs).skin.geometry
+    sampling = quick(Sampling.of)(shell, geometry)
     rest, length, free = shell.rest(), np.asarray(1e-6), free_unknowns(shell)
-    moving = MovingSection(sampling.near(rest), sampling, densities_of(scene))
-    wanted = moving.stiffness(0 * rest, length, free)
+    moving = MovingSection(quick(Sampling.near)(sampling, rest), sampling, densities_of(scene))
+    wanted = quick(lambda moving: moving.stiffness(0 * rest, length, free))(moving)
 
     def force(q: Any) -> Any:
         return moving.force(q, (q - rest) / length, moving.still, length)[0]
 
+    along = quick(lambda way: jax.jvp(force, (rest,), (way,))[1])
     for seed in range(3):
         own = np.random.default_rng(seed).normal(size=len(free))
         way = np.zeros(rest.size)
         way[free] = own
-        found = jax.jvp(force, (rest,), (way.reshape(rest.shape),))[1].reshape(-1)[free]
+        found = along(way.reshape(rest.shape)).reshape(-1)[free]
         assert np.linalg.norm(found - wanted @ own) < 1e-9 * np.linalg.norm(found)
 
 

@@ -20,6 +20,7 @@ Everything is linear in the velocities, which may have an axis of unknowns behin
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -171,16 +172,21 @@ def weights_of(
     return Weights(mass, inner * (12 * given.viscosity / film**3))
 
 
-def inertia_of(flow: Flow, weights: Weights) -> Inertia:
-    """Masses and damping of small motions.
-
-    `flow`: of each unknown. `weights`: of its squares.
-    """
-    film, membrane, water = (
+@jax.jit
+def inertia_of(
+    at: Outline,
+    moved: Float[Array, "3 2 point unknown"],
+    section: Float[Array, " segment"],
+    water: Water,
+    given: Densities,
+) -> Inertia:
+    """Masses and damping of small motions; see `flow_of` and `weights_of`."""
+    flow, weights = flow_of(at, moved, water), weights_of(at, section, water, given)
+    film, membrane, outside = (
         _form(x.reshape(-1, x.shape[-1]), w.ravel())
         for x, w in zip(flow, weights.mass, strict=True)
     )
-    return Inertia(film, membrane, water, _form(flow.film, weights.damping))
+    return Inertia(film, membrane, outside, _form(flow.film, weights.damping))
 
 
 def _swept(

@@ -30,9 +30,7 @@ from suas_jax.dynamics.inertia import (
     Densities,
     Inertia,
     densities_of,
-    flow_of,
     inertia_of,
-    weights_of,
 )
 from suas_jax.dynamics.motion import Motion, motion_of
 from suas_jax.dynamics.pad import PadMotion, pad_inertia, pad_motion
@@ -149,9 +147,10 @@ def spectrum_of(
     `motion`: about a state. `densities`: what moves.
     """
     if isinstance(motion, Motion):
-        flow = flow_of(motion.outline, motion.moved, motion.water)
-        weights = weights_of(motion.outline, motion.section, motion.water, densities)
-        inertia, omitted = jax.tree.map(np.asarray, inertia_of(flow, weights)), motion.omitted
+        found = inertia_of(
+            motion.outline, motion.moved, motion.section, motion.water, densities
+        )
+        inertia, omitted = jax.tree.map(np.asarray, found), motion.omitted
     else:
         inertia, omitted = pad_inertia(motion, densities), None
     squares, vectors = lowest_modes(motion, np.asarray(inertia.mass), count + _MORE_MODES)

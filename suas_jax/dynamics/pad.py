@@ -142,13 +142,12 @@ def pad_inertia(motion: PadMotion, given: Densities) -> Inertia:
     area = np.linalg.norm(motion.inner.areas(), axis=0)
     room = (gap * area).ravel()
     swept -= room[:, None] / np.sum(room) * np.sum(swept, 0)
-    source = jnp.asarray(swept).reshape(*gap.shape, -1)
+    source = swept.reshape(*gap.shape, -1)
 
     def form(oil: Number, viscosity: Number) -> Matrix:
         """Of oil that is kept from flowing by either."""
         fluid = Densities(oil, viscosity, 0.0, 0.0)
-        position, film = jnp.asarray(motion.inner.position), jnp.asarray(gap)
-        pressure = Links.over(position, film, fluid, jnp.ones(())).potential(source)
+        pressure = _driving(motion.inner.position, gap, fluid, source)
         return swept.T @ np.asarray(pressure).reshape(swept.shape)
 
     mass = motion.thickness * np.linalg.norm(motion.middle.areas(), axis=0)
@@ -156,6 +155,12 @@ def pad_inertia(motion: PadMotion, given: Densities) -> Inertia:
     membrane = given.membrane * moved @ moved.T
     water = given.water * _outside(motion)
     return Inertia(form(given.oil, 0.0), membrane, water, form(0.0, given.viscosity))
+
+
+@jax.jit
+def _driving(position: Array, film: Array, fluid: Densities, source: Array) -> Array:
+    """Pressures that drive what samples sweep within a second."""
+    return Links.over(position, film, fluid, jnp.ones(())).potential(source)
 
 
 def _outside(motion: PadMotion) -> Matrix:

@@ -14,6 +14,7 @@ import dataclasses
 import functools
 from typing import Literal
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -145,6 +146,7 @@ class SplineAxis:
         # At mirrored ends they lie there anyway.
         return means.at[0].set(breakpoints[0]).at[-1].set(breakpoints[-1])
 
+    @functools.partial(jax.jit, static_argnames=("self", "parity"), inline=True)
     def extraction(
         self, breakpoints: Float[Array, " breakpoint"], parity: int | None = 1
     ) -> Float[Array, "4 4 element"]:

@@ -13,6 +13,7 @@ from suas_jax.mechanics.model import AbstractPlan, Counts
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.mesh.section import measures
 from suas_jax.scene.parts import SceneParts, law_of, scene_parts
+from suas_jax.scene.structure import Structure
 from suas_jax.sensing.taxels import check_taxels
 from suas_jax.skin.prestress import water_rise
 
@@ -68,7 +69,8 @@ def decay_angle(scene: SceneSpec) -> float:
     """
     g = scene.geometry
     radius = measures(scene).size
-    stiffness = float(_shear_modulus(scene)) * g.mean_thickness**3 / 3
+    modulus = float(_shear_modulus(Structure(scene), continuous_inputs(scene)))
+    stiffness = modulus * g.mean_thickness**3 / 3
     if scene.solve.oil_pressure is not None:
         tension = abs(scene.solve.oil_pressure) * radius
     else:
@@ -88,10 +90,7 @@ def decay_angle(scene: SceneSpec) -> float:
     return min(1.0, float(np.sqrt(stiffness / tension)) / radius)
 
 
-def _shear_modulus(scene: SceneSpec) -> Array:
-    """Small-strain shear modulus of the membrane [Pa], compiled as one program."""
-
-    def modulus(numbers: dict[str, ArrayLike]) -> Array:
-        return law_of(scene, numbers).shear_modulus[0]
-
-    return jax.jit(modulus)(continuous_inputs(scene))
+@functools.partial(jax.jit, static_argnums=0)
+def _shear_modulus(scene: Structure, inputs: Mapping[str, ArrayLike]) -> Array:
+    """Small-strain shear modulus of the membrane [Pa]: one program for all its constants."""
+    return law_of(scene.scene, inputs).shear_modulus[0]

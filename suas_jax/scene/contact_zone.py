@@ -3,6 +3,7 @@
 import functools
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
@@ -173,6 +174,7 @@ def _over(x: Float[Array, "component lane"]) -> Float[Array, "component 1 1 lane
     return x[:, None, None]
 
 
+@functools.partial(jax.jit, inline=True)
 def _closed(gap: Grid, place: Grid) -> tuple[Lanes, Lanes, Float[Array, "line lane"]]:
     """Smallest and largest place where the gap along lines is closed, the extent on each."""
     first, second = gap[:-1], gap[1:]

@@ -8,6 +8,7 @@ through the polynomials.
 """
 
 import abc
+import functools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Self
@@ -220,8 +221,10 @@ class ChartedSection(AbstractSection):
         found = found.reshape(len(found), *angle.shape)
         return found[0], found[1], [found[2 + k :: _NODES] for k in range(_NODES)]
 
+    # One program where places are looked up outside of any, for the thirty that it has else.
+    @functools.partial(jax.jit, static_argnums=(2, 3), inline=True)
     def _with_slopes(
-        self, angle: Array, values: Sequence[str], slopes: Sequence[str]
+        self, angle: Array, values: tuple[str, ...], slopes: tuple[str, ...]
     ) -> list[Array]:
         """Fields at angles [*shape, lane], and the derivatives of some by the angle."""
         shape = jnp.broadcast_shapes(jnp.shape(angle), self.ends.shape[-1:])

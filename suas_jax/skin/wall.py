@@ -11,9 +11,11 @@ Every law is zero until the gap closes, so it changes nothing of a state without
 """
 
 import abc
+import functools
 from typing import Protocol
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -194,6 +196,7 @@ class Wall(eqx.Module):
         return angle, height + self.geometry.gap(angle, axial)
 
 
+@functools.partial(jax.jit, inline=True)
 def _spring(compression: Array, stiffness: Lanes, onset: Lanes) -> Array:
     """Energy of a linear spring whose stiffness sets in over a short compression."""
     d = jnp.maximum(compression, 0.0)

@@ -16,11 +16,11 @@ import numpy as np
 from fitting.sensor.fit.assumptions import elastic_warning, exact_membrane_warning
 from fitting.sensor.fit.checks import check_agreement, drift_warning
 from fitting.sensor.fit.input_noise import (
-    NOTHING_TOLD,
+    NO_INPUT_ERRORS,
+    InputErrors,
     InputNoise,
-    ToldErrors,
     stated_errors,
-    with_told_errors,
+    with_input_errors,
 )
 from fitting.sensor.fit.lacking import with_discrepancy
 from fitting.sensor.fit.priors import (
@@ -167,8 +167,8 @@ def fit_sensor(
         share = MODEL_ERROR[drawing.geometry.dimension]
         readings = with_model_error(readings, frames, data.loaded, share)
     problem = SensorProblem(shapes.model, readings, held | given, correlation)
-    told = _told(solver, shapes, like, input_noise) if looked else NOTHING_TOLD
-    problem = stated_errors(problem, loads, told)
+    inputs = _input_errors(solver, shapes, like, input_noise) if looked else NO_INPUT_ERRORS
+    problem = stated_errors(problem, loads, inputs)
     problem, touching = away_from_the_wall(problem, start)
     progress("fitting")
     problem, found = robust(problem, start)
@@ -185,9 +185,9 @@ def fit_sensor(
     settled = settled_shapes(problem, found, shapes, touching, solver, stated, progress)
     problem, found, shapes, touching, steady = settled
     problem, found, doubts = _checked(data, problem, found)
-    shown = with_told_errors(problem, found, loads, told, solver, shapes)
-    problem, found, told, shapes = shown
-    if problem.readings.told is not None and problem.model.moving:
+    shown = with_input_errors(problem, found, loads, inputs, solver, shapes)
+    problem, found, inputs, shapes = shown
+    if problem.readings.input_errors is not None and problem.model.moving:
         settled = settled_shapes(problem, found, shapes, touching, solver, stated, progress)
         problem, found, shapes, touching, steady = settled
     warnings = [*data.warnings, *solver.warnings, "" if steady else _UNSTEADY, *doubts]
@@ -195,9 +195,9 @@ def fit_sensor(
     noise = readings.sigma.min(1, keepdims=True) * np.ones(readings.logs)
     if not own:
         problem, found, noise = _with_measured_noise(problem, found)
-        warnings += zeros_off(problem, found.constants, loads, told, solver)
+        warnings += zeros_off(problem, found.constants, loads, inputs, solver)
     judged = judged_fit(
-        data, problem, found, shapes, loads, noise, touching, steady, told, warnings
+        data, problem, found, shapes, loads, noise, touching, steady, inputs, warnings
     )
     return with_discrepancy(judged) if own else judged
 
@@ -235,19 +235,19 @@ def _checked(
     return problem, found, doubts + check_agreement(problem, found.constants, data)
 
 
-def _told(
+def _input_errors(
     solver: ShapeSolver,
     shapes: Shapes,
     like: SensorFit | None,
     stated: Mapping[str, float] | None,
-) -> ToldErrors:
+) -> InputErrors:
     """What readings change by with known inputs, and what is stated of these."""
     if like is None:
         slopes = solver.by_inputs(shapes)
     else:
         fluid = np.asarray(like.problem.model.permittivity)
-        slopes = like.told.slopes[..., solver.alike(like.loads, fluid)]
-    return ToldErrors(slopes, InputNoise(dict(stated or {}), stated is not None))
+        slopes = like.input_errors.slopes[..., solver.alike(like.loads, fluid)]
+    return InputErrors(slopes, InputNoise(dict(stated or {}), stated is not None))
 
 
 def _as_built(data: SensorData) -> SensorData:

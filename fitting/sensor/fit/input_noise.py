@@ -44,8 +44,8 @@ class InputNoise(NamedTuple):
 
 def shared_errors(loads: KnownLoads, slopes: np.ndarray, noise: InputNoise) -> SharedErrors:
     """The errors that readings share, from their derivatives [load, taxel, state]."""
-    told = loads.told
-    deviation = sum((t * noise.deviation.get(name, 0.0) for name, t in told.items()), 0.0)
+    known = loads.known_by
+    deviation = sum((t * noise.deviation.get(name, 0.0) for name, t in known.items()), 0.0)
     return SharedErrors(slopes, np.asarray(deviation))
 
 
@@ -72,7 +72,7 @@ class Likelihood:
     def __call__(self, noise: InputNoise) -> tuple[float, float]:
         """L, and the scale s of all noise."""
         shared = shared_errors(self._loads, self._slopes, noise)
-        readings = dataclasses.replace(self._problem.readings, told=shared)
+        readings = dataclasses.replace(self._problem.readings, input_errors=shared)
         problem = self._problem.replace(readings=readings)
         r, J = map(np.asarray, sensitivity(problem.residuals(), jnp.asarray(self._at)))
         beside = [r - _residuals(problem, self._at, change) for change in self._common]
@@ -80,8 +80,8 @@ class Likelihood:
         size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         q, triangle = np.linalg.qr(columns / size)
         independent = np.abs(np.diag(triangle))
-        told = independent > 1e-6
-        q, independent = q[:, told], (size * independent)[told]
+        seen = independent > 1e-6
+        q, independent = q[:, seen], (size * independent)[seen]
         left = r - q @ (q.T @ r)
         used = int(readings.used.sum()) + len(problem.priors)
         free = used - len(independent) - readings.extras * int(readings.used.any(1).sum())
@@ -115,13 +115,13 @@ class Likelihood:
 
     def most_likely(self, start: InputNoise) -> tuple[InputNoise, float]:
         """The most likely deviations, none where they gain little, and the scale s."""
-        told = {name: t for name, t in self._loads.told.items() if t.any()}
-        noise = InputNoise({name: start.deviation.get(name, 0.0) for name in told})
+        known = {name: t for name, t in self._loads.known_by.items() if t.any()}
+        noise = InputNoise({name: start.deviation.get(name, 0.0) for name in known})
         if not self._suspected():
-            return InputNoise(dict.fromkeys(told, 0.0)), 1.0
+            return InputNoise(dict.fromkeys(known, 0.0)), 1.0
         none, scale = self(InputNoise({}))
-        for name in list(told) * (1 if len(told) == 1 else 2):
-            largest = float(np.abs(getattr(self._loads, name)[told[name]]).max())
+        for name in list(known) * (1 if len(known) == 1 else 2):
+            largest = float(np.abs(getattr(self._loads, name)[known[name]]).max())
 
             def cost(log: float, name: str = name) -> float:
                 trial = InputNoise({**noise.deviation, name: float(np.exp(log))})
@@ -134,7 +134,7 @@ class Likelihood:
             noise.deviation[name] = float(np.exp(found.x))
         value, own = self(noise)
         if value - none < _GAIN:
-            return InputNoise(dict.fromkeys(told, 0.0)), scale
+            return InputNoise(dict.fromkeys(known, 0.0)), scale
         # L has them in units of the scaled noise.
         return InputNoise({k: own * x for k, x in noise.deviation.items()}), own
 
@@ -154,7 +154,7 @@ def settled(before: InputNoise, now: InputNoise) -> bool:
     )
 
 
-class ToldErrors(NamedTuple):
+class InputErrors(NamedTuple):
     """Errors of what was told of the loads, and what the readings show of them."""
 
     slopes: np.ndarray  # counts by what was told [load, taxel, state]; empty if not looked for
@@ -162,60 +162,62 @@ class ToldErrors(NamedTuple):
     warnings: tuple[str, ...] = ()  # what a person should know
 
 
-NOTHING_TOLD = ToldErrors(np.zeros((0, 0, 0)), InputNoise({}))
+NO_INPUT_ERRORS = InputErrors(np.zeros((0, 0, 0)), InputNoise({}))
 
 
-def stated_errors(problem: SensorProblem, loads: KnownLoads, told: ToldErrors) -> SensorProblem:
+def stated_errors(
+    problem: SensorProblem, loads: KnownLoads, inputs: InputErrors
+) -> SensorProblem:
     """The problem with the errors that are stated."""
-    if not any(told.noise.deviation.values()):
+    if not any(inputs.noise.deviation.values()):
         return problem
-    errors = shared_errors(loads, told.slopes, told.noise)
-    return problem.replace(readings=dataclasses.replace(problem.readings, told=errors))
+    errors = shared_errors(loads, inputs.slopes, inputs.noise)
+    return problem.replace(readings=dataclasses.replace(problem.readings, input_errors=errors))
 
 
-def with_told_errors(
+def with_input_errors(
     problem: SensorProblem,
     found: Found,
     loads: KnownLoads,
-    told: ToldErrors,
+    inputs: InputErrors,
     solver: ShapeSolver,
     shapes: Shapes,
-) -> tuple[SensorProblem, Found, ToldErrors, Shapes]:
+) -> tuple[SensorProblem, Found, InputErrors, Shapes]:
     """The fit with errors of known inputs, stated or as the readings show them.
 
     Counts are linear in the errors about the most probable inputs: shapes are solved there, as
-    about the told ones a curved response would bias the constants (by t^2 / 2 times it).
+    about the stated ones a curved response would bias the constants (by t^2 / 2 times it).
     """
-    noise, error = told.noise, np.zeros(loads.angle.shape)
-    for _ in range(_ROUNDS if told.slopes.any() else 0):
+    noise, error = inputs.noise, np.zeros(loads.angle.shape)
+    for _ in range(_ROUNDS if inputs.slopes.any() else 0):
         now, scale = noise, 1.0
-        if not told.noise.stated:
-            shown = Likelihood(problem, found.constants, loads, told.slopes, error)
+        if not inputs.noise.stated:
+            shown = Likelihood(problem, found.constants, loads, inputs.slopes, error)
             now, scale = shown.most_likely(noise)
         here = problem.readings
         if not any(now.deviation.values()):
-            if here.told is not None:
-                here = dataclasses.replace(here, told=None)
+            if here.input_errors is not None:
+                here = dataclasses.replace(here, input_errors=None)
                 problem, found = robust(problem.replace(readings=here), found.constants)
-            return problem, found, told._replace(noise=now), shapes
-        errors = shared_errors(loads, told.slopes, now)
+            return problem, found, inputs._replace(noise=now), shapes
+        errors = shared_errors(loads, inputs.slopes, now)
         sigma = np.where(here.log >= 0, scale * here.sigma, here.sigma)
-        here = dataclasses.replace(here, told=errors, sigma=sigma)
+        here = dataclasses.replace(here, input_errors=errors, sigma=sigma)
         problem, found = robust(problem.replace(readings=here), found.constants)
         r = problem.standardised(found.constants, whole=True)
         last, error = error, problem.readings.shared(r)
-        told, steady = told._replace(noise=now), settled(noise, now)
+        inputs, steady = inputs._replace(noise=now), settled(noise, now)
         noise, moved = now, np.linalg.norm(error - last)
         if steady and moved <= _MOVED * np.linalg.norm(errors.deviation):
             break
         shapes, slopes = solver.moved(found.constants, loads.less(error), error)
-        told = told._replace(slopes=slopes)
+        inputs = inputs._replace(slopes=slopes)
         model = dataclasses.replace(shapes.model, factor=problem.model.factor)
         problem = problem.replace(model=model)
-    if told.noise.stated and told.slopes.any():
-        shown = Likelihood(problem, found.constants, loads, told.slopes, error)
-        told = told._replace(warnings=_beyond_stated(shown, told.noise, loads))
-    return problem, found, told, shapes
+    if inputs.noise.stated and inputs.slopes.any():
+        shown = Likelihood(problem, found.constants, loads, inputs.slopes, error)
+        inputs = inputs._replace(warnings=_beyond_stated(shown, inputs.noise, loads))
+    return problem, found, inputs, shapes
 
 
 def _beyond_stated(shown: Likelihood, stated: InputNoise, loads: KnownLoads) -> tuple[str, ...]:
@@ -232,17 +234,17 @@ def _beyond_stated(shown: Likelihood, stated: InputNoise, loads: KnownLoads) -> 
 
 
 def noise_sentences(
-    problem: SensorProblem, constants: np.ndarray, loads: KnownLoads, told: ToldErrors
+    problem: SensorProblem, constants: np.ndarray, loads: KnownLoads, inputs: InputErrors
 ) -> list[str]:
     """What a fit that counted errors of known inputs has to say of them."""
-    if problem.readings.told is None or told.noise.stated:
+    if problem.readings.input_errors is None or inputs.noise.stated:
         return []
     e = problem.readings.shared(problem.standardised(constants, whole=True))
     found = []
-    for name, deviation in told.noise.deviation.items():
+    for name, deviation in inputs.noise.deviation.items():
         if not deviation > 0:
             continue
-        own = loads.told[name]
+        own = loads.known_by[name]
         rows = [r[k] - r[k].mean() for r, k in zip(e, own, strict=True) if k.any()]
         pairs = sum(float(row[1:] @ row[:-1]) for row in rows)
         ordered = pairs / sum(float(row @ row) for row in rows) > _ORDERED

@@ -198,7 +198,7 @@ class SensorProblem:
             found, _ = here.taken_out(errors, weight)
             errors = errors - np.einsum("tk,fk->tf", found, here.columns())
         r = np.where(here.present, -errors / here.sigma, 0.0)
-        return r if whole or here.told is None else here.whitened(r, weight)
+        return r if whole or here.input_errors is None else here.whitened(r, weight)
 
     def relative_sizes(self, constants: np.ndarray) -> np.ndarray:
         """What a constant's error is compared with: its value, or its natural size [p]."""

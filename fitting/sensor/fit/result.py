@@ -18,7 +18,7 @@ from fitting.sensor.fit.checks import (
     noise_warning,
     wall_warning,
 )
-from fitting.sensor.fit.input_noise import ToldErrors, noise_sentences
+from fitting.sensor.fit.input_noise import InputErrors, noise_sentences
 from fitting.sensor.fit.priors import findings, log_contributions
 from fitting.sensor.fit.residuals import Prior, SensorProblem, SensorResiduals, bounds_of
 from fitting.sensor.fit.search import Found
@@ -59,7 +59,7 @@ class SensorFit:
     findings: tuple[str, ...]  # what the data don't determine, in words
     contributions: tuple[dict[str, Any], ...]  # what each log, and each fluid, tells
     warnings: tuple[str, ...]  # what a person should know
-    told: ToldErrors  # of known inputs
+    input_errors: InputErrors  # of known forces and displacements
     discrepancy: Discrepancy | None = None  # from the model, as presses show; of sections
 
     @property
@@ -132,7 +132,7 @@ def judged_fit(
     noise: np.ndarray,  # standard deviation of a reading [taxel, log], counts
     touching: np.ndarray,  # readings of taxels that the membrane touches [taxel, frame]
     steady: bool,  # whether the shapes change no more
-    told: ToldErrors,  # of known inputs
+    inputs: InputErrors,  # of known inputs
     warnings: list[str],  # of the search
 ) -> SensorFit:
     """A calibration with its errors, its misfit and its warnings."""
@@ -168,9 +168,9 @@ def judged_fit(
         hint = "; --field takes capacitances from the field instead of the formula"
         can = problem.model.factor is None and data.spec.geometry.dimension == 2
         warnings.append(words + (hint if can else ""))
-    warnings += noise_sentences(problem, constants, loads, told)
+    warnings += noise_sentences(problem, constants, loads, inputs)
     warnings += [
-        *told.warnings,
+        *inputs.warnings,
         contradiction_warning(family, data, shapes.force, shapes.displacement),
         disagreement_warning(problem, constants),
         exchanged_warning(problem, constants, data),
@@ -202,7 +202,7 @@ def judged_fit(
             log_contributions(problem, constants, judged_misfit.inflation, data)
         ),
         warnings=tuple(dict.fromkeys(filter(None, warnings))),
-        told=told,
+        input_errors=inputs,
     )
 
 

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.sensor.fit.input_noise import ToldErrors
+from fitting.sensor.fit.input_noise import InputErrors
 from fitting.sensor.fit.residuals import SensorProblem
 from fitting.sensor.fit.search import search
 from fitting.sensor.logs.data import NoCalibration
@@ -48,11 +48,11 @@ class Suspects:
         problem: SensorProblem,  # with the measured noise
         constants: np.ndarray,  # its minimum, SI [p]
         loads: KnownLoads,  # the known states
-        told: ToldErrors,  # with the derivatives by known inputs
+        inputs: InputErrors,  # with the derivatives by known inputs
         solver: ShapeSolver,
     ) -> None:
         self._problem, self._constants, self._solver = problem, constants, solver
-        state, slopes = problem.readings.state, told.slopes
+        state, slopes = problem.readings.state, inputs.slopes
         by = {TOUCH: loads.zeros(1.0, 0.0), FORCE_ZERO: loads.zeros(0.0, 1.0)}
         names = problem.family.names
         # Readings that are more by this lack the zero [taxel, frame].
@@ -143,12 +143,12 @@ def zeros_off(
     problem: SensorProblem,
     constants: np.ndarray,
     loads: KnownLoads,
-    told: ToldErrors,
+    inputs: InputErrors,
     solver: ShapeSolver,
 ) -> list[str]:
     """A warning of zeros that are off, or none; see `Suspects`."""
-    looked = told.slopes.any()
-    zeros = Suspects(problem, constants, loads, told, solver).found() if looked else []
+    looked = inputs.slopes.any()
+    zeros = Suspects(problem, constants, loads, inputs, solver).found() if looked else []
     return [sentence(zeros, problem)] if zeros else []
 
 

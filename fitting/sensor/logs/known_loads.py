@@ -70,7 +70,7 @@ class KnownLoads:
         return dataclasses.replace(self, **{name: moved})
 
     @property
-    def told(self) -> dict[str, np.ndarray]:
+    def known_by(self) -> dict[str, np.ndarray]:
         """Where a load is known by its force, displacement or depth [load, state].
 
         None of them where nothing is pressed, which is exact.
@@ -81,12 +81,12 @@ class KnownLoads:
     @property
     def pressed(self) -> np.ndarray:
         """Where a load presses [load, state]."""
-        return np.any(list(self.told.values()), axis=0)
+        return np.any(list(self.known_by.values()), axis=0)
 
     def stepped(self, load: int) -> tuple["KnownLoads", np.ndarray]:
         """The same with a load a little further, and by how much [state] [N] or [m]."""
         changed, step = {}, np.zeros(self.states)
-        for name, told in self.told.items():
+        for name, told in self.known_by.items():
             values = getattr(self, name).copy()
             own = np.where(told[load], _STEP * np.abs(values[told]).max(initial=0.0), 0.0)
             values[load] += own
@@ -96,7 +96,7 @@ class KnownLoads:
 
     def zeros(self, travel: float, force: float) -> np.ndarray:
         """Errors of what was told where gauges show this at no load [load, state]."""
-        told = self.told
+        told = self.known_by
         moved = told["displacement"] | told["depth"]
         return np.asarray(np.where(moved, travel, np.where(told["force"], force, 0.0)))
 
@@ -104,7 +104,7 @@ class KnownLoads:
         """The loads without an error of what was told of them [load, state] [N] or [m]."""
         rest = {
             name: getattr(self, name) - np.where(told, error, 0.0)
-            for name, told in self.told.items()
+            for name, told in self.known_by.items()
         }
         rest["depth"] = np.maximum(rest["depth"], 0.0)
         return dataclasses.replace(self, **rest)

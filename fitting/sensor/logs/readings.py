@@ -36,7 +36,7 @@ class LoggedCounts:
     offsets: bool  # whether every taxel has an offset
     drifting: bool  # whether every taxel drifts steadily in every log
     logs: int  # how many logs there are
-    told: SharedErrors | None = None  # of known inputs; None where all are exact
+    input_errors: SharedErrors | None = None  # of known inputs; None where all are exact
 
     @property
     def extras(self) -> int:
@@ -92,10 +92,10 @@ class LoggedCounts:
 
         Of the readings that are used, each with its weight beside its noise [taxel, frame].
         """
-        if self.told is None:
+        if self.input_errors is None:
             return None
         inverse = np.where(self.used, np.sqrt(weight) / self.sigma, 0.0)
-        return self.told.whitening(self.state, inverse)
+        return self.input_errors.whitening(self.state, inverse)
 
     def whitened(self, r: np.ndarray, weight: np.ndarray | float = 1.0) -> np.ndarray:
         """Residuals less what those of their state share [taxel, frame].
@@ -104,12 +104,14 @@ class LoggedCounts:
         used ones tell of the shared errors is taken off the others, too.
         """
         whitening = self.whitening(weight)
-        if whitening is None or self.told is None:
+        if whitening is None or self.input_errors is None:
             return r
         root = np.sqrt(np.broadcast_to(weight, r.shape))
         shared = whitening.root @ whitening.sums(self.state, r * root)[..., None]
-        told = (self.told.slopes * self.told.deviation[:, None])[..., self.state] / self.sigma
-        return np.asarray(r - np.einsum("ktf,fk->tf", told, shared[self.state, :, 0]))
+        size = (self.input_errors.slopes * self.input_errors.deviation[:, None])[
+            ..., self.state
+        ] / self.sigma
+        return np.asarray(r - np.einsum("ktf,fk->tf", size, shared[self.state, :, 0]))
 
     def shared(self, r: np.ndarray) -> np.ndarray:
         """The most probable errors of what was told [load, state] [N] or [m].
@@ -117,10 +119,10 @@ class LoggedCounts:
         Of residuals in units of the noise, predicted less measured [taxel, frame].
         """
         whitening = self.whitening()
-        if whitening is None or self.told is None:
+        if whitening is None or self.input_errors is None:
             return np.zeros((0, 0))
         found = whitening.inverse @ whitening.sums(self.state, r)[..., None]
-        return np.asarray(self.told.deviation * found[..., 0].T)
+        return np.asarray(self.input_errors.deviation * found[..., 0].T)
 
     def untangling(self, basis: np.ndarray, weight: np.ndarray | float = 1.0) -> np.ndarray:
         """(B^T W W B)^-1 of what is taken out, B the orthonormal `basis`."""

@@ -35,7 +35,7 @@ class SharedErrors:
 
         Readings that do not count weigh nothing.
         """
-        columns = (self.slopes * self.deviation[:, None])[..., state] * weight
+        columns = self.sizes[..., state] * weight
         gram = _by_state(np.einsum("ktf,ltf->klf", columns, columns), state, self.states)
         size, along = np.linalg.eigh(np.moveaxis(gram, -1, 0))
         size = np.maximum(size, 0.0)
@@ -50,6 +50,11 @@ class SharedErrors:
             of(1 / (1 + size)),
             float(np.log1p(size).sum()),
         )
+
+    @property
+    def sizes(self) -> Floats:
+        """What errors of one deviation change, g t [load, taxel, state], counts."""
+        return self.slopes * self.deviation[:, None]
 
     @property
     def states(self) -> int:

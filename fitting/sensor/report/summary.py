@@ -85,8 +85,8 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
     }
     if (shift := _place_shift(fit)) is not None:
         report["place_shift"] = shift
-    if any(fit.told.noise.deviation.values()):
-        report["input_noise"] = fit.told.noise._asdict()
+    if any(fit.input_errors.noise.deviation.values()):
+        report["input_noise"] = fit.input_errors.noise._asdict()
     if fit.force_scatter is not None:
         report["force_scatter"] = fit.force_scatter
     if fit.discrepancy is not None:
