@@ -256,9 +256,12 @@ def unfinished(now: Moment, row: Rows) -> Bool[Array, ""]:
     return left & jnp.all(now.result == 0) & (now.steps < MOST_STEPS)
 
 
-def observed_at(skin: DrivenSkin, now: Any) -> tuple[dict[str, Any], dict[str, Array]]:
+def observed_at(
+    skin: DrivenSkin, now: Any, told: Values | None = None
+) -> tuple[dict[str, Any], dict[str, Array]]:
     """What is observed, and how it was found, at a `Moment`, of a skin in motion or not.
 
+    `told`: loads of the report, where they have jumped since the state was found.
     The state is judged by the oil's volume and the strains, not by its forces: they are not in
     balance in motion, and fade to nothing at rest.
     """
@@ -266,6 +269,9 @@ def observed_at(skin: DrivenSkin, now: Any) -> tuple[dict[str, Any], dict[str, A
     parts, problem = skin.parts(now.values, now.travels)
     settled, other = (answering(problem, x) for x in (relaxed, disturbed))
     check, shown = seen(settled, now.state)
+    if told is not None:
+        parts = skin.parts(told, now.travels)[0]
+        shown = shown._replace(factor=skin.level(told))
     report = observe(parts, settled, shown, now.state)
     report["volume_residual"] = volume_residual(settled, now.state)
     report["stable"] = jax.lax.cond(
@@ -319,7 +325,9 @@ def attempt(skin: AbstractDriven, now: Moment, row: Rows, tolerance: Array) -> M
     stress = membrane_of(skin.problem(values, travels)).deviator(found.state.q)
     largest = jnp.maximum(now.largest, jnp.max(jnp.abs(stress)))
     rate = (stress - now.past.stress) / jnp.where(step > 0, step, 1.0)
-    bend = 2 * jnp.max(jnp.abs(rate - now.rate)) * step**2 / (step + now.last + (step == 0))
+    # A rate that jumps at a row's begin may do so after the longest step.
+    last = jnp.where(now.smooth > 0, now.last, jnp.minimum(now.last, step))
+    bend = 2 * jnp.max(jnp.abs(rate - now.rate)) * step**2 / (step + last + (step == 0))
     error = jnp.sum(series.g * bend_weight(step / series.tau)) * bend
     error = jnp.where(fresh | (largest == 0), 0.0, error / jnp.where(largest > 0, largest, 1.0))
     # Creep that runs away, as a membrane that buckles does, leaves no step short enough.

@@ -94,12 +94,7 @@ def through_film(
     def visit(now: Moving, row: Rows) -> tuple[Moving, Any]:
         now = now._replace(iterations=0 * now.iterations, steps=0 * now.steps)
         apart = jnp.stack([jnp.any(now.values[k] != x) for k, x in row.first.items()])
-        # What jumps moves nothing at once.
-        jumps = row.end <= row.begin
-        now = now._replace(
-            jumped=now.jumped | jumps | jnp.any(apart),
-            values=jax.tree.map(lambda a, b: jnp.where(jumps, b, a), row.first, row.final),
-        )
+        now = now._replace(jumped=now.jumped | jnp.any(apart))
 
         def going(now: Moving) -> Array:
             left = now.time < row.end
@@ -109,10 +104,13 @@ def through_film(
         late = (now.time < row.end) & (now.result == 0)
         result = jnp.where(late, index_of("max_steps"), now.result)
         now = now._replace(result=result.astype(now.result.dtype))
-        return now, read_where_told(observed, now, row)
+        # What jumps moves nothing at once, nor what the shell leaves out.
+        jumps = row.end <= row.begin
+        told = jax.tree.map(lambda a, b: jnp.where(jumps, b, a), now.values, row.final)
+        return now, read_where_told(observed, (now, told), row)
 
-    def observed(now: Moving) -> tuple[dict[str, Any], dict[str, Array]]:
-        return observed_at(skin, as_whole(part, now))
+    def observed(at: tuple[Moving, Values]) -> tuple[dict[str, Any], dict[str, Array]]:
+        return observed_at(skin, as_whole(part, at[0]), at[1])
 
     end, (reports, outcomes) = jax.lax.scan(visit, start, rows)
     return reports, outcomes, end
