@@ -24,7 +24,7 @@ from suas_jax.config.schema_load import EnvironmentSpec
 from suas_jax.constitutive.relaxation import Past, PronySeries, Response
 from suas_jax.dynamics import history, steps
 from suas_jax.dynamics.course import Course
-from suas_jax.dynamics.driven import Travels, _under_forces, answering
+from suas_jax.dynamics.driven import DrivenSkin, Travels, _under_forces, answering
 from suas_jax.dynamics.film import Film
 from suas_jax.dynamics.history import history_sweep
 from suas_jax.dynamics.history_gradient import point_asked, require_derivatives
@@ -33,6 +33,8 @@ from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.equilibrium import Equilibrium
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.scene.build import plan_for
+from suas_jax.scene.program import inputs_of
+from suas_jax.scene.structure import Structure
 from suas_jax.scene.sweep import SweepError
 from suas_jax.scene.travel import POWER
 
@@ -356,6 +358,17 @@ def test_a_load_that_comes_in_a_microsecond_is_one_that_jumps() -> None:
             assert other[key] == pytest.approx(one[key], rel=error), key
 
 
+def test_a_ramp_after_a_long_hold_is_followed_as_finely_as_any() -> None:
+    """A rate that jumps at a row's begin says nothing of the hold before."""
+    time, force = np.array([0.0, 0.1, 1e4, 1e4 + 1]), np.array([0.0, 20.0, 20.0, 2.0])
+    fine = np.append(time[:-1], np.linspace(1e4, 1e4 + 1, 41)[1:])
+    coarse, wanted = (
+        follow(list(t), list(np.interp(t, time, force)))[-1] for t in (time, fine)
+    )
+    error = 2 * coarse["time_error"] * 3e-3  # of the largest displacement
+    assert abs(coarse["max_displacement_m"] - wanted["max_displacement_m"]) < error
+
+
 def test_cycles_dissipate() -> None:
     time = np.linspace(0.0, 4.0, 33)
     points = follow(list(time), list(5 - 5 * np.cos(np.pi * time)))
@@ -653,6 +666,52 @@ def test_under_a_constant_force_a_body_goes_on() -> None:
         assert load["depth_m"] == pytest.approx(wanted, rel=1e-4)
     assert points[3]["loads"][0]["force_N"] == 0.0
     assert points[3]["max_displacement_m"] > 1e-4
+
+
+def warmed(scene: SceneSpec) -> SceneSpec:
+    """A skin that its oil has pushed out by some micrometres."""
+    around = EnvironmentSpec(temperature="22 degC")
+    grows = {"oil": scene.oil.model_copy(update={"expansion": 9.6e-4}), "environment": around}
+    return scene.model_copy(update=grows)
+
+
+def test_before_a_history_bodies_are_off_a_skin_that_comes_out() -> None:
+    scene, given = under_a_cylinder(depth="2 mm"), history_of([0.0, 1.0], depth_m=[0.0, 2e-3])
+    assert Course.of(scene, given).apart == {"factor": 0.0}
+    assert Course.of(warmed(scene), given).apart["load.0.depth"] < -1e-3
+
+
+def test_a_body_without_a_force_is_off_the_skin() -> None:
+    scene = under_a_cylinder(force="2 N")
+    plan = plan_for(scene, "shell", (16,))
+    skin = DrivenSkin.of(Structure(scene, wall=False), plan, inputs_of(scene), ["load.0.force"])
+    for length, off in ((0.0, True), (1e-4, False), (-1e-4, False)):
+        travels = skin.no_travels._replace(length=jnp.array([length]))
+        (body,) = skin.parts({}, travels)[0].bodies
+        assert float(body.travel[0]) == (-scene.geometry.mean_gap if off else length)
+
+
+@pytest.mark.long  # programs of histories under bodies; what they begin with is above
+def test_bodies_push_a_skin_that_comes_out_no_further_than_it_comes() -> None:
+    found = history_sweep(
+        warmed(under_a_cylinder(depth="2 mm")), history_of([0.0, 1.0], depth_m=[0.0, 1e-5])
+    )
+    first = found.points[0]
+    assert first["status"] == "converged"
+    assert 0 < first["loads"][0]["force_N"] < 0.1  # was that of a body left in the skin, 1e4
+    assert first["max_displacement_m"] < 1e-4
+    beside = [
+        under_a_cylinder(**how).loads[0].model_copy(update={"angle": angle})
+        for angle, how in ((-0.5, {"depth": "1 mm"}), (0.6, {"force": "3 N"}))
+    ]
+    scene = load_scene(HOLD).model_copy(update={"loads": tuple(beside)})
+    given = history_of([0.0, 1.0, 2.0], depth_m=[0.0, 1e-3, 1e-3], force_N=[0.0, 0.0, 3.0])
+    points = history_sweep(with_solve(scene, model="shell", elements=64), given).points
+    assert {p["status"] for p in points} == {"converged"}
+    waits, pressed = (p["loads"][1] for p in points[1:])
+    assert waits["force_N"] == waits["depth_m"] == 0.0  # the skin comes out by 0.9 mm there
+    assert waits["displacement_m"] < -5e-4
+    assert pressed["force_N"] == pytest.approx(3.0, rel=1e-8)
 
 
 def test_first_contact_of_a_history_is_told_as_a_curve_s(

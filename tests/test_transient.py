@@ -12,6 +12,7 @@ from test_cli import SCENES
 
 from suas_jax import load_scene, scene_from_dict, solve, with_inputs, with_solve
 from suas_jax.config import SceneSpec
+from suas_jax.config.schema_load import EnvironmentSpec
 from suas_jax.dynamics import history
 from suas_jax.dynamics.course import Course
 from suas_jax.dynamics.driven import FACTOR
@@ -106,6 +107,24 @@ def test_small_motions_are_those_of_the_closed_form(small: list[dict[str, Any]])
     largest = max(np.abs(wanted))
     # What the shell leaves out is added as in statics.
     np.testing.assert_allclose(moved, wanted, rtol=0, atol=3e-3 * largest)
+
+
+def test_a_row_at_which_loads_jump_tells_them_before_anything_moves(
+    small: list[dict[str, Any]],
+) -> None:
+    load = small[1]["loads"][0]
+    assert load["force_N"] == pytest.approx(1e-3)
+    assert load["displacement_m"] == 0.0
+
+
+@pytest.mark.long  # a program of loads that are not one factor
+def test_what_the_shell_leaves_out_does_not_show_before_it_moves() -> None:
+    around = {"environment": EnvironmentSpec(temperature="20 degC")}
+    warm = {"temperature_degC": [20.0] * 3}
+    given = history_of([0.0, 0.0, 1e-6], force_N=[0.0, 5.0, 5.0], **warm)
+    point = history_sweep(tapped().model_copy(update=around), given).points[1]
+    assert point["loads"][0]["force_N"] == 5.0
+    assert point["max_displacement_m"] < 1e-12
 
 
 def test_a_large_swing_keeps_the_oil_and_comes_to_rest_where_statics_has_it() -> None:

@@ -15,6 +15,7 @@ from suas_jax.dynamics.history_table import History
 from suas_jax.dynamics.steps import Rows
 from suas_jax.scene.sweep import SweepError
 from suas_jax.scene.travel import driven_by_force, shares_of_travel
+from suas_jax.skin.prestress import is_prestressed
 
 _WARMTH = "environment.temperature"
 _NOTHING = {
@@ -48,7 +49,9 @@ class Course(NamedTuple):
         alone = set().union(*shares.values()) | (set(loads) if "factor" in columns else set())
         others = set(loads) - alone
         together = len(columns) == 1 and not others and not driven_by_force(scene)
-        if together and TEMPERATURE not in columns:
+        # A factor brings bodies no farther off than where the undeformed skin has them.
+        met = bool(scene.bodies) and is_prestressed(scene)
+        if together and TEMPERATURE not in columns and not met:
             ((name, values),) = columns.items()
             if name == "factor":
                 return cls(scene, history.time, {FACTOR: values}, {FACTOR: 0.0})
@@ -64,6 +67,12 @@ class Course(NamedTuple):
         if TEMPERATURE in columns:
             rest[_WARMTH] = float(driven[_WARMTH][0])
         return cls(scene, history.time, driven, rest)
+
+    @property
+    def apart(self) -> dict[str, float]:
+        """As `rest`, bodies off a skin whose stress at rest may bring it out to meet them."""
+        off = -self.scene.geometry.mean_gap if is_prestressed(self.scene) else 0.0
+        return {key: off if key.endswith(".depth") else x for key, x in self.rest.items()}
 
     @property
     def scaled(self) -> SceneSpec:

@@ -154,9 +154,12 @@ class DrivenSkin(AbstractDriven):
         """Parts and problem at some values."""
         if self.fixed is not None:
             return self.fixed
-        lengths = {f"load.{i}.depth": travels.length[k] for k, i in enumerate(self.pressed)}
-        own = {key: x for key, x in values.items() if key != FACTOR}
-        return self._built({**self.inputs, **own, **lengths})
+        # Without a force a body is off the skin, which may have come out beyond first touch.
+        off = -self.scene.scene.geometry.mean_gap
+        own = jnp.where(travels.length == 0, off, travels.length)
+        lengths = {f"load.{i}.depth": own[k] for k, i in enumerate(self.pressed)}
+        changed = {key: x for key, x in values.items() if key != FACTOR}
+        return self._built({**self.inputs, **changed, **lengths})
 
     def problem(self, values: Values, travels: Travels) -> Problem:
         """See the base class."""

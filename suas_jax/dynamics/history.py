@@ -204,7 +204,7 @@ class _Follower:
         rows = course.block(0, row + 1)
         tolerance = np.asarray(_STEP_SHARE * course.scene.rtol)
         peak: Any = {k: x[np.argmax(np.abs(x))] for k, x in course.values.items()}
-        taken = record(known, rows, course.rest, peak, tolerance)
+        taken = record(known, rows, course.apart, peak, tolerance)
         return None if taken is None else history_gradient(known, taken, path)
 
     def _scale(self) -> np.ndarray:
@@ -236,7 +236,8 @@ class _Follower:
         rows = course.block(first, _BLOCK)
         moves = self.film.included
         if moment is None:
-            values = {key: np.asarray(x) for key, x in course.rest.items()}
+            before = course.rest if moves else course.apart
+            values = {key: np.asarray(x) for key, x in before.items()}
             begin = film_at_rest if moves else at_rest
             more = (self._scale(), self._outside()) if moves else ()
             part = known[0], followed_part(known[1]), known[2]

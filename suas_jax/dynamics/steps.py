@@ -273,6 +273,8 @@ def observed_at(
         parts = skin.parts(told, now.travels)[0]
         shown = shown._replace(factor=skin.level(told))
     report = observe(parts, settled, shown, now.state)
+    for k, i in enumerate(skin.pressed):
+        report["loads"][i]["depth_m"] = now.travels.length[k : k + 1]
     report["volume_residual"] = volume_residual(settled, now.state)
     report["stable"] = jax.lax.cond(
         check.stable[0],
