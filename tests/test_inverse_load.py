@@ -204,6 +204,18 @@ def test_false_alarms_come_at_the_stated_rate(
     assert low <= alarms <= high
 
 
+@pytest.mark.parametrize("off", [500.0, -25.0])
+def test_one_taxel_that_is_off_at_rest_is_no_contact(
+    study: ModuleType, estimator: LoadEstimator, off: float
+) -> None:
+    """It was a contact in every frame, `imprecise`, `at_edge`, `poor_fit` or `pull`."""
+    counts = study.measured(np.tile(estimator.table.rest, (20, 1)), 4)
+    counts[:, 22] += off
+    found = estimator.estimate(counts)
+    assert sum(e.contact is False and e.left_out == (22,) for e in found) >= 18
+    assert not any(e.status == "ok" for e in found)
+
+
 @pytest.mark.long  # two contacts; faults in test_load_formulas
 def test_stuck_and_missing_taxels_cost_little(
     study: ModuleType, truth: dict[str, Any], of_two: LoadEstimator

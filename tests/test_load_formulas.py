@@ -30,8 +30,8 @@ from fitting.inverse_load.fit.detection import (
 from fitting.inverse_load.fit.doubts import (
     Doubts,
     FaultyTaxels,
-    _inliers,
     _least_trimmed,
+    inliers,
 )
 from fitting.inverse_load.fit.explanation import PLAUSIBLE, Attempt, widened
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors, _best
@@ -480,7 +480,7 @@ def test_loads_and_errors_end_where_fitted_at_once() -> None:
 def test_taxels_beyond_four_and_a_half_deviations_stand_out() -> None:
     weight = np.array([[4.0, 4.0, 4.0, 0.0, 4.0]])
     so = np.array([[2.2, 2.3, -2.24, 0.0, np.nan]])
-    kept = _inliers(np.zeros((1, 5)), weight, so)
+    kept = inliers(np.zeros((1, 5)), weight, so)
     assert kept.tolist() == [[4.0, 0.0, 4.0, 0.0, 0.0]]
 
 
