@@ -204,6 +204,18 @@ def test_false_alarms_come_at_the_stated_rate(
     assert low <= alarms <= high
 
 
+@pytest.mark.parametrize("off", [500.0, -25.0])
+def test_one_taxel_that_is_off_at_rest_is_no_contact(
+    study: ModuleType, estimator: LoadEstimator, off: float
+) -> None:
+    """It was a contact in every frame, `imprecise`, `at_edge`, `poor_fit` or `pull`."""
+    counts = study.measured(np.tile(estimator.table.rest, (20, 1)), 4)
+    counts[:, 22] += off
+    found = estimator.estimate(counts)
+    assert sum(e.contact is False and e.left_out == (22,) for e in found) >= 18
+    assert not any(e.status == "ok" for e in found)
+
+
 @pytest.mark.long  # two contacts; faults in test_load_formulas
 def test_stuck_and_missing_taxels_cost_little(
     study: ModuleType, truth: dict[str, Any], of_two: LoadEstimator
@@ -385,6 +397,33 @@ def test_a_wide_contact_is_one_contact_with_its_width(estimator: LoadEstimator) 
         length, error = contact.spread
         assert abs(length - case.width) < 4 * error
         assert error < 0.2 * case.width
+
+
+@pytest.mark.long  # the program of contacts that are no radial line
+def test_an_inclined_force_is_one_contact_with_its_tangential_force(
+    study: ModuleType, truth: dict[str, Any], of_two: LoadEstimator
+) -> None:
+    """Friction turns forces: half of them were told as two contacts or more, many at `ok`.
+
+    Where two explain the readings nearly as well, they are alternatives.
+    """
+    loads = truth["turned"].loads[:, 0]
+    rows = np.abs(loads[:, 0]) < np.deg2rad(38)  # where readings show tangential forces
+    so, (_, force, turn) = truth["turned"].so[rows], loads[rows].T
+    found = of_two.estimate(study.measured(so, 0))
+    right = np.array([len(e.contacts) == 1 for e in found])
+    assert right.sum() >= len(found) - 1
+    assert not any(e.status == "ok" for e in np.array(found)[~right])
+    assert {len(e.alternatives) for e in found if e.status == "ambiguous"} == {2}
+    assert 2 * sum(e.status == "ok" for e in found) > len(found)
+    (contacts,) = zip(*(e.contacts for e in found if len(e.contacts) == 1), strict=True)
+    force, turn = force[right], turn[right]
+    off = [c.force for c in contacts] - force * np.cos(turn)
+    deviation = np.array([c.deviation("force") for c in contacts])
+    assert ((off / deviation) ** 2).mean() < 1.5**2
+    told = np.array([c.arc_force or (np.nan, np.nan) for c in contacts])
+    assert np.isfinite(told[np.abs(force * np.sin(turn)) > 1]).all()
+    assert np.nanmax(np.abs(told[:, 0] - force * np.sin(turn)) / told[:, 1]) < 4
 
 
 @pytest.mark.long  # estimators with errors; verdicts in test_load_formulas

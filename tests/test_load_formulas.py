@@ -15,6 +15,7 @@ import pytest
 from scipy import stats
 from scipy.optimize import least_squares
 
+from fitting.arrays import Floats
 from fitting.cli.invert_log import _verdict
 from fitting.inverse_load.check import section_log
 from fitting.inverse_load.fit import section_errors
@@ -29,8 +30,8 @@ from fitting.inverse_load.fit.detection import (
 from fitting.inverse_load.fit.doubts import (
     Doubts,
     FaultyTaxels,
-    _inliers,
     _least_trimmed,
+    inliers,
 )
 from fitting.inverse_load.fit.explanation import PLAUSIBLE, Attempt, widened
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors, _best
@@ -44,14 +45,21 @@ from fitting.inverse_load.fit.section_errors import (
     skin_tangents,
 )
 from fitting.inverse_load.fit.section_fitter import SectionFitter
-from fitting.inverse_load.fit.section_least_squares import Fit, Target, _last_step, _step
+from fitting.inverse_load.fit.section_least_squares import (
+    PRIOR_OF_TANGENT,
+    Fit,
+    Target,
+    _last_step,
+    _step,
+)
 from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.fit.systematic import (
     AbstractSystematicErrors,
     ErrorsOfFrames,
     of_shared_places,
 )
-from fitting.inverse_load.model.contact_parameters import SECTION_WITH_DIRECTION
+from fitting.inverse_load.fit.wide_contact import WideContactFitter
+from fitting.inverse_load.model.contact_parameters import SECTION, SECTION_WITH_DIRECTION
 from fitting.inverse_load.model.evaluation import Evaluation
 from fitting.inverse_load.search import table as load_table
 from fitting.inverse_load.search.base import _scaled
@@ -472,7 +480,7 @@ def test_loads_and_errors_end_where_fitted_at_once() -> None:
 def test_taxels_beyond_four_and_a_half_deviations_stand_out() -> None:
     weight = np.array([[4.0, 4.0, 4.0, 0.0, 4.0]])
     so = np.array([[2.2, 2.3, -2.24, 0.0, np.nan]])
-    kept = _inliers(np.zeros((1, 5)), weight, so)
+    kept = inliers(np.zeros((1, 5)), weight, so)
     assert kept.tolist() == [[4.0, 0.0, 4.0, 0.0, 0.0]]
 
 
@@ -741,6 +749,62 @@ def test_a_width_that_has_not_settled_leaves_a_frame_to_two_contacts(
     best, _ = selection.explain(y, weight)
     assert best.contacts.tolist() == [contacts]
     assert (best.predicted_decrease <= 0.1).all()
+
+
+def free_of(parameters: list[float], slopes: Floats) -> tuple[WideContactFitter, Attempt]:
+    """A fitter of a linear skin [parameter, taxel], and a frame of it without noise."""
+    fitter = object.__new__(WideContactFitter)
+    fitter.live, fitter.parameters, fitter.edge = False, SECTION, np.array([1.0])
+    fitter._width, fitter._radius, fitter._free = 2, 0.05, []
+    fitter._all = np.array([[-1.0, 1.0], [0.0, 90.0], [1e-6, 3.6e-3], [-1.7, 1.7]])
+    prior = np.diag([0, 0, 0, PRIOR_OF_TANGENT**-2])
+
+    def batches(asked: Attempt, steps: int) -> Fit:
+        del steps
+        x, held = asked.start[0].copy(), fitter._bounds[:, 0] == fitter._bounds[:, 1]
+        rows = np.flatnonzero(~held)
+        information = slopes @ (asked.weight[0][:, None] * slopes.T) + prior
+        pull = slopes @ (asked.weight[0] * (asked.y[0] - x @ slopes)) - prior @ x
+        x[rows] += np.linalg.solve(information[np.ix_(rows, rows)], pull[rows])
+        x = np.clip(x, *fitter._bounds.T)
+        left = asked.y[0] - x @ slopes
+        chi2 = np.array([asked.weight[0] @ left**2 + x @ prior @ x])
+        none = np.zeros(1)
+        state = State(np.zeros((1, 1, 1)), none, none)
+        lane = (x @ slopes)[:, None], slopes[..., None], none, none + 1, state, none
+        evaluation = Evaluation(*lane)  # type: ignore[arg-type]
+        return Fit(x[:, None], evaluation, chi2, pull[:, None], information[..., None], none)
+
+    fitter._batches = batches  # type: ignore[method-assign]
+    start, y = np.array([parameters[:2]]), np.array([parameters]) @ slopes
+    return fitter, Attempt(y, np.full(y.shape, 0.25), start, State(*np.zeros((3, 1))), 1)
+
+
+@pytest.mark.parametrize(("tangent", "square"), [(0.2, 1e-6), (-0.1, 1e-6), (0.0, 4e-4)])
+def test_what_a_radial_line_leaves_is_a_width_or_a_tangential_force(
+    tangent: float, square: float
+) -> None:
+    """Marginalised, each, as the inverse of the whole information has it."""
+    slopes = RNG.normal(size=(4, 20)) * np.array([[500.0], [20.0], [1e5], [300.0]])
+    fitter, asked = free_of([0.3, 8.0, square, tangent], slopes)
+    found = finished(fitter.steps(asked))
+    turned = bool(fitter.turned(found)[0])
+    assert turned is (tangent != 0)
+    row = 3 if turned else 2
+    rows, weighted = [0, 1, row], slopes * 0.25 @ slopes.T
+    weighted[3, 3] += PRIOR_OF_TANGENT**-2
+    whole = np.linalg.inv(weighted[np.ix_(rows, rows)])
+    np.testing.assert_allclose(np.linalg.inv(found.information[0]), whole[:2, :2], rtol=1e-6)
+    taken = slopes[row] ** 2 / weighted[row, row]
+    np.testing.assert_allclose(found.eliminated[0, 0] ** 2, taken, rtol=1e-6)
+    value, deviation = found.beside[0, 0, 2 if turned else 0]
+    if turned:
+        by = np.array([0.0, tangent, 8.0])
+        assert value == pytest.approx(8 * tangent, rel=0.02)
+        assert deviation == pytest.approx(np.sqrt(by @ whole @ by), rel=0.02)
+    else:
+        assert value == pytest.approx(0.02, rel=1e-6)
+        assert deviation == pytest.approx(np.sqrt(whole[2, 2]) / 0.04, rel=1e-6)
 
 
 def test_three_contacts_are_found_by_adding_one() -> None:

@@ -124,7 +124,7 @@ class ReadingDiscrepancy:
             np.where(one[:, None], *pair) for pair in ((own, y), (weights, weight))
         )
         plain = one & (best.parameters[:, 1] > 0) & ~best.absorbed
-        plain &= np.isnan(best.beside).all((1, 2, 3)) & (best.used() == (weight > 0).sum(1))
+        plain &= ~best.eliminated.any((1, 2)) & (best.used() == (weight > 0).sum(1))
         plain &= np.array([other is None for other in others])
         best, settled = _stepped(best, readings, weights, np.flatnonzero(plain), per_contact)
         return readings, weights, left * one[:, None, None], best, settled

@@ -26,8 +26,10 @@ from fitting.inverse_load.check.verdict import (
 )
 from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
-from fitting.inverse_load.fit.explanation import UNSETTLED, Explanations
+from fitting.inverse_load.fit.explanation import UNSETTLED, Attempt, Explanations
 from fitting.inverse_load.fit.section_errors import InputSlopes
+from fitting.inverse_load.fit.wide_contact import LENGTH, WideContactFitter
+from fitting.steps import finished
 from suas_jax.config.input_errors import DEFAULTS, STIFFNESS, default_errors
 
 _MOST = 64  # frames that are looked at
@@ -59,7 +61,9 @@ def section_verdict(
     """
     touched = [i for i, e in enumerate(estimates) if e.status in USABLE]
     single = [i for i in touched if len(estimates[i].contacts) < 2]
-    usable = [i for i in single if not any(c.spread for c in estimates[i].contacts)]
+    usable = [
+        i for i in single if not any(c.spread or c.arc_force for c in estimates[i].contacts)
+    ]
     # Where many contacts are seen to be wide, others are, too light for it to show.
     few = len(usable) < max(FEWEST, _NARROW * len(single))
     frames = np.array(touched if few else usable, np.intp)
@@ -142,9 +146,10 @@ def _explaining(
 def _wide(estimator: LoadEstimator, y: Floats, weight: Floats, fit: Explanations) -> Gain:
     """What widths of the contacts take off chi2 beyond what a number each does by chance."""
     fitter = estimator.selection.wide_fitter
-    if fitter is None:
+    if not isinstance(fitter, WideContactFitter):
         return Gain(0.0, WIDTH, 0.0, np.inf)
-    wide = fitter.fit(y, weight, fit.parameters[:, :2], fit.state, 1)
+    asked = Attempt(y, weight, fit.parameters[:, :2], fit.state, 1)
+    wide = finished(fitter.freed(asked, [LENGTH]))
     gained = np.maximum(np.nan_to_num(fit.chi2 - wide.chi2, neginf=0.0), 0.0)
     length = float(np.median(wide.beside[gained > 0, 0, 0, 0])) if gained.any() else 0.0
     return Gain(float(gained.sum()) - len(gained), WIDTH, length, np.inf)

@@ -72,7 +72,7 @@ class BoundedSelection(Selection):
         self.known, self.coarse = known, not self._sure(y, weight, known)
         if not self.coarse:  # whatever the search was about is gone
             self.last, self._search = known, None
-            others = finished(self._or_pairs(y, known, others))
+            others = finished(self._or_pairs(y, weight, known, others))
         self.seconds = np.zeros(1)
         return known, others
 

@@ -24,7 +24,8 @@ from fitting.steps import Steps
 _ALIKE = 0.7  # cosine of two patterns of one contact
 _LEAST_OWN = 0.02  # share of a pattern's square that nothing else is taken to do
 
-_OUTLIER = 4.5  # standard deviations of the residual of a taxel that is left out
+OUTLIER = 4.5
+"""Standard deviations of the residual of a taxel that is left out."""
 _MOST_OUTLIERS = 0.2  # share of the taxels
 _TRIMMED_FITS = 3
 
@@ -133,7 +134,7 @@ class FaultyTaxels:
         start, states = self.nodes.loads[node], self.nodes.states(node)
         for _ in range(_TRIMMED_FITS):
             found = yield from self.fit(Attempt(y, trimmed, start, states, 1))
-            trimmed = _inliers(y, weight, found.so)
+            trimmed = inliers(y, weight, found.so)
             better = found.parameters[:, : start.shape[1]]
             start = np.where(np.isfinite(found.chi2)[:, None], better, start)
         best = self._if_cheaper(frames, weight, best, found, most)
@@ -148,7 +149,7 @@ class FaultyTaxels:
                 so = best.so[frames[rows]]
                 start = best.parameters[frames[rows]][:, :width]
                 states = self.nodes.states(self.nodes.nearest_to(start, count))
-                kept = _inliers(y[rows], weight[rows], so)
+                kept = inliers(y[rows], weight[rows], so)
                 found = yield from self.fit(Attempt(y[rows], kept, start, states, count))
                 best = self._if_cheaper(frames[rows], weight[rows], best, found, most[rows])
         return best
@@ -159,11 +160,11 @@ class FaultyTaxels:
         """The fits of some frames where they are cheaper, taxels left out counted."""
         left_out = (weight > 0).sum(1) - found.used()
         rows = np.flatnonzero(left_out <= most)
-        candidates = found.penalised(left_out * _OUTLIER**2).rows(rows)
+        candidates = found.penalised(left_out * OUTLIER**2).rows(rows)
         return best.cheapest(frames[rows], candidates)[0]
 
 
-def _inliers(y: Any, weight: Any, so: Any) -> Floats:
+def inliers(y: Any, weight: Any, so: Any) -> Floats:
     """Weights without the taxels that stand out from a model.
 
     `y` and `so` are what was read and what the model reads [frame, taxel] [counts]; all taxels
@@ -171,7 +172,7 @@ def _inliers(y: Any, weight: Any, so: Any) -> Floats:
     used [frame, taxel].
     """
     residual = np.abs(np.where(np.isfinite(so), y - so, np.inf))
-    limit = np.where(weight > 0, _OUTLIER / np.sqrt(np.where(weight > 0, weight, 1.0)), 0.0)
+    limit = np.where(weight > 0, OUTLIER / np.sqrt(np.where(weight > 0, weight, 1.0)), 0.0)
     return np.where(residual < limit, weight, 0.0)
 
 

@@ -228,6 +228,10 @@ class AbstractLoadFitter(abc.ABC):
         """Whether single contacts were fitted by this one, where another serves most."""
         return False
 
+    def turned(self, best: Explanations) -> Flags:
+        """Frames whose tangential force was free where that of most is not [frame]."""
+        return np.zeros(len(best), bool)
+
     def bend(self, best: Explanations) -> Floats | None:
         """Covariance by what readings bend over errors of parameters; None where they do not.
 

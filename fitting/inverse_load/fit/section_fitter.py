@@ -11,7 +11,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from fitting.arrays import Floats
+from fitting.arrays import Flags, Floats
 from fitting.inverse_load.fit.covariance import inverse
 from fitting.inverse_load.fit.explanation import (
     AbstractLoadFitter,
@@ -52,7 +52,7 @@ class SectionFitter(AbstractLoadFitter):
     program = staticmethod(FIT_PROGRAMS.__getitem__)
     """The compiled fit by number of contacts."""
     limit_error = 0.01  # between the shell and the continuum
-    beside = ("spread",)
+    beside = ("spread", "axial_extent", "arc_force")  # the second of pads alone
 
     def __init__(
         self, skin: Skin, table: LoadTable, *, direction: bool, live: bool, most_contacts: int
@@ -94,6 +94,10 @@ class SectionFitter(AbstractLoadFitter):
         """See the base class."""
         low, high = np.repeat(self._bounds, contacts, 0).T
         return np.clip(parameters, low, high)
+
+    def turned(self, best: Explanations) -> Flags:
+        """See the base class: they have a deviation of it, told or not."""
+        return np.isfinite(best.beside[:, 0, -1, 1])
 
     def bend(self, best: Explanations) -> Floats | None:
         """See the base class: over the error of a direction, a large one far from the crown.
@@ -197,7 +201,7 @@ class SectionFitter(AbstractLoadFitter):
             q=np.asarray(fit.evaluation.state.q).transpose(2, 0, 1).copy(),
             weight=asked.weight.copy(),
             shift=np.zeros(fit.evaluation.so.T.shape),
-            beside=np.full((len(fit.chi2), wide // self.per_contact, 1, 2), np.nan),
-            eliminated=np.zeros((len(fit.chi2), 1, fit.evaluation.so.shape[0])),
+            beside=np.full((len(fit.chi2), wide // self.per_contact, 3, 2), np.nan),
+            eliminated=np.zeros((len(fit.chi2), 2, fit.evaluation.so.shape[0])),
             held=widened(jacobian, wide),
         )

@@ -43,6 +43,8 @@ class Fit(NamedTuple):
     predicted_decrease: Lanes  # of chi2, by one more step: zero at a minimum
 
 
+PRIOR_OF_TANGENT = 0.3
+"""Standard deviation of a tangential force over the inward one, where not told."""
 SETTLED = 1e-2
 """Decrease of chi2 below which a step is the last: it moves the estimate by less than a tenth
 of its standard deviation, so linearly that its end needn't be evaluated."""
@@ -114,6 +116,11 @@ def _judged(
     gradient = jnp.sum(weighted * residual, 1)
     usable = (e.result == 0) & jnp.isfinite(chi2) & jnp.all(jnp.isfinite(gradient), 0)
     information = jnp.sum(weighted[:, None] * jacobian[None], 2)
+    if wide:
+        tangent = parameters[-1] / PRIOR_OF_TANGENT
+        chi2 = chi2 + tangent**2
+        gradient = gradient.at[-1].add(-tangent / PRIOR_OF_TANGENT)
+        information = information.at[-1, -1].add(PRIOR_OF_TANGENT**-2)
     fit = Fit(
         parameters,
         e,

@@ -118,7 +118,7 @@ class Selection:
         followed = yield from self._followed(y, weight)
         if followed is not None:
             self.last = followed
-            return followed, (yield from self._or_pairs(y, followed, [None]))
+            return followed, (yield from self._or_pairs(y, weight, followed, [None]))
         first, second = self.nodes.nearest(y, weight)
         best = yield from self._single(y, weight, first)
         best, others = yield from self._second_modes(y, weight, second, best)
@@ -141,7 +141,7 @@ class Selection:
         if self.fitter.live:
             self.last = best if np.isfinite(best.chi2[0]) else None
         self.searched = bool(frames.size)
-        return best, (yield from self._or_pairs(y, best, others))
+        return best, (yield from self._or_pairs(y, weight, best, others))
 
     def _or_at_wall(self, best: Explanations) -> Explanations:
         """The same, without the gap where more than what is told may have closed it.
@@ -174,13 +174,19 @@ class Selection:
         return best.with_frames(frames, found, np.arange(len(frames)))
 
     def _or_pairs(
-        self, y: Any, best: Explanations, others: list[Alternative | None]
+        self, y: Any, weight: Any, best: Explanations, others: list[Alternative | None]
     ) -> Steps[list[Alternative | None]]:
-        """Second modes, or two contacts for one that is wide where these are cheaper."""
+        """Second modes, or two contacts for a wide or turned one where these are cheaper."""
         yield "pairs for one that is wide"
         rows, pairs = self.fitter.pairs_for_wide(y, best)
         for k, i in enumerate(rows.tolist()):
             others[i] = Alternative.cheaper(others[i], pairs, k)
+        rows = np.flatnonzero((best.contacts == 1) & self.fitter.turned(best))
+        if rows.size and self.most_contacts > 1:
+            anything = replace(best, score=np.full(len(best), np.inf))
+            pairs = yield from self.several.added(y, weight, rows, anything, 2)
+            for i in rows[pairs.contacts[rows] == 2].tolist():
+                others[i] = Alternative.cheaper(others[i], pairs, i)
         return others
 
     def _reconsidered(
@@ -304,7 +310,7 @@ class Selection:
         best, wide = best.cheapest(frames, found)
         explained = np.zeros(len(y), bool)
         explained[wide] = self._p_value(best)[wide] >= PLAUSIBLE
-        explained[wide] &= best.beside[wide, 0, 0, 0] < UNUSUAL
+        explained[wide] &= ~(best.beside[wide, 0, 0, 0] >= UNUSUAL)
         own = best.rows(frames)
         more = self.doubts.of_one_more(y[frames], own).max(1)
         explained[frames] &= more <= self.penalty

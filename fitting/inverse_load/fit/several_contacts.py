@@ -50,10 +50,10 @@ class SeveralContacts:
         return self.nodes.several()
 
     def added(
-        self, y: Any, weight: Any, frames: Rows, best: Explanations
+        self, y: Any, weight: Any, frames: Rows, best: Explanations, most: int | None = None
     ) -> Steps[Explanations]:
         """Frames by two contacts, and by more where these leave more than noise."""
-        for count in range(2, self.most + 1):
+        for count in range(2, (most or self.most) + 1):
             enough = (weight[frames] > 0).sum(1) > count * self.fitter.per_contact
             frames = frames[enough]
             starts = []

@@ -59,16 +59,18 @@ def loads_from(parameters: Float[Array, "parameter lane"], contacts: int) -> Loa
 def wide_load(parameters: Float[Array, "parameter lane"], skin: Skin) -> Loads:
     """One load of one direction, even over an arc of the outer face.
 
-    The parameters are the angle of its middle [rad], the force [N] and the square of the arc's
-    length [m^2], in which readings are nearly linear.
+    The parameters are the angle of its middle [rad], the inward force [N], the square of the
+    arc's length [m^2], in which readings are nearly linear, and the tangential force over the
+    inward one, along growing angles.
     """
-    angle, force, square = parameters
+    angle, force, square, tangent = parameters
     points, weights = gauss_legendre(SPREAD_POINTS, -1.0, 1.0)
     section, along = skin.geometry.section, jnp.asarray(points)[:, None] * jnp.sqrt(square) / 2
     middle = angle + jnp.zeros_like(along)
     places = section.moved(middle, along, section.thickness(middle) / 2)
-    # The force is radial in the middle: elsewhere it is turned back.
-    turn = section.direction(places) - section.direction(middle)
+    # The force has one direction, that in the middle: elsewhere it is turned back.
+    turn = jnp.arctan(tangent) + section.direction(places) - section.direction(middle)
+    force = force * jnp.sqrt(1 + tangent**2)
     return Loads(places, force * jnp.asarray(weights)[:, None] / 2, turn, jnp.zeros_like(angle))
 
 
