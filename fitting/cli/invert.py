@@ -68,7 +68,10 @@ def invert(
     ] = None,
     direction: Annotated[
         bool,
-        option("Estimate the directions of forces; without it they are radial.", "--direction"),
+        option(
+            "Expect nothing of the directions of forces; else they are near radial.",
+            "--direction",
+        ),
     ] = False,
     false_alarm: Annotated[
         float, option("How often to report a contact where there is none.", metavar="RATE")

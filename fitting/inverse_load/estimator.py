@@ -79,7 +79,8 @@ class LoadEstimator:
 
     Args:
         spec: the skin.
-        direction: free the contacts' directions; radial otherwise.
+        direction: expect nothing of the contacts' directions; else they are near radial, on
+            a section radial where that explains the readings.
         false_alarm: rate at which noise alone may be called a contact.
         noise: standard deviation of a reading [counts]; the skin file's if None.
         model_error: relative error of the model's change of readings; by default
