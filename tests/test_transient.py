@@ -272,6 +272,41 @@ def test_a_cylinder_that_taps_by_force_moves_the_skin_as_the_force_does() -> Non
     assert sum(p["time_steps"] for p in by_body) < 600
 
 
+def warm_under_a_cylinder() -> SceneSpec:
+    """A skin that its oil has brought out, by 17 um."""
+    scene = pressed(shape="cylinder", radius="5 mm", depth="1 mm")
+    oil = scene.oil.model_copy(update={"expansion": 9.6e-4})
+    around = EnvironmentSpec(temperature="22 degC")
+    return scene.model_copy(update={"oil": oil, "environment": around})
+
+
+@pytest.mark.parametrize(("first", "rest"), [(-1e-4, -1e-4), (1e-4, 0.0)])
+def test_a_body_that_begins_off_the_skin_was_there(first: float, rest: float) -> None:
+    given = history_of([0.0, 0.01], depth_m=[first, 1e-3])
+    assert Course.of(warm_under_a_cylinder(), given).rest == {"load.0.depth": rest}
+
+
+@pytest.mark.long  # programs of bodies; where a body begins is above
+def test_before_it_moves_a_skin_that_comes_out_meets_a_driven_body_in_equilibrium(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It was as far out as without the body, which was, with 12 kN, within it."""
+    warm = warm_under_a_cylinder()
+    still = solve(with_inputs(warm, {"load.0.depth": 0.0}))
+    assert still.report["loads"][0]["force_N"] > 0.01
+    run = history.COMPILED.run
+
+    def first(program: Any, *args: Any, **how: Any) -> Any:
+        raise SweepError(str(float(run(program, *args, **how).state.pressure[0])))
+
+    monkeypatch.setattr(history.COMPILED, "run", first)
+    course = Course.of(warm, history_of([0.0, 0.01], depth_m=[0.0, 1e-3]))
+    errors = history._Errors(still.plan, 0.0, 0.0, 1e-3)
+    with pytest.raises(SweepError) as raised:
+        history._Follower(course, errors, Film(True, "")).points()
+    assert float(str(raised.value)) == pytest.approx(float(still.state.pressure[0]), rel=1e-8)
+
+
 def test_a_travel_that_jumps_is_told() -> None:
     plate = pressed(shape="plate", depth="2 mm")
     found = film_of(Course.of(plate, history_of([0.0, 1.0], depth_m=[1e-3, 2e-3])))

@@ -63,7 +63,9 @@ class Course(NamedTuple):
         for name, found in shares.items():
             offset = ZERO_CELSIUS if name == TEMPERATURE else 0.0
             driven |= {key: share * columns[name] + offset for key, share in found.items()}
-        rest = dict.fromkeys(loads, 0.0)
+        # A body that begins off the skin has been there.
+        off = {key: min(0.0, float(driven[key][0])) for key in loads if key.endswith(".depth")}
+        rest = dict.fromkeys(loads, 0.0) | off
         if TEMPERATURE in columns:
             rest[_WARMTH] = float(driven[_WARMTH][0])
         return cls(scene, history.time, driven, rest)

@@ -236,12 +236,11 @@ class _Follower:
         rows = course.block(first, _BLOCK)
         moves = self.film.included
         if moment is None:
-            before = course.rest if moves else course.apart
-            values = {key: np.asarray(x) for key, x in before.items()}
+            apart, rest = (jax.tree.map(np.asarray, at) for at in (course.apart, course.rest))
             begin = film_at_rest if moves else at_rest
-            more = (self._scale(), self._outside()) if moves else ()
+            more = (rest, self._scale(), self._outside()) if moves else ()
             part = known[0], followed_part(known[1]), known[2]
-            moment = COMPILED.run(begin, *part, rows.begin[0], values, *more, once=True)
+            moment = COMPILED.run(begin, *part, rows.begin[0], apart, *more, once=True)
         moving = _DRIVEN_SHARE if self.driven else _MOTION_SHARE
         share = moving if moves else _STEP_SHARE
         tolerance = np.asarray(share * course.scene.rtol)

@@ -11,11 +11,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from suas_jax.dynamics.driven import DrivenSkin, Values
+from suas_jax.dynamics.driven import DrivenSkin, Step, Values, membrane_of
 from suas_jax.dynamics.half_step import Inverse
 from suas_jax.dynamics.motion import free_unknowns
 from suas_jax.dynamics.moving_skin import MovingSkin
 from suas_jax.dynamics.steps import (
+    Moment,
     Rows,
     as_whole,
     begun,
@@ -25,9 +26,11 @@ from suas_jax.dynamics.steps import (
     read_where_told,
 )
 from suas_jax.dynamics.tr_bdf2 import Moving, tried
+from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.scene.structure import Inputs, Structure
+from suas_jax.skin.prestress import is_prestressed
 
 _LONGER, _WORTH, _SHORTER = 4.0, 2.5, 0.2  # of the next step
 _SMALLEST = 1e-12  # step over a row at which the history is given up
@@ -41,13 +44,16 @@ def film_at_rest(
     plan: AbstractPlan,  # mesh of what is followed
     inputs: Inputs,  # the scene's numbers
     time: Array,  # [s]
-    values: Values,  # without loads
+    apart: Values,  # without loads, bodies off the skin
+    values: Values,  # without loads, bodies where they begin
     scale: Array,  # displacement that counts [m]
     outside: Array,  # added mass of a pad's water, see `pad.outside_of`
 ) -> Moving:
     """A skin that has always been at rest, before it moves."""
     skin = DrivenSkin.of(scene, plan, inputs, values)
-    rest = begun(skin, time, values)
+    rest = begun(skin, time, apart)
+    if skin.touched and is_prestressed(scene.scene):
+        rest = _met(skin, rest, values)
     moving = MovingSkin.of(skin, outside)
     moment = moving.at(values, rest.past.relaxed(skin.series))
     still, bodies = moment.near(rest.state.q).still, len(moving.pressed)
@@ -74,6 +80,17 @@ def film_at_rest(
         rest.steps,
         rest.result,
     )
+
+
+def _met(skin: DrivenSkin, rest: Moment, values: Values) -> Moment:
+    """The same, of a skin that long was held back by bodies which it came out to meet."""
+    ever, rtol = jnp.asarray(jnp.inf), jnp.asarray(LoadStepping.rtol)
+    step = Step(values, rest.travels, rest.past, ever, jnp.asarray(True), rtol)
+    found, travels = skin.balanced(rest.state, rest.travels, step)
+    stress = membrane_of(skin.problem(values, travels)).deviator(found.state.q)
+    past = rest.past.after(skin.series, ever, stress)
+    result = jnp.where(rest.result != 0, rest.result, found.result)
+    return rest._replace(values=values, state=found.state, past=past, result=result)
 
 
 @eqx.filter_jit
