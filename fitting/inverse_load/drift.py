@@ -182,7 +182,7 @@ class DriftFollower:
 
     def _quiet(self, change: Floats) -> None:
         """Learn from the frames without contact among some."""
-        used: Flags = np.isfinite(change)
+        used = np.isfinite(change)
         left = np.where(used, change - self.drift, 0.0)
         own, shared = self.covariance
         weight = used / (self._noise + own)
@@ -194,7 +194,7 @@ class DriftFollower:
         test = tested(weight)
         quiet = test.p_value > _QUIET
         # Of a channel that jumped the others still tell: no push does what it alone shows.
-        shown = used.any(1)[:, None]
+        shown = used.any(1, keepdims=True)
         apart = left - np.nanmedian(np.where(shown, change - self.drift, 0.0), 1)[:, None]
         sound = inliers(apart, weight, np.zeros_like(apart)) > 0
         off = used & ~sound
