@@ -54,6 +54,24 @@ def test_what_has_drifted_before_the_first_frame_is_learned_at_once() -> None:
     assert np.abs(found.offset[-1] - start).max() < 5 * NOISE / np.sqrt(200)
 
 
+@pytest.mark.parametrize("jump", [500.0, -500.0])
+def test_a_channel_that_jumped_does_not_end_the_learning_of_the_others(jump: float) -> None:
+    time = np.arange(3200) / 8.0
+    ramp = 12 * (time / time[-1])[:, None]
+    change = readings(ramp, np.zeros(3200), 13)
+    change[100:, 22] += jump
+    own = follower()
+    found = own.follow(time, change)
+    others = np.arange(TAXELS) != 22
+    assert np.abs(found.offset[-1] - 12)[others].max() < 1.5
+    assert found.offset[-1, 22] == pytest.approx(12, abs=3)  # with all others
+    before = own.drift
+    pressed = readings(np.full((1, TAXELS), 12.0), np.full(32, 9.0), 14)
+    pressed[:, 22] += jump
+    own.follow(time[-1] + np.arange(32) / 8.0, pressed)
+    np.testing.assert_array_equal(own.drift, before)
+
+
 def test_a_contact_from_the_first_frame_on_teaches_nothing() -> None:
     time = np.arange(400) / 40.0
     own = follower()

@@ -204,15 +204,15 @@ def test_false_alarms_come_at_the_stated_rate(
     assert low <= alarms <= high
 
 
-@pytest.mark.parametrize("off", [500.0, -25.0])
-def test_one_taxel_that_is_off_at_rest_is_no_contact(
-    study: ModuleType, estimator: LoadEstimator, off: float
+@pytest.mark.parametrize(("taxels", "off"), [((22,), 500.0), ((22,), -25.0), ((5, 22), 3000.0)])
+def test_taxels_that_are_off_at_rest_are_no_contact(
+    study: ModuleType, estimator: LoadEstimator, taxels: tuple[int, ...], off: float
 ) -> None:
-    """It was a contact in every frame, `imprecise`, `at_edge`, `poor_fit` or `pull`."""
+    """They were a contact in every frame, `imprecise`, `at_edge`, `poor_fit` or `pull`."""
     counts = study.measured(np.tile(estimator.table.rest, (20, 1)), 4)
-    counts[:, 22] += off
+    counts[:, taxels] += off
     found = estimator.estimate(counts)
-    assert sum(e.contact is False and e.left_out == (22,) for e in found) >= 18
+    assert sum(e.contact is False and e.left_out == taxels for e in found) >= 18
     assert not any(e.status == "ok" for e in found)
 
 

@@ -950,6 +950,26 @@ def test_a_faulty_taxel_is_left_out_where_nothing_else_explains_a_frame() -> Non
     np.testing.assert_allclose(best.parameters[:, :2], [[0.1, 8.0], [-0.2, 6.0]], rtol=1e-3)
 
 
+def test_a_spike_beside_one_contact_asks_for_no_search() -> None:
+    """Further contacts were tried beside every spike, a second a frame."""
+    selection, y, weight = selected([[0.1, 8.0], [-0.2, 6.0]])
+    y[0, 0] += 400.0
+    best, _ = selection.explain(y, weight)
+    assert not selection.searched
+    assert np.flatnonzero(best.weight[0] == 0).tolist() == [0]
+    np.testing.assert_allclose(best.parameters[:, :2], [[0.1, 8.0], [-0.2, 6.0]], rtol=1e-3)
+
+
+def test_taxels_left_out_may_hide_a_contact_whose_pattern_explains_them() -> None:
+    selection, y, weight = selected([[0.3, 8.0], [0.3, 8.0], [0.3, 8.0]])
+    y[0, 3] += 400.0
+    y[1] += 4 * selection.nodes.signatures[selection.nodes.signatures[:, 3].argmax()]
+    kept = inliers(y, weight, dimple_readings(np.array([[0.3, 8.0]])))
+    best = selection.fitter.fit(y, kept, np.full((3, 2), [0.3, 8.0]), None, 1)
+    assert ((best.weight == 0).any(1)).tolist() == [True, True, False]
+    assert selection.doubts.hidden(y, weight, best).tolist() == [False, True, False]
+
+
 def test_pulls_of_several_frames_are_fitted_each_from_its_own_place() -> None:
     selection, y, weight = selected([[0.1, -6.0], [-0.3, -4.0]])
     found = selection.pulled(y, weight)

@@ -27,13 +27,15 @@ from typing import NamedTuple
 import numpy as np
 
 from fitting.arrays import Flags, Floats, Rows
-from fitting.inverse_load.fit.detection import AbstractDetector
+from fitting.inverse_load.fit.detection import AbstractDetector, Detection, without_errors
+from fitting.inverse_load.fit.doubts import inliers, most_left_out
 from suas_jax.acquisition.taxel_faults import saturated
 from suas_jax.config import SkinSpec
 
 _BLOCK = 32  # frames of a log whose drift is one
 _QUIET = 0.05  # p-value above which a frame is taken for one without contact
 _SHARED = 4  # columns of F
+_HELD = 0.5  # share of what taxels that stand out add to chi2 that a push would explain
 
 ROUNDING = 1 / 12  # variance of a converter's rounding [counts^2]
 _PRESSURE_ERROR = 2e-2  # of a section's model and its mesh, relative
@@ -173,6 +175,11 @@ class DriftFollower:
             self.covariance = self.covariance.plus(walked)
         self._time = now
 
+    def _chi2(self, left: Floats, weight: Floats) -> Floats:
+        """What no shared drift explains of what is left [frame]."""
+        rest, _ = without_errors(left * (weight > 0), weight, self.covariance.shared.T)
+        return np.asarray((weight * rest * left).sum(1))
+
     def _quiet(self, change: Floats) -> None:
         """Learn from the frames without contact among some."""
         used = np.isfinite(change)
@@ -180,12 +187,28 @@ class DriftFollower:
         own, shared = self.covariance
         weight = used / (self._noise + own)
         beside = ((0, 0), (0, self._detector.channels - len(self._rest)))
-        test = self._detector.test(*(np.pad(x, beside) for x in (left, weight, shared.T)))
+
+        def tested(weights: Floats) -> Detection:
+            return self._detector.test(*(np.pad(x, beside) for x in (left, weights, shared.T)))
+
+        test = tested(weight)
         quiet = test.p_value > _QUIET
+        # Of a channel that jumped the others still tell: no push does what it alone shows.
+        shown = used.any(1, keepdims=True)
+        apart = left - np.nanmedian(np.where(shown, change - self.drift, 0.0), 1)[:, None]
+        sound = inliers(apart, weight, np.zeros_like(apart)) > 0
+        off = used & ~sound
+        few = off.any(1) & (off.sum(1) <= most_left_out(weight)) & ~quiet
+        if few.any():
+            chi2, of_sound = (self._chi2(left, x) for x in (weight, weight * sound))
+            few &= np.maximum(test.statistic, 0.0) ** 2 < _HELD * (chi2 - of_sound)
+        if few.any():
+            few &= tested(weight * sound).p_value > _QUIET
+            used, quiet = used & (sound | ~few[:, None]), quiet | few
         count = (used & quiet[:, None]).sum(0)
         if not count.any():
             return
-        mean = (left * quiet[:, None]).sum(0) / np.maximum(count, 1)
+        mean = (left * (used & quiet[:, None])).sum(0) / np.maximum(count, 1)
         self.covariance, moved = self.covariance.learned(count / self._noise, mean)
         self.drift = self.drift + moved
         self.known = True

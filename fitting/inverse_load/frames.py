@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.special import chdtrc
 
-from fitting.arrays import Flags, Floats
+from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.drift import Drift, ReadingWeights
 from fitting.inverse_load.estimate.assessment import POOR
 from fitting.inverse_load.estimate.at_rest import chi2_at_rest, drifting, untouched
@@ -17,7 +17,7 @@ from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimate.measured_pressure import with_doubts
 from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.film_motion import covariance_by_motion, mostly_motion, told_moving
-from fitting.inverse_load.fit.doubts import OUTLIER, inliers
+from fitting.inverse_load.fit.doubts import OUTLIER, inliers, most_left_out
 from fitting.inverse_load.fit.explanation import Alternative, Explanations
 from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.fit.systematic import (
@@ -83,12 +83,12 @@ class FrameEstimator:
         alone = np.zeros(len(so))
         chi2_rest = chi2_at_rest(change, weight, errors)
         at_rest = chdtrc(np.maximum(count, 1), chi2_rest) > POOR
-        kept = self._but_for_one(change, weight, errors, touched | enough & ~at_rest)
-        but_one = (kept != (weight > 0)).any(1)
-        if but_one.any():
-            weight, touched = np.where(kept, weight, 0.0), touched & ~but_one
+        kept = self._but_for_spikes(change, weight, errors, touched | enough & ~at_rest)
+        spiked = (kept != (weight > 0)).any(1)
+        if spiked.any():
+            weight, touched = np.where(kept, weight, 0.0), touched & ~spiked
             chi2_rest = chi2_at_rest(change, weight, errors)
-            at_rest |= but_one
+            at_rest |= spiked
         oil = self.parts.rest_pressure if memory is None else memory.pressure
         for i in np.flatnonzero(~touched):
             ratio = float(chi2_rest[i] / max(int(count[i]), 1))
@@ -186,31 +186,38 @@ class FrameEstimator:
             told = field.told(told, best, y, weight)
         return best, with_doubts(told, y, weight)
 
-    def _but_for_one(
+    def _but_for_spikes(
         self, change: Floats, weight: Floats, errors: Floats | None, asked: Flags
     ) -> Flags:
-        """Which readings count [frame, channel]: all, or those of frames that rest but for one.
+        """Which readings count [frame, channel]: all, or those of frames that rest but for few.
 
-        Its price is less than what a light push or pull leaves, and of the others neither takes
-        more off than noise does at the stated rate. Changes are from rest [frame, channel], as
-        their inverse variances; errors of the inputs change them [error, channel].
+        Beside the others, which rest, the price of each is less than what a light push or pull
+        leaves that takes more off than noise does at the stated rate. Changes are from rest
+        [frame, channel], as their inverse variances; errors of the inputs change them [error,
+        channel].
         """
         sound, used = inliers(change, weight, np.zeros_like(change)) > 0, weight > 0
-        rows = np.flatnonzero(asked & (used.sum(1) - sound.sum(1) == 1))
+        off = used.sum(1) - sound.sum(1)
+        rows = np.flatnonzero(asked & (off > 0) & (off <= most_left_out(weight)))
         if not rows.size:
             return used
-        own = change[rows]
 
-        def left(weights: Floats) -> tuple[Floats, Floats]:
+        def left(row: Rows, weights: Floats) -> tuple[Floats, Floats]:
             """Chi2 beside the best light push or pull, and how likely noise is as good."""
+            own = change[row]
             tests = [self.parts.detector.test(x, weights, errors) for x in (own, -own)]
             taken = np.maximum(*(np.maximum(x.statistic, 0.0) ** 2 for x in tests))
             p_value = np.minimum(*(x.p_value for x in tests))
             return chi2_at_rest(own, weights, errors) - taken, p_value
 
-        rest, p_value = left(weight[rows] * sound[rows])
-        cheaper = rest + OUTLIER**2 <= left(weight[rows])[0]
-        rows = rows[cheaper & (p_value >= self.false_alarm)]
+        rest, p_value = left(rows, weight[rows] * sound[rows])
+        quiet = p_value >= self.false_alarm
+        rows, rest = rows[quiet], rest[quiet]
+        at, taxel = np.nonzero(used[rows] & ~sound[rows])
+        with_one = weight[rows[at]] * sound[rows[at]]
+        with_one[np.arange(len(at)), taxel] = weight[rows[at], taxel]
+        dearer = left(rows[at], with_one)[0] < rest[at] + OUTLIER**2
+        rows = np.delete(rows, at[dearer])
         used[rows] = sound[rows]
         return used
 

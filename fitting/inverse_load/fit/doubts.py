@@ -5,7 +5,8 @@ of a further one, by a score test. In a stream a doubt counts once the frame bef
 
 A frame that nothing explains is fitted again without the taxels that stand out, each of which
 counts against the fit: first by one contact, from the table's node that explains all but the
-worst taxels best, then by as many contacts as its best explanation has.
+worst taxels best, then by as many contacts as its best explanation has. One contact that
+explains the others ends the search where none of these holds a further contact's pattern.
 """
 
 from collections.abc import Callable
@@ -23,6 +24,8 @@ from fitting.steps import Steps
 
 _ALIKE = 0.7  # cosine of two patterns of one contact
 _LEAST_OWN = 0.02  # share of a pattern's square that nothing else is taken to do
+
+_HELD = 0.5  # share of what a taxel adds to chi2 that a contact must explain
 
 OUTLIER = 4.5
 """Standard deviations of the residual of a taxel that is left out."""
@@ -79,6 +82,20 @@ class Doubts:
         taken = self._nodes.within(fitted, best.weight)
         return np.maximum(along, 0.0) ** 2 / np.maximum(size - taken, _LEAST_OWN * size)
 
+    def hidden(self, y: Any, weight: Any, best: Explanations) -> Flags:
+        """Frames of which a taxel that was left out may hold one more contact.
+
+        Each is looked at beside the taxels that were fitted: a contact moves its neighbours,
+        too, and then takes off chi2 most of what the taxel adds. Weights are of all taxels.
+        """
+        frame, taxel = np.nonzero((weight > 0) & (best.weight == 0))
+        own = best.rows(frame)
+        every = np.arange(len(frame))
+        own.weight[every, taxel] = weight[frame, taxel]
+        added = weight[frame, taxel] * (y[frame, taxel] - own.so[every, taxel]) ** 2
+        taken = self.of_one_more(y[frame], own).max(1, initial=0.0)
+        return np.isin(np.arange(len(y)), frame[taken > _HELD * added])
+
     def of(self, y: Any, best: Explanations) -> Flags:
         """Frames that one contact may not explain.
 
@@ -127,17 +144,9 @@ class FaultyTaxels:
         frames.
         Returns the explanations, with those of the frames where they are cheaper.
         """
+        best = yield from self.by_one(y, weight, frames, best)
         y, weight = y[frames], weight[frames]
-        most = np.maximum(1, np.floor(_MOST_OUTLIERS * (weight > 0).sum(1)))
-        yield "trimmed search"
-        node, trimmed = _least_trimmed(self.nodes, y, weight, most)
-        start, states = self.nodes.loads[node], self.nodes.states(node)
-        for _ in range(_TRIMMED_FITS):
-            found = yield from self.fit(Attempt(y, trimmed, start, states, 1))
-            trimmed = inliers(y, weight, found.so)
-            better = found.parameters[:, : start.shape[1]]
-            start = np.where(np.isfinite(found.chi2)[:, None], better, start)
-        best = self._if_cheaper(frames, weight, best, found, most)
+        most = most_left_out(weight)
         # Then from several contacts, less the taxels that stand out from them.
         for count in range(2, self.most_contacts + 1):
             suspect = best.p_value(self.per_contact)[frames] < SUSPECT / 10
@@ -154,6 +163,22 @@ class FaultyTaxels:
                 best = self._if_cheaper(frames[rows], weight[rows], best, found, most[rows])
         return best
 
+    def by_one(
+        self, y: Any, weight: Any, frames: Any, best: Explanations
+    ) -> Steps[Explanations]:
+        """The same by one contact."""
+        y, weight = y[frames], weight[frames]
+        most = most_left_out(weight)
+        yield "trimmed search"
+        node, trimmed = _least_trimmed(self.nodes, y, weight, most)
+        start, states = self.nodes.loads[node], self.nodes.states(node)
+        for _ in range(_TRIMMED_FITS):
+            found = yield from self.fit(Attempt(y, trimmed, start, states, 1))
+            trimmed = inliers(y, weight, found.so)
+            better = found.parameters[:, : start.shape[1]]
+            start = np.where(np.isfinite(found.chi2)[:, None], better, start)
+        return self._if_cheaper(frames, weight, best, found, most)
+
     def _if_cheaper(
         self, frames: Any, weight: Any, best: Explanations, found: Explanations, most: Any
     ) -> Explanations:
@@ -162,6 +187,11 @@ class FaultyTaxels:
         rows = np.flatnonzero(left_out <= most)
         candidates = found.penalised(left_out * OUTLIER**2).rows(rows)
         return best.cheapest(frames[rows], candidates)[0]
+
+
+def most_left_out(weight: Any) -> Floats:
+    """How many taxels may be left out [frame]."""
+    return np.maximum(1, np.floor(_MOST_OUTLIERS * (weight > 0).sum(1)))
 
 
 def inliers(y: Any, weight: Any, so: Any) -> Floats:
