@@ -904,6 +904,22 @@ def test_taxels_that_never_speak_are_named(folder: Path, estimator: LoadEstimato
     assert "taxels 0.40 have no count in any frame" in note
 
 
+def test_counts_that_come_in_steps_are_as_far_off_as_these(
+    folder: Path, estimator: LoadEstimator
+) -> None:
+    """Steps of 16 were noise of 2 counts, which no load explains."""
+    random = np.random.default_rng(3)
+    so = (
+        estimator.model_rest + random.uniform(0, 99, TAXELS) + random.normal(0, 2, (60, TAXELS))
+    )
+    for step in (1, 16):
+        log = read_log(write_log(folder / f"steps{step}.csv", step * np.rint(so / step)))
+        found = readings_of(log, estimator.spec, 2.0)
+        assert found.noise == pytest.approx(np.sqrt(4 + (step**2 - 1) / 12))
+        assert any("in steps of 16" in note for note in found.notes) == (step > 1)
+        assert not found.stuck.any()
+
+
 def test_a_log_of_another_fluid_is_refused(folder: Path, estimator: LoadEstimator) -> None:
     file = write_log(folder / "air.csv", np.tile(np.rint(estimator.model_rest), (3, 1)))
     for fluid in ("oil", "2.2", "air"):

@@ -184,6 +184,7 @@ def invert(
         from fitting.inverse_load.log.skin_states import skin_states
 
         readings = read_for(spec, log, noise, as_json=as_json, plot=plot, posterior=posterior)
+        settings["noise"] = readings.noise
         states = skin_states(spec, readings, str(log))
         with making as make:
             found = LogEstimator(readings, states, make)

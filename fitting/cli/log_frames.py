@@ -59,6 +59,7 @@ def log_frames(
     )
     rest, _ = rest_of(spec, baseline)
     readings = readings_of(read, spec, options.get("noise"))
+    options["noise"] = readings.noise
     estimator = None
     if loads is None and not taxels_only:
         states = skin_states(spec, readings, str(log))

@@ -24,6 +24,7 @@ from suas_jax.config.oil import refuse_other_fluid
 # Relative difference of scales that agree; of one that a calibration or a zero found, which is
 # no longer the converter's own.
 _SCALE_AGREES, _FOUND_AGREES = 1e-3, 1e-2
+_FEWEST_STEPS = 8  # different counts of taxels beyond their lowest that tell a step
 
 
 CountsOf = Callable[[int], Floats]
@@ -172,6 +173,9 @@ class LogReadings:
     pressure: Floats | None = None
     force: Floats | None = None  # known of the one load of the log [frame] [N]; likewise
     surroundings: Surroundings = field(default_factory=Surroundings)  # of the skin [frame]
+    # standard deviation of a reading, that of rounding to a count left out [counts]; None for
+    # the estimator's own
+    noise: float | None = None
 
 
 def noise_of_readings(spec: SkinSpec, noise: float | None) -> float:
@@ -184,6 +188,15 @@ def noise_of_readings(spec: SkinSpec, noise: float | None) -> float:
     if not (np.isfinite(found) and found >= 0):
         raise ValueError(f"noise = {found}: zero or more counts are needed")
     return float(found)
+
+
+def counting_step(so: Floats) -> int:
+    """The step in which counts come [frame, taxel]; 1 where they do not show another."""
+    moved = (so - np.fmin.reduce(so, axis=0)).T
+    found = np.concatenate([np.unique(own[own > 0]) for own in moved])
+    if len(found) < _FEWEST_STEPS or (found != np.rint(found)).any():
+        return 1
+    return int(np.gcd.reduce(found.astype(np.int64)))
 
 
 def readings_of(log: SoLog, spec: SkinSpec, noise: float | None) -> LogReadings:
@@ -209,8 +222,15 @@ def readings_of(log: SoLog, spec: SkinSpec, noise: float | None) -> LogReadings:
     layout.check(modules, frames.of_module, str(log.path))
     so = layout.pick(modules, frames.of_module)
     time = np.where(np.isfinite(frames.t_device), frames.t_device, frames.t_host)
-    stuck = stuck_taxels(so, noise_of_readings(spec, noise))
+    stated, step = noise_of_readings(spec, noise), counting_step(so)
+    deviation = float(np.sqrt(stated**2 + (step**2 - 1) / 12))
+    stuck = stuck_taxels(so, stated / step)
     notes = [*log.notes, *sequence_notes(log), *_scale_note(log.header, spec)]
+    if step > 1:
+        notes.append(
+            f"counts come in steps of {step}, as of a converter with fewer bits: readings are "
+            f"taken to be {deviation:.2g} counts off, not {stated:.2g}"
+        )
     if stuck.any():
         names = layout.names(np.asarray(stuck.any(0)))
         notes.append(f"taxels {names} repeat one count and are left out meanwhile")
@@ -232,7 +252,7 @@ def readings_of(log: SoLog, spec: SkinSpec, noise: float | None) -> LogReadings:
     around, said = log_surroundings(log.flags, log.header, spec, str(log.path))
     told = (*notes, *said)
     read = (time, frames.seq, so, stuck, told, host_time, log.header, pressure, force)
-    return LogReadings(*read, around.by(frames.mean))
+    return LogReadings(*read, around.by(frames.mean), deviation)
 
 
 def _scale_note(header: Mapping[str, str], spec: SkinSpec) -> list[str]:
