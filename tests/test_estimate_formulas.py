@@ -301,7 +301,7 @@ def test_a_file_is_right_that_leaves_noise_in_the_fits_that_have_settled(
     monkeypatch.setattr(section_log, "_explaining", lambda *_, noise: [])
     monkeypatch.setattr(section_log, "_wide", lambda *_: Gain(0.0, "width", 0.0, np.inf))
     estimator: Any = SimpleNamespace(weigh=lambda so, _: (so, np.ones_like(so)))
-    contact = SimpleNamespace(spread=False)
+    contact = SimpleNamespace(spread=False, arc_force=None)
     estimates: Any = [SimpleNamespace(status="ok", contacts=[contact])] * frames
     so = np.zeros((frames, taxels))
     found = section_log.section_verdict(
