@@ -28,14 +28,13 @@ import numpy as np
 
 from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.fit.detection import AbstractDetector, Detection, without_errors
-from fitting.inverse_load.fit.doubts import inliers, most_left_out
+from fitting.inverse_load.fit.doubts import HELD, inliers, most_left_out
 from suas_jax.acquisition.taxel_faults import saturated
 from suas_jax.config import SkinSpec
 
 _BLOCK = 32  # frames of a log whose drift is one
 _QUIET = 0.05  # p-value above which a frame is taken for one without contact
 _SHARED = 4  # columns of F
-_HELD = 0.5  # share of what taxels that stand out add to chi2 that a push would explain
 
 ROUNDING = 1 / 12  # variance of a converter's rounding [counts^2]
 _PRESSURE_ERROR = 2e-2  # of a section's model and its mesh, relative
@@ -201,7 +200,7 @@ class DriftFollower:
         few = off.any(1) & (off.sum(1) <= most_left_out(weight)) & ~quiet
         if few.any():
             chi2, of_sound = (self._chi2(left, x) for x in (weight, weight * sound))
-            few &= np.maximum(test.statistic, 0.0) ** 2 < _HELD * (chi2 - of_sound)
+            few &= np.maximum(test.statistic, 0.0) ** 2 < HELD * (chi2 - of_sound)
         if few.any():
             few &= tested(weight * sound).p_value > _QUIET
             used, quiet = used & (sound | ~few[:, None]), quiet | few

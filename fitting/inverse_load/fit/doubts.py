@@ -25,8 +25,8 @@ from fitting.steps import Steps
 _ALIKE = 0.7  # cosine of two patterns of one contact
 _LEAST_OWN = 0.02  # share of a pattern's square that nothing else is taken to do
 
-_HELD = 0.5  # share of what a taxel adds to chi2 that a contact must explain
-
+HELD = 0.5
+"""Share of what taxels that stand out add to chi2 that a contact must explain."""
 OUTLIER = 4.5
 """Standard deviations of the residual of a taxel that is left out."""
 _MOST_OUTLIERS = 0.2  # share of the taxels
@@ -94,7 +94,7 @@ class Doubts:
         own.weight[every, taxel] = weight[frame, taxel]
         added = weight[frame, taxel] * (y[frame, taxel] - own.so[every, taxel]) ** 2
         taken = self.of_one_more(y[frame], own).max(1, initial=0.0)
-        return np.isin(np.arange(len(y)), frame[taken > _HELD * added])
+        return np.isin(np.arange(len(y)), frame[taken > HELD * added])
 
     def of(self, y: Any, best: Explanations) -> Flags:
         """Frames that one contact may not explain.
