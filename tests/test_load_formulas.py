@@ -33,7 +33,7 @@ from fitting.inverse_load.fit.doubts import (
     _least_trimmed,
     inliers,
 )
-from fitting.inverse_load.fit.explanation import PLAUSIBLE, Attempt, widened
+from fitting.inverse_load.fit.explanation import PLAUSIBLE, PRIOR_OF_TANGENT, Attempt, widened
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors, _best
 from fitting.inverse_load.fit.other_stiffness import beyond_first_order, less_told
 from fitting.inverse_load.fit.pulls import Pulls
@@ -46,7 +46,6 @@ from fitting.inverse_load.fit.section_errors import (
 )
 from fitting.inverse_load.fit.section_fitter import SectionFitter
 from fitting.inverse_load.fit.section_least_squares import (
-    PRIOR_OF_TANGENT,
     Fit,
     Target,
     _last_step,
@@ -753,29 +752,31 @@ def test_a_width_that_has_not_settled_leaves_a_frame_to_two_contacts(
 
 def free_of(parameters: list[float], slopes: Floats) -> tuple[WideContactFitter, Attempt]:
     """A fitter of a linear skin [parameter, taxel], and a frame of it without noise."""
-    fitter = object.__new__(WideContactFitter)
+    prior = np.diag([0, 0, 0, PRIOR_OF_TANGENT**-2])
+
+    class Linear(WideContactFitter):
+        def _batches(self, asked: Attempt, steps: int) -> Fit:
+            del steps
+            x, held = asked.start[0].copy(), self._bounds[:, 0] == self._bounds[:, 1]
+            rows = np.flatnonzero(~held)
+            information = slopes @ (asked.weight[0][:, None] * slopes.T) + prior
+            pull = slopes @ (asked.weight[0] * (asked.y[0] - x @ slopes)) - prior @ x
+            x[rows] += np.linalg.solve(information[np.ix_(rows, rows)], pull[rows])
+            x = np.clip(x, *self._bounds.T)
+            left = asked.y[0] - x @ slopes
+            chi2 = np.array([asked.weight[0] @ left**2 + x @ prior @ x])
+            none = np.zeros(1)
+            state = State(np.zeros((1, 1, 1)), none, none)
+            lane = (x @ slopes)[:, None], slopes[..., None], none, none + 1, state, none
+            evaluation = Evaluation(*lane)  # type: ignore[arg-type]
+            return Fit(
+                x[:, None], evaluation, chi2, pull[:, None], information[..., None], none
+            )
+
+    fitter = object.__new__(Linear)
     fitter.live, fitter.parameters, fitter.edge = False, SECTION, np.array([1.0])
     fitter._width, fitter._radius, fitter._free = 2, 0.05, []
     fitter._all = np.array([[-1.0, 1.0], [0.0, 90.0], [1e-6, 3.6e-3], [-1.7, 1.7]])
-    prior = np.diag([0, 0, 0, PRIOR_OF_TANGENT**-2])
-
-    def batches(asked: Attempt, steps: int) -> Fit:
-        del steps
-        x, held = asked.start[0].copy(), fitter._bounds[:, 0] == fitter._bounds[:, 1]
-        rows = np.flatnonzero(~held)
-        information = slopes @ (asked.weight[0][:, None] * slopes.T) + prior
-        pull = slopes @ (asked.weight[0] * (asked.y[0] - x @ slopes)) - prior @ x
-        x[rows] += np.linalg.solve(information[np.ix_(rows, rows)], pull[rows])
-        x = np.clip(x, *fitter._bounds.T)
-        left = asked.y[0] - x @ slopes
-        chi2 = np.array([asked.weight[0] @ left**2 + x @ prior @ x])
-        none = np.zeros(1)
-        state = State(np.zeros((1, 1, 1)), none, none)
-        lane = (x @ slopes)[:, None], slopes[..., None], none, none + 1, state, none
-        evaluation = Evaluation(*lane)  # type: ignore[arg-type]
-        return Fit(x[:, None], evaluation, chi2, pull[:, None], information[..., None], none)
-
-    fitter._batches = batches  # type: ignore[method-assign]
     start, y = np.array([parameters[:2]]), np.array([parameters]) @ slopes
     return fitter, Attempt(y, np.full(y.shape, 0.25), start, State(*np.zeros((3, 1))), 1)
 
@@ -805,6 +806,19 @@ def test_what_a_radial_line_leaves_is_a_width_or_a_tangential_force(
     else:
         assert value == pytest.approx(0.02, rel=1e-6)
         assert deviation == pytest.approx(np.sqrt(whole[2, 2]) / 0.04, rel=1e-6)
+
+
+def test_fits_of_two_frames_may_take_turns() -> None:
+    """A search that waits for time is gone on with after a later frame's."""
+    slopes = RNG.normal(size=(4, 20)) * np.array([[500.0], [20.0], [1e5], [300.0]])
+    fitter, asked = free_of([0.3, 8.0, 1e-6, 0.2], slopes)
+    alone = finished(fitter.freed(asked, [3]))
+    waits = fitter.freed(asked, [3])
+    next(waits)
+    finished(fitter.freed(asked, [2]))
+    found = finished(waits)
+    np.testing.assert_array_equal(found.beside, alone.beside)
+    np.testing.assert_array_equal(found.information, alone.information)
 
 
 def test_three_contacts_are_found_by_adding_one() -> None:

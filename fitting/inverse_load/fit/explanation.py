@@ -23,6 +23,10 @@ PLAUSIBLE = 0.05
 """p-value of chi2 above which no further contact is sought."""
 UNSETTLED = 0.1
 """Decrease of chi2 that is still predicted for a fit that has not converged."""
+PRIOR_OF_TANGENT = 0.3
+"""Standard deviation of a tangential component over the inward force, where not told."""
+TOLD = 0.7
+"""Of a prior's standard deviation, beyond which readings tell nothing."""
 UNUSUAL = 25e-3
 """Extent of a contact beyond which two are tried even where it explains a frame [m]."""
 _UNKNOWN = 1e300  # chi2 of what could not be solved

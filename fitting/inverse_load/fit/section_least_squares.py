@@ -15,6 +15,7 @@ from fitting.inverse_load.fit.damped_step import (
     damped_step,
     next_damping,
 )
+from fitting.inverse_load.fit.explanation import PRIOR_OF_TANGENT
 from fitting.inverse_load.model.evaluation import Evaluation, evaluate
 from suas_jax.equilibrium.state import State
 from suas_jax.numerics.array_types import Lanes
@@ -43,8 +44,6 @@ class Fit(NamedTuple):
     predicted_decrease: Lanes  # of chi2, by one more step: zero at a minimum
 
 
-PRIOR_OF_TANGENT = 0.3
-"""Standard deviation of a tangential force over the inward one, where not told."""
 SETTLED = 1e-2
 """Decrease of chi2 below which a step is the last: it moves the estimate by less than a tenth
 of its standard deviation, so linearly that its end needn't be evaluated."""

@@ -12,17 +12,21 @@ whose inverse is the covariance of angle and force, these unknown. The cheapest 
 of both at the cost of Schwarz's criterion for one more than the other.
 """
 
+import copy
+
 import numpy as np
 
 from fitting.arrays import Floats
 from fitting.inverse_load.fit.covariance import inverse, whitened
-from fitting.inverse_load.fit.explanation import UNSETTLED, Attempt, Explanations
-from fitting.inverse_load.fit.section_fitter import SectionFitter
-from fitting.inverse_load.fit.section_least_squares import (
+from fitting.inverse_load.fit.explanation import (
     PRIOR_OF_TANGENT,
-    WIDE_FIT_PROGRAM,
-    Fit,
+    TOLD,
+    UNSETTLED,
+    Attempt,
+    Explanations,
 )
+from fitting.inverse_load.fit.section_fitter import SectionFitter
+from fitting.inverse_load.fit.section_least_squares import WIDE_FIT_PROGRAM, Fit
 from fitting.inverse_load.search.table import LoadTable
 from fitting.steps import Steps
 from suas_jax.scene.skin import Skin
@@ -37,7 +41,6 @@ _SHORTEST, _LONGEST = 1e-3, 60e-3  # [m]
 _USUAL = 15e-3
 _MOST_TANGENT = np.tan(np.pi / 3)
 _UNKNOWN = 1e12
-_TOLD = 0.7  # of the tangent's prior, beyond which readings tell nothing of it
 
 
 class WideContactFitter(SectionFitter):
@@ -70,10 +73,12 @@ class WideContactFitter(SectionFitter):
         length = _START if LENGTH in free else _SHORTEST
         more = np.tile([length**2, 0.0], (len(asked.start), 1))
         begin = np.concatenate([asked.start[:, :2], more], 1)
-        self._free, self._bounds = free, self._all.copy()
+        # Another frame may be fitted before this search goes on.
+        own = copy.copy(self)
+        own._free, own._bounds = free, self._all.copy()
         for row in {LENGTH, _TANGENT} - set(free):
-            self._bounds[row] = more[0, row - 2]
-        found = yield from super().steps(asked._replace(start=begin))
+            own._bounds[row] = more[0, row - 2]
+        found = yield from SectionFitter.steps(own, asked._replace(start=begin))
         used = np.maximum((asked.weight > 0).sum(1), 2)
         settled = found.predicted_decrease <= UNSETTLED
         return found.penalised(np.where(settled, (len(free) - 1) * np.log(used), np.inf))
@@ -113,7 +118,7 @@ class WideContactFitter(SectionFitter):
             by = np.zeros_like(deviations)
             by[:, 1], by[:, -1] = tangent, force
             deviation = np.sqrt(np.einsum("fi,fij,fj->f", by, covariance, by))
-            known = deviations[:, -1] < _TOLD * PRIOR_OF_TANGENT
+            known = deviations[:, -1] < TOLD * PRIOR_OF_TANGENT
             shown = np.where(known, force * tangent, np.nan)
             found.beside[:, 0, 2] = np.stack([shown, deviation], 1)
         if LENGTH in self._free:

@@ -16,15 +16,13 @@ import numpy as np
 
 from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.fit.covariance import inverse, whitened
+from fitting.inverse_load.fit.explanation import PRIOR_OF_TANGENT, TOLD
 from fitting.inverse_load.model.contact_parameters import ContactParameters, pad_parameters
 from fitting.inverse_load.pad.interpolant import ASKEW, PLAIN, WHOLE, extents
 
 BESIDE = ("arc_extent", "axial_extent", "arc_force", "axial_force")
 """What is estimated beside the parameters that are told."""
-PRIOR_OF_TANGENTS = 0.3
-"""Standard deviation of a tangential component over the inward force, where not told."""
 _UNKNOWN = 1e12
-_TOLD = 0.7  # of a prior's standard deviation, beyond which readings tell nothing
 
 
 @dataclass(frozen=True)
@@ -141,13 +139,13 @@ def beside(whole: Floats, information: Floats, prior: Floats, contacts: int) -> 
             by[:, 4] = long * np.cos(own_turn) ** 2 - short * np.sin(own_turn) ** 2
             by[:, 7:] = ((short - long) * np.sin(2 * own_turn) / 2)[:, None]
             deviation = _deviation(by, own)
-            told = deviation < _TOLD * np.hypot(*prior[:2])
+            told = deviation < TOLD * np.hypot(*prior[:2])
             found[:, contact, k] = _where(told, both[k], both[k] * deviation)
             j = 5 + k
             by = np.zeros_like(x)
             by[:, 2], by[:, j] = x[:, j], x[:, 2]
             deviation = _deviation(by, own)
-            told = np.sqrt(own[:, j, j]) < _TOLD * min(prior[2 + k], PRIOR_OF_TANGENTS)
+            told = np.sqrt(own[:, j, j]) < TOLD * min(prior[2 + k], PRIOR_OF_TANGENT)
             found[:, contact, 2 + k] = _where(told, x[:, 2] * x[:, j], deviation)
     return found
 

@@ -18,6 +18,7 @@ from fitting.inverse_load.fit.damped_step import (
     damped_step,
     next_damping,
 )
+from fitting.inverse_load.fit.explanation import PRIOR_OF_TANGENT
 from fitting.inverse_load.pad.interpolant import (
     ASKEW,
     LEAST,
@@ -27,10 +28,9 @@ from fitting.inverse_load.pad.interpolant import (
     Correction,
     PadInterpolant,
 )
-from fitting.inverse_load.pad.marginal import PRIOR_OF_TANGENTS
 from fitting.steps import Steps
 
-PRIOR = np.array([0.6, 0.5, PRIOR_OF_TANGENTS, PRIOR_OF_TANGENTS])
+PRIOR = np.array([0.6, 0.5, PRIOR_OF_TANGENT, PRIOR_OF_TANGENT])
 """Standard deviations of a contact's ln d, slenderness and tangents (see `interpolant`)."""
 _FREE = 3.0  # of tangents that are asked for
 _DIAMETERS = (0.3, 15.0)  # smallest and largest, in terms of the table's
