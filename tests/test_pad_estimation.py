@@ -243,7 +243,7 @@ def test_workers_solve_what_this_process_does(
     executor: Callable[[int], Executor],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("fitting.inverse_load.pad.columns.configure", lambda: None)
+    monkeypatch.setattr("suas_jax.runtime.settings.configure", lambda: None)
     images, where = mirror_images(skin)
     few = contacts[:6]  # more than a worker is sent at once
     done: list[int] = []
