@@ -1,12 +1,12 @@
 """Eight simulated hours in the sea, after one known weight: are the stated forces right?
 
 Skins are drawn from what a file leaves open (filling, mounting, stiffness, thickness, gap,
-permittivity; expansions to 2 %), and zeroed by 500 g at the crown. Then the water warms and
+permittivity; expansions to 2 %), and zeroed by a weight at the crown. Then the water warms and
 cools by 20 K, the skin goes down to 300 m and back, its readings at rest drift, and loads come
 and go. Every log is estimated three ways: each frame in its own surroundings, all at the log's
 mean, and all without the columns::
 
-    python -m benchmarks.hours --skins 8
+    python -m benchmarks.hours --skins 8 [--kilograms 0.5]
 """
 
 import argparse
@@ -166,8 +166,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--skins", type=int, default=8)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--kilograms", type=float, default=1.0)
     options = parser.parse_args()
     configure()
+    known, heavy = f"{options.kilograms:g} kg at 0 deg", 9.80665 * options.kilograms
     rows: dict[str, list[np.ndarray]] = {}
     count = 0
     for k in range(options.skins):
@@ -185,7 +187,7 @@ def main() -> None:
             warm, deep = start.splitlines()[1].split(",")[-2:]
             weight = "".join(
                 f"{t},{f},{warm},{deep}\n"
-                for t, f in ((0, 0), (REST, 0), (REST + 0.1, 4.903325), (REST + HELD, 4.903325))
+                for t, f in ((0, 0), (REST, 0), (REST + 0.1, heavy), (REST + HELD, heavy))
             )
             still = f"0,0,{warm},{deep}\n{REST},0,{warm},{deep}\n"
             try:
@@ -193,7 +195,7 @@ def main() -> None:
                 pressed = written_log(folder, "weight", head + weight, 3 * k + 1, 5.0)
                 log = written_log(folder, "hours", start, 3 * k + 2, RATE)
                 write_baseline(take_baseline(read_log(rest)), folder / "rest.json")
-                zero = zero_from_log(load_skin(skin), pressed, ["500 g at 0 deg"])
+                zero = zero_from_log(load_skin(skin), pressed, [known])
             except (NoSolutionError, ValueError) as error:
                 print(f"skin {k} left out: {str(error)[:100]}")
                 continue

@@ -251,13 +251,18 @@ def test_a_zero_is_the_posterior_of_its_presses(
     own = scale * found.covariance[:3, :3]
     assert zero.posterior.mean == pytest.approx(found.mean[:3])
     assert zero.posterior.covariance == pytest.approx(own)
-    for told, covariance in ((zero.before, np.eye(3)), (zero.after, own)):
+    told = [(zero.before, np.eye(3), weight), (zero.after, own, weight)]
+    for share in (0.5, 2.0):
+        x = found.mean[3:].reshape(2, 2) * [1.0, share]
+        other = 1 / (variance + (1e-2 * model.at(found.mean[:3], x).change) ** 2)
+        told.append((zero.after_at[share] * x[:, 1] / (5, 9), own, other * (weight > 0)))
+    for of, covariance, weights in told:
         for k, force in enumerate((5, 9)):
             both = np.concatenate([model.by_error[k], model.by_press[k]])
-            information = (both * weight[k]) @ both.T
+            information = (both * weights[k]) @ both.T
             information[:3, :3] += np.linalg.inv(covariance)
             deviation = np.linalg.inv(information)[-1, -1] ** 0.5
-            assert told[k] == pytest.approx(deviation / force)
+            assert of[k] == pytest.approx(deviation / force)
 
 
 def test_readings_at_rest_count_where_the_inputs_explain_them(
@@ -534,6 +539,7 @@ def test_one_weight_sets_the_forces_right(tmp_path: Path) -> None:
         app, ["zero", str(skin), str(logs["weight"]), "--known", "10 N at 0 deg"]
     )
     assert run.exit_code == 0, run.output
+    assert "half that force to" in run.output
     record = read_zero(zero_file_of(skin), skin)
     spec = load_skin(skin)
     readings = readings_of(read_log(logs["use"]), spec, None)

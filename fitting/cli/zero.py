@@ -1,5 +1,6 @@
 """`suas zero`. JAX is imported inside the command."""
 
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,7 +19,9 @@ from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_output, write_text
 
 if TYPE_CHECKING:
-    from fitting.inverse_load.zero.zero import Zero
+    from collections.abc import Iterable
+
+    from fitting.inverse_load.zero.zero import KnownPress, Zero
 
 
 def zero(
@@ -87,10 +90,10 @@ def _report(found: "Zero", target: Path) -> dict[str, Any]:
                 "force_N": press.force,
                 "force_deviation_before": float(before),
                 "force_deviation_after": float(after),
+                "force_deviation_at_half": float(half),
+                "force_deviation_at_twice": float(twice),
             }
-            for press, before, after in zip(
-                found.presses, found.before, found.after, strict=True
-            )
+            for press, before, after, half, twice in _rows(found)
         ],
         "causes": {
             cause.name: {
@@ -115,11 +118,20 @@ def _report(found: "Zero", target: Path) -> dict[str, Any]:
     }
 
 
+def _rows(found: "Zero") -> "Iterable[tuple[KnownPress, float, float, float, float]]":
+    """Presses; deviations of their forces before and after, and of half and of twice them."""
+    half, twice = found.after_at[0.5], found.after_at[2.0]
+    return zip(found.presses, found.before, found.after, half, twice, strict=True)
+
+
 def _print(found: "Zero", target: Path) -> None:
     from fitting.report.description import percent_text
 
-    for press, before, after in zip(found.presses, found.before, found.after, strict=True):
+    for press, before, after, *others in _rows(found):
         known = f"{percent_text(after)} ({percent_text(before)} without the zero)"
+        for size, there in zip(("half", "twice"), others, strict=True):
+            if isfinite(there):
+                known += f", {size} that force to {percent_text(there)}"
         say(f"{press.text}: forces there are known to {known}")
     causes = ", ".join(cause.text for cause in found.causes)
     say(f"what moved, the likeliest first (± one standard deviation): {causes}")

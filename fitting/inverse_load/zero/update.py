@@ -49,6 +49,7 @@ _UNSETTLED = (
     "needed to explain them; check forces, places and the skin file"
 )
 _WALK = DriftDensities()  # of readings at rest, until the zero is used
+_SHARES = (0.5, 2.0)  # of a press's force, which forces elsewhere are told at
 _QUANTITIES = ("angle", "axial", "force")  # of a press; a line load has no axial position
 
 
@@ -239,14 +240,48 @@ def zero_of(
             "presses, and the skin file"
         )
     own = found.covariance[:count, :count] * (ratio if poor else 1.0)
+    information = np.asarray(np.linalg.inv(own), float)
     before, after = (
         force_deviations(now.by_error, now.by_press, weight, known) / model.known[:, -1]
-        for known in (np.eye(count), np.asarray(np.linalg.inv(own), float))
+        for known in (np.eye(count), information)
     )
-    posterior = Gaussian(found.mean[:count], own)
-    status = "poor_fit" if poor else "ok"
-    told = errors, posterior, presses, before, after, ratio, status
-    return Zero(*told, at_rest=bool(len(rest.so)), rest_factor=factor)
+
+    return Zero(
+        errors,
+        Gaussian(found.mean[:count], own),
+        presses,
+        before,
+        after,
+        ratio,
+        "poor_fit" if poor else "ok",
+        at_rest=bool(len(rest.so)),
+        rest_factor=factor,
+        after_at={
+            share: _deviations_at(share, model, at, readings, model_error, information)
+            for share in _SHARES
+        },
+    )
+
+
+def _deviations_at(
+    share: float,  # of each press's force
+    model: PressModel,
+    at: Floats,  # errors and presses [parameter]
+    readings: PressReadings,  # whose variances other presses would have
+    model_error: float,  # see `zero_of`
+    information: Floats,  # on the errors [error, error]
+) -> Floats:
+    """Relative deviations of forces at the presses' places; NaN where there is no state."""
+    errors = at.size - model.known.size
+    x = at[errors:].reshape(model.known.shape).copy()
+    x[:, -1] *= share
+    try:
+        there = model.at(at[:errors], x)
+    except ValueError:
+        return np.full(len(x), np.nan)
+    variance = readings.variance + (model_error * there.change) ** 2
+    weight = np.where(np.isfinite(readings.change), 1 / variance, 0.0)
+    return force_deviations(there.by_error, there.by_press, weight, information) / x[:, -1]
 
 
 def rest_factor(read: Floats | None, model: Floats) -> float | None:

@@ -1,6 +1,7 @@
 """What is known after known presses: a skin's inputs with the covariance of their errors."""
 
-from dataclasses import dataclass
+import dataclasses
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ _CAUSES = {  # beginnings of paths
 _ABSOLUTE = {"mounting": "of the length", "temperature": "K"}  # of which no share is told
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class KnownPress:
     """One press with a known force."""
 
@@ -69,7 +70,7 @@ class Cause(NamedTuple):
         return f"{self.name} {own:+.{digits}f} ± {error:.{digits}f} % {self.unit}".rstrip()
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Zero:
     """What known presses say."""
 
@@ -85,6 +86,8 @@ class Zero:
     at_rest: bool = False  # whether the readings at rest counted, too, as they are
     # how many times the skin file's readings all taxels read at rest; None where not alike
     rest_factor: float | None = None
+    # as `after`, of other shares of each press's force; NaN where the model has no state
+    after_at: Mapping[float, Floats] = dataclasses.field(default_factory=dict)
 
     @property
     def values(self) -> Floats:
