@@ -547,6 +547,9 @@ def test_derivatives_of_a_history_are_those_of_differences(
         for name in names:
             if warm and name == "environment.temperature":
                 continue  # moved by the history's own column
+            if name == "load.0.angle" and plan.dimension == 3:
+                assert abs(slopes[name]) < 1e-6
+                continue  # a quarter has no place for a load beyond the crown
             step = 1e-4 * (known[name] or 1.0)
             ends = []
             for side in (-1, 1):
