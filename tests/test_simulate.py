@@ -21,7 +21,7 @@ from suas_jax.config.schema_load import EnvironmentSpec, PatchLoadSpec, Pressure
 from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import Loads, loads_of
 from suas_jax.scene.skin import skin_of
-from suas_jax.simulation.capacitances import _loads, capacitances
+from suas_jax.simulation.capacitances import _ELEMENTS, _loads, capacitances
 from suas_jax.simulation.load_path import LoadPath, load_path
 from suas_jax.simulation.simulated_log import NotKnownInputsError, true_loads
 
@@ -89,7 +89,7 @@ def test_a_path_is_played_as_the_model_has_it(folder: Path, played: SoLog) -> No
     so = counts_of(played)
     assert so.shape == (21, 2, 10)
     np.testing.assert_allclose(frames.t_device, np.arange(21) / 10, atol=1e-12)
-    skin = skin_of(load_path(folder / "path.csv").scene)
+    skin = skin_of(load_path(folder / "path.csv").scene, elements=_ELEMENTS)
     t = np.array([0.0, 0.5, 1.0, 1.5, 2.0])
     angle, force = np.interp(t, [0, 1, 2], [-30, -30, 30]), np.interp(t, [0, 1], [0, 10])
     want = quick(forward)(skin, Loads.line(np.deg2rad(angle), force)).so
@@ -241,14 +241,15 @@ def test_a_calibrated_unit_has_its_offsets(folder: Path, played: SoLog) -> None:
 @pytest.mark.long  # a scene of its own; saturation in test_sensing
 def test_a_taxel_that_touches_reads_full_scale(folder: Path) -> None:
     (folder / "hard.csv").write_text(
-        "# scene: scene.toml\nt_s,loads.0.angle_deg,loads.0.force_N\n0,20,80\n1,20,81\n"
+        "# scene: scene.toml\nt_s,loads.0.angle_deg,loads.0.force_N\n0,20,5\n1,20,200\n"
     )
-    status, output = suas(
-        "simulate", folder / "hard.csv", "-o", folder / "hard.log.csv", "--bits", 8
-    )
+    log = folder / "hard.log.csv"
+    status, output = suas("simulate", folder / "hard.csv", "-o", log, "--bits", 16)
     assert status == 0
-    assert "touch the wall" in output
-    assert read_log(folder / "hard.log.csv").so.max() == 255
+    assert "the membrane touches taxels in" in output
+    so = counts_of(read_log(log))
+    assert so[0].max() < so[-1].max() == 2**16 - 1
+    assert so[-1, 0].max() < 2**16 - 1  # of the triangle 40 degrees away
 
 
 @pytest.mark.parametrize(
