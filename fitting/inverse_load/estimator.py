@@ -3,6 +3,7 @@
 ::
 
     readings -> as the model has them, weighed              `drift`
+             -> taxels that stand alone left out            `lone_taxels`
              -> contact or not                              `detection`
              -> nearest states of a table                   `table`, `search`
              -> least squares with exact derivatives        `model`, `explanation`
@@ -43,6 +44,7 @@ from fitting.inverse_load.fading import FadingWatch
 from fitting.inverse_load.film_motion import FilmFollower, FilmMotion, fading_time
 from fitting.inverse_load.fit.bounded_selection import BoundedSelection
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
+from fitting.inverse_load.fit.lone_taxels import LoneTaxels
 from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.frames import FULL_SCALE, FrameEstimator
 from fitting.inverse_load.memory.series import LoadMemory
@@ -148,6 +150,12 @@ class LoadEstimator:
             float(np.hypot(self.model_error, self.table.reading_error if pad else 0.0)),
             self.pressure_noise,
             pad,
+        )
+        self._lone = LoneTaxels(
+            parts.nodes.readings[parts.nodes.known][:, : self.taxels],
+            parts.rest,
+            parts.nodes.stray,
+            self._weights.variance,
         )
         self._systematic = parts.systematic
         self._drift: DriftFollower | None = None
@@ -413,7 +421,13 @@ class LoadEstimator:
         """What the frames before say of each frame; nothing without times."""
         if time is None:
             return PastOfFrames()
+        faulty = self._useless(so, faulty)
         return PastOfFrames(self._drifted(so, faulty, time), self._moved(so, faulty, time))
+
+    def _useless(self, so: Floats, faulty: Flags) -> Flags:
+        """Taxels that are faulty, or whose readings no load explains [frame, taxel]."""
+        change = self._weights.change_from_rest(so, faulty)
+        return faulty | self._lone.found(self.model_rest + change)
 
     def estimate_frames(
         self,
@@ -425,7 +439,7 @@ class LoadEstimator:
         pressure: Floats | None = None,
     ) -> list[LoadEstimate]:
         """Estimate frames whose past is known; other arguments as of `estimate`."""
-        size = 1 if self.live else _BLOCK
+        size, faulty = 1 if self.live else _BLOCK, self._useless(so, faulty)
         found: list[LoadEstimate] = []
         for begin in range(0, len(so), size):
             part = slice(begin, begin + size)
@@ -464,6 +478,7 @@ class LoadEstimator:
     ) -> list[LoadEstimate]:
         """Frame after frame, each with what the membrane remembers of those before."""
         found: list[LoadEstimate] = []
+        faulty = self._useless(so, faulty)
         moved = self._moved(so, faulty, time)
         for k in range(len(so)):
             row = slice(k, k + 1)
