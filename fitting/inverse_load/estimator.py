@@ -48,7 +48,7 @@ from fitting.inverse_load.fit.lone_taxels import LoneTaxels
 from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.frames import FULL_SCALE, FrameEstimator
 from fitting.inverse_load.memory.series import LoadMemory
-from fitting.inverse_load.readings import noise_of_readings
+from fitting.inverse_load.readings import StepWatch, noise_in_steps, noise_of_readings
 from fitting.inverse_load.taps import MotionWatch, TapFinder
 from fitting.steps import Budget
 from suas_jax.config import InputErrors, SkinSpec, input_errors
@@ -135,10 +135,50 @@ class LoadEstimator:
         self._check()
         # What a membrane remembers comes on top of its long-term response.
         self.spec = self.spec.responding("long-term")
-        self.reading_noise = noise_of_readings(self.spec, self.noise)
         self.input_errors = input_errors(as_assembled(self.spec))
         self._parts = parts = self._make_parts()
         self.table = parts.table
+        self._systematic = parts.systematic
+        # What a further contact must gain: as rare as a tenth of a false alarm, and never
+        # less than Schwarz's criterion asks for its place and force.
+        penalty = parts.detector.threshold(self.false_alarm / 10) ** 2
+        asked = (parts.fitter.parameters.places + 1) * np.log(self.taxels)
+        given = (
+            parts.fitter,
+            parts.nodes,
+            max(penalty, asked),
+            self.most_contacts,
+            self._systematic,
+            parts.wide_fitter,
+        )
+        self._budget = None if self.budget is None else Budget(self.budget)
+        if self._budget is None:
+            self.selection = Selection(*given)
+        else:
+            self.selection = BoundedSelection(*given, budget=self._budget)
+        self._steps, self.step = StepWatch(), 1  # in which counts come, as far as frames show
+        self._of_noise(noise_of_readings(self.spec, self.noise))
+        discrepancy = None
+        if self.spec.geometry.dimension == 2:
+            from fitting.inverse_load.discrepancy import ReadingDiscrepancy
+
+            places = np.asarray(self.skin.electrodes.taxels.angle)[:, 0]
+            discrepancy = ReadingDiscrepancy.of(self.spec, self.table, places)
+        self.frames = FrameEstimator(
+            parts,
+            self._weights,
+            self.selection,
+            self.false_alarm,
+            discrepancy,
+            self.spec.calibration,
+            lambda: self._field,
+        )
+        self.fading = FadingWatch()
+
+    def _of_noise(self, noise: float) -> None:
+        """Make what depends on the noise of a reading [counts], as before the first frame."""
+        parts, self.reading_noise = self._parts, noise
+        self.__dict__.pop("_film", None)
         reading = self.reading_noise**2 + ROUNDING
         zero, uncertain = zero_of_readings(self.spec, parts.rest, self.rest, self.rest_variance)
         pad = self.spec.geometry.dimension == 3
@@ -157,49 +197,15 @@ class LoadEstimator:
             parts.nodes.stray,
             self._weights.variance,
         )
-        self._systematic = parts.systematic
         self._drift: DriftFollower | None = None
         if self.follow_drift and self.rest is not None:
             at_rest = np.nan_to_num(self.rest, nan=0.0)
             gathered = _GATHERED_ON_PADS if pad else 1
             self._drift = DriftFollower(at_rest, reading, parts.detector, gathered=gathered)
-        # What a further contact must gain: as rare as a tenth of a false alarm, and never
-        # less than Schwarz's criterion asks for its place and force.
-        penalty = parts.detector.threshold(self.false_alarm / 10) ** 2
-        asked = (parts.fitter.parameters.places + 1) * np.log(self.taxels)
-        given = (
-            parts.fitter,
-            parts.nodes,
-            max(penalty, asked),
-            self.most_contacts,
-            self._systematic,
-            parts.wide_fitter,
-        )
-        self._budget = None if self.budget is None else Budget(self.budget)
-        if self._budget is None:
-            self.selection = Selection(*given)
-        else:
-            self.selection = BoundedSelection(*given, budget=self._budget)
-        discrepancy = None
-        if not pad:
-            from fitting.inverse_load.discrepancy import ReadingDiscrepancy
-
-            places = np.asarray(self.skin.electrodes.taxels.angle)[:, 0]
-            discrepancy = ReadingDiscrepancy.of(self.spec, self.table, places)
-        self.frames = FrameEstimator(
-            parts,
-            self._weights,
-            self.selection,
-            self.false_alarm,
-            discrepancy,
-            self.spec.calibration,
-            lambda: self._field,
-        )
         memory = LoadMemory.of(self.spec)
-        self._memory = memory and self._follower_of(memory, max(penalty, asked))
-        self.fading = FadingWatch()
+        self._memory = memory and self._follower_of(memory)
 
-    def _follower_of(self, memory: LoadMemory, penalty: float) -> "AbstractMemoryFollower":
+    def _follower_of(self, memory: LoadMemory) -> "AbstractMemoryFollower":
         """Follows what the membrane remembers."""
         if self.spec.geometry.dimension == 3:
             from fitting.inverse_load.pad.fitter import PadFitter
@@ -221,7 +227,7 @@ class LoadEstimator:
             self._systematic,
             direction=self.direction,
             most_contacts=self.most_contacts,
-            penalty=penalty,
+            penalty=self.selection.penalty,
         )
 
     @property
@@ -406,6 +412,11 @@ class LoadEstimator:
         if faulty is None:
             faulty = np.zeros(so.shape, bool)
         time = None if time is None else np.asarray(time, float)
+        if self.live and len(so) and (step := self._steps.feed(so[-1])) != self.step:
+            self.step = step
+            stated = noise_of_readings(self.spec, self.noise)
+            self._of_noise(noise_in_steps(stated, step))
+            self.frames.weights = self._weights
         if self._memory is not None:
             if not self.live:  # a log begins at rest; without times it leaves nothing
                 self._memory.forget()
@@ -534,5 +545,5 @@ class LoadEstimator:
             for trial in self._parts.trials[: self.most_contacts]:
                 self.estimate((trial + shift)[None], time=time)
             self.forget()
-        self._drift, self._budget = drift, budget
+        self._drift, self._budget, self._steps = drift, budget, StepWatch()
         self.forget()
