@@ -180,9 +180,8 @@ class DimpleNodes(AbstractNodeSearch):
         light = np.stack([angles, np.full(21, 1e-6)], 1)
         signatures = (dimple_readings(light) - AT_REST) / 1e-6
         readings = dimple_readings(loads)
-        super().__init__(
-            loads, readings, AT_REST, angles[:, None], signatures, levels=3, separate=0.15
-        )
+        read = readings, AT_REST, angles[:, None], signatures, np.zeros(13)
+        super().__init__(loads, *read, levels=3, separate=0.15)
 
     def distance(self, a: Any, b: Any) -> np.ndarray:
         """Between angles."""
@@ -209,7 +208,7 @@ class DimpleNodes(AbstractNodeSearch):
     def several(self) -> PairSearch:
         """Pairs of all nodes."""
         every = np.arange(len(self.loads))
-        return PairSearch(self, every, np.zeros(13), closest=0.1, apart=0.1)
+        return PairSearch(self, every, closest=0.1, apart=0.1)
 
 
 MU = 3e5

@@ -77,6 +77,15 @@ def test_a_membrane_on_a_taxel_is_no_stuck_taxel() -> None:
     np.testing.assert_array_equal(found[:, 3], so[:, 3] == 4990)
 
 
+def test_a_converter_of_fewer_bits_repeats_counts_without_being_stuck() -> None:
+    random = np.random.default_rng(2)
+    so = 16 * np.rint((5000 + random.uniform(0, 99, 10) + random.normal(0, 2, (60, 10))) / 16)
+    so[:, :6] += 160 * np.arange(60)[:, None]  # most move, so that repeats count
+    so[:, 9] = so[0, 9]
+    watch = StuckWatch(2.0, 10)
+    assert not np.any([watch.feed(row, 16) for row in so])
+
+
 def test_every_fault_is_found_where_it_is(rest: np.ndarray) -> None:
     random = np.random.default_rng(1)
     so = pressed(rest)

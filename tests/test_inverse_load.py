@@ -32,7 +32,7 @@ from fitting.inverse_load.frame_posterior import frame_posterior, likely_modes
 from fitting.inverse_load.live.filter import LoadFilter
 from fitting.inverse_load.live.live_loads import LiveLoads
 from fitting.inverse_load.live.stream import live_frames
-from fitting.inverse_load.readings import readings_of
+from fitting.inverse_load.readings import StepWatch, readings_of
 from fitting.inverse_load.search.table import _solve
 from fitting.statistics.posterior import Settings
 from fitting.steps import finished
@@ -918,6 +918,28 @@ def test_counts_that_come_in_steps_are_as_far_off_as_these(
         assert found.noise == pytest.approx(np.sqrt(4 + (step**2 - 1) / 12))
         assert any("in steps of 16" in note for note in found.notes) == (step > 1)
         assert not found.stuck.any()
+
+
+def test_a_stream_whose_counts_come_in_steps_is_as_far_off_as_these(
+    estimator: LoadEstimator,
+) -> None:
+    """Live, noise stayed that of the file, and every touch a search for several contacts."""
+    random = np.random.default_rng(3)
+    so = (
+        estimator.model_rest + random.uniform(0, 99, TAXELS) + random.normal(0, 2, (40, TAXELS))
+    )
+    for step in (1, 16):
+        watch = StepWatch()
+        assert [watch.feed(row) for row in step * np.rint(so / step)][-1] == step
+    live = dataclasses.replace(estimator, live=True, rest=so.mean(0))
+    weights = live.frames.weights
+    live.frames.batch = lambda *_: [LoadEstimate(False)]  # type: ignore[method-assign]
+    for row in 16 * np.rint(so / 16):
+        live.estimate(row[None])
+    assert live.step == 16
+    assert live.reading_noise == pytest.approx(np.sqrt(4 + 255 / 12))
+    added = live.frames.weights.variance - weights.variance
+    np.testing.assert_allclose(added, 255 / 12)
 
 
 def test_a_log_of_another_fluid_is_refused(folder: Path, estimator: LoadEstimator) -> None:

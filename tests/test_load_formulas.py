@@ -35,6 +35,7 @@ from fitting.inverse_load.fit.doubts import (
 )
 from fitting.inverse_load.fit.explanation import PLAUSIBLE, PRIOR_OF_TANGENT, Attempt, widened
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors, _best
+from fitting.inverse_load.fit.lone_taxels import LoneTaxels
 from fitting.inverse_load.fit.other_stiffness import beyond_first_order, less_told
 from fitting.inverse_load.fit.pulls import Pulls
 from fitting.inverse_load.fit.section_errors import (
@@ -1691,3 +1692,39 @@ def test_a_live_frame_goes_on_from_the_last_one_where_that_is_nearer(
     last = explanations([[0.1, 5.0]], so=[[1.0 - off]])
     found = selection._nearer(np.ones((1, 1)), np.full((1, 1), 0.3), np.array([1]), last)
     assert found is nearer
+
+
+# --- taxels that stand alone --------------------------------------------------------------
+
+
+def lone_of(noise: float = 2.0) -> LoneTaxels:
+    nodes = DimpleNodes()
+    variance = np.full(13, noise**2)
+    return LoneTaxels(nodes.readings, nodes.rest, nodes.stray, variance)
+
+
+def test_a_spike_beside_two_contacts_is_what_no_load_explains() -> None:
+    """A fit by two contacts took it for a third, or a trimmed one came before."""
+    places = [[0.2, -0.25, 8.0, 6.0], [0.1, -0.4, 20.0, 2.0], [0.0, 0.0, 0.0, 0.0]]
+    so = dimple_readings(places, 2) + np.random.default_rng(2).normal(0, 2.0, (3, 13))
+    lone = lone_of()
+    assert not lone.found(so).any()
+    for taxel in range(13):
+        for spike in (500.0, -500.0):
+            read = so.copy()
+            read[:, taxel] += spike
+            found = lone.found(read)
+            assert np.argwhere(found)[:, 1].tolist() == [taxel] * 3
+
+
+def test_no_taxel_stands_alone_where_many_do() -> None:
+    so = dimple_readings([[0.2, 8.0]])
+    so[0, [0, 3, 7, 11]] += 800.0
+    so[0, 5] = np.nan
+    assert not lone_of().found(so).any()
+    assert not lone_of().found(np.full((1, 13), np.nan)).any()
+
+
+def test_gaps_that_all_differ_are_no_taxel_s_own() -> None:
+    so = np.stack([1.2 * AT_REST, 0.8 * AT_REST])
+    assert not lone_of().found(so).any()

@@ -3,6 +3,7 @@
 ::
 
     readings -> as the model has them, weighed              `drift`
+             -> taxels that stand alone left out            `lone_taxels`
              -> contact or not                              `detection`
              -> nearest states of a table                   `table`, `search`
              -> least squares with exact derivatives        `model`, `explanation`
@@ -43,10 +44,11 @@ from fitting.inverse_load.fading import FadingWatch
 from fitting.inverse_load.film_motion import FilmFollower, FilmMotion, fading_time
 from fitting.inverse_load.fit.bounded_selection import BoundedSelection
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
+from fitting.inverse_load.fit.lone_taxels import LoneTaxels
 from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.frames import FULL_SCALE, FrameEstimator
 from fitting.inverse_load.memory.series import LoadMemory
-from fitting.inverse_load.readings import noise_of_readings
+from fitting.inverse_load.readings import StepWatch, noise_in_steps, noise_of_readings
 from fitting.inverse_load.taps import MotionWatch, TapFinder
 from fitting.steps import Budget
 from suas_jax.config import InputErrors, SkinSpec, input_errors
@@ -133,28 +135,10 @@ class LoadEstimator:
         self._check()
         # What a membrane remembers comes on top of its long-term response.
         self.spec = self.spec.responding("long-term")
-        self.reading_noise = noise_of_readings(self.spec, self.noise)
         self.input_errors = input_errors(as_assembled(self.spec))
         self._parts = parts = self._make_parts()
         self.table = parts.table
-        reading = self.reading_noise**2 + ROUNDING
-        zero, uncertain = zero_of_readings(self.spec, parts.rest, self.rest, self.rest_variance)
-        pad = self.spec.geometry.dimension == 3
-        assert self.model_error is not None
-        self._weights = ReadingWeights(
-            zero,
-            reading + uncertain,
-            parts.rest,
-            float(np.hypot(self.model_error, self.table.reading_error if pad else 0.0)),
-            self.pressure_noise,
-            pad,
-        )
         self._systematic = parts.systematic
-        self._drift: DriftFollower | None = None
-        if self.follow_drift and self.rest is not None:
-            at_rest = np.nan_to_num(self.rest, nan=0.0)
-            gathered = _GATHERED_ON_PADS if pad else 1
-            self._drift = DriftFollower(at_rest, reading, parts.detector, gathered=gathered)
         # What a further contact must gain: as rare as a tenth of a false alarm, and never
         # less than Schwarz's criterion asks for its place and force.
         penalty = parts.detector.threshold(self.false_alarm / 10) ** 2
@@ -172,8 +156,10 @@ class LoadEstimator:
             self.selection = Selection(*given)
         else:
             self.selection = BoundedSelection(*given, budget=self._budget)
+        self._steps, self.step = StepWatch(), 1  # in which counts come, as far as frames show
+        self._of_noise(noise_of_readings(self.spec, self.noise))
         discrepancy = None
-        if not pad:
+        if self.spec.geometry.dimension == 2:
             from fitting.inverse_load.discrepancy import ReadingDiscrepancy
 
             places = np.asarray(self.skin.electrodes.taxels.angle)[:, 0]
@@ -187,11 +173,39 @@ class LoadEstimator:
             self.spec.calibration,
             lambda: self._field,
         )
-        memory = LoadMemory.of(self.spec)
-        self._memory = memory and self._follower_of(memory, max(penalty, asked))
         self.fading = FadingWatch()
 
-    def _follower_of(self, memory: LoadMemory, penalty: float) -> "AbstractMemoryFollower":
+    def _of_noise(self, noise: float) -> None:
+        """Make what depends on the noise of a reading [counts], as before the first frame."""
+        parts, self.reading_noise = self._parts, noise
+        self.__dict__.pop("_film", None)
+        reading = self.reading_noise**2 + ROUNDING
+        zero, uncertain = zero_of_readings(self.spec, parts.rest, self.rest, self.rest_variance)
+        pad = self.spec.geometry.dimension == 3
+        assert self.model_error is not None
+        self._weights = ReadingWeights(
+            zero,
+            reading + uncertain,
+            parts.rest,
+            float(np.hypot(self.model_error, self.table.reading_error if pad else 0.0)),
+            self.pressure_noise,
+            pad,
+        )
+        self._lone = LoneTaxels(
+            parts.nodes.readings[parts.nodes.known][:, : self.taxels],
+            parts.rest,
+            parts.nodes.stray,
+            self._weights.variance,
+        )
+        self._drift: DriftFollower | None = None
+        if self.follow_drift and self.rest is not None:
+            at_rest = np.nan_to_num(self.rest, nan=0.0)
+            gathered = _GATHERED_ON_PADS if pad else 1
+            self._drift = DriftFollower(at_rest, reading, parts.detector, gathered=gathered)
+        memory = LoadMemory.of(self.spec)
+        self._memory = memory and self._follower_of(memory)
+
+    def _follower_of(self, memory: LoadMemory) -> "AbstractMemoryFollower":
         """Follows what the membrane remembers."""
         if self.spec.geometry.dimension == 3:
             from fitting.inverse_load.pad.fitter import PadFitter
@@ -213,7 +227,7 @@ class LoadEstimator:
             self._systematic,
             direction=self.direction,
             most_contacts=self.most_contacts,
-            penalty=penalty,
+            penalty=self.selection.penalty,
         )
 
     @property
@@ -398,6 +412,11 @@ class LoadEstimator:
         if faulty is None:
             faulty = np.zeros(so.shape, bool)
         time = None if time is None else np.asarray(time, float)
+        if self.live and len(so) and (step := self._steps.feed(so[-1])) != self.step:
+            self.step = step
+            stated = noise_of_readings(self.spec, self.noise)
+            self._of_noise(noise_in_steps(stated, step))
+            self.frames.weights = self._weights
         if self._memory is not None:
             if not self.live:  # a log begins at rest; without times it leaves nothing
                 self._memory.forget()
@@ -413,7 +432,13 @@ class LoadEstimator:
         """What the frames before say of each frame; nothing without times."""
         if time is None:
             return PastOfFrames()
+        faulty = self._useless(so, faulty)
         return PastOfFrames(self._drifted(so, faulty, time), self._moved(so, faulty, time))
+
+    def _useless(self, so: Floats, faulty: Flags) -> Flags:
+        """Taxels that are faulty, or whose readings no load explains [frame, taxel]."""
+        change = self._weights.change_from_rest(so, faulty)
+        return faulty | self._lone.found(self.model_rest + change)
 
     def estimate_frames(
         self,
@@ -425,7 +450,7 @@ class LoadEstimator:
         pressure: Floats | None = None,
     ) -> list[LoadEstimate]:
         """Estimate frames whose past is known; other arguments as of `estimate`."""
-        size = 1 if self.live else _BLOCK
+        size, faulty = 1 if self.live else _BLOCK, self._useless(so, faulty)
         found: list[LoadEstimate] = []
         for begin in range(0, len(so), size):
             part = slice(begin, begin + size)
@@ -464,6 +489,7 @@ class LoadEstimator:
     ) -> list[LoadEstimate]:
         """Frame after frame, each with what the membrane remembers of those before."""
         found: list[LoadEstimate] = []
+        faulty = self._useless(so, faulty)
         moved = self._moved(so, faulty, time)
         for k in range(len(so)):
             row = slice(k, k + 1)
@@ -519,5 +545,5 @@ class LoadEstimator:
             for trial in self._parts.trials[: self.most_contacts]:
                 self.estimate((trial + shift)[None], time=time)
             self.forget()
-        self._drift, self._budget = drift, budget
+        self._drift, self._budget, self._steps = drift, budget, StepWatch()
         self.forget()

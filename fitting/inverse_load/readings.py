@@ -25,6 +25,7 @@ from suas_jax.config.oil import refuse_other_fluid
 # no longer the converter's own.
 _SCALE_AGREES, _FOUND_AGREES = 1e-3, 1e-2
 _FEWEST_STEPS = 8  # different counts of taxels beyond their lowest that tell a step
+_MOVED = 32  # counts that differ from the frame before that tell a step of a stream
 
 
 CountsOf = Callable[[int], Floats]
@@ -199,6 +200,31 @@ def counting_step(so: Floats) -> int:
     return int(np.gcd.reduce(found.astype(np.int64)))
 
 
+class StepWatch:
+    """`counting_step` of a stream, by the differences of its frames."""
+
+    def __init__(self) -> None:
+        self._last: Floats | None = None
+        self._step, self._moved = 0, 0  # that divides all differences so far; their number
+
+    def feed(self, so: Floats) -> int:
+        """Take a frame [taxel]; return the step, 1 until it is known."""
+        if self._last is not None and self._step != 1:
+            moved = np.abs(so - self._last)
+            moved = moved[moved > 0]
+            whole = bool((moved == np.rint(moved)).all())
+            found = moved.astype(np.int64) if whole else np.ones(1, np.int64)
+            self._step = int(np.gcd.reduce(np.append(found, self._step)))
+            self._moved += len(moved)
+        self._last = so.copy()
+        return self._step if self._moved >= _MOVED else 1
+
+
+def noise_in_steps(noise: float, step: int) -> float:
+    """Standard deviation of a reading in steps, that of rounding to a count left out."""
+    return float(np.sqrt(noise**2 + (step**2 - 1) / 12))
+
+
 def readings_of(log: SoLog, spec: SkinSpec, noise: float | None) -> LogReadings:
     """Readings of a log.
 
@@ -223,7 +249,7 @@ def readings_of(log: SoLog, spec: SkinSpec, noise: float | None) -> LogReadings:
     so = layout.pick(modules, frames.of_module)
     time = np.where(np.isfinite(frames.t_device), frames.t_device, frames.t_host)
     stated, step = noise_of_readings(spec, noise), counting_step(so)
-    deviation = float(np.sqrt(stated**2 + (step**2 - 1) / 12))
+    deviation = noise_in_steps(stated, step)
     stuck = stuck_taxels(so, stated / step)
     notes = [*log.notes, *sequence_notes(log), *_scale_note(log.header, spec)]
     if step > 1:

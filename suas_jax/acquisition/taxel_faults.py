@@ -102,13 +102,13 @@ class StuckWatch:
     """`stuck_taxels` frame by frame, for a stream of so many taxels of a noise [counts]."""
 
     def __init__(self, noise: float, taxels: int) -> None:
-        self._needed = repeats_needed(noise, taxels)
+        self._noise = noise
         self._last = np.full(taxels, np.nan)
         self._run = np.zeros(taxels, np.int64)
         self._sound = np.zeros(taxels, bool)  # read less than full scale
 
-    def feed(self, so: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Take a frame; return which taxels are stuck by now."""
+    def feed(self, so: NDArray[np.float64], step: int = 1) -> NDArray[np.bool_]:
+        """Take a frame, whose counts come in steps; return which taxels are stuck by now."""
         same = so == self._last
         changed = np.isfinite(so)
         if same.sum() <= 0.5 * max(int(changed.sum()), 1):
@@ -116,4 +116,5 @@ class StuckWatch:
         self._run[~same] = 0
         self._last = so.copy()
         self._sound |= so < MAX_COUNT
-        return (self._run >= self._needed) & ~((so >= MAX_COUNT) & self._sound)
+        needed = repeats_needed(self._noise / step, len(so))
+        return (self._run >= needed) & ~((so >= MAX_COUNT) & self._sound)

@@ -144,10 +144,9 @@ class FaultyTaxels:
         frames.
         Returns the explanations, with those of the frames where they are cheaper.
         """
-        best = yield from self.by_one(y, weight, frames, best)
+        every, most = (y, weight), most_left_out(weight[frames])
         y, weight = y[frames], weight[frames]
-        most = most_left_out(weight)
-        # Then from several contacts, less the taxels that stand out from them.
+        # One contact without many taxels may leave less than several with a spike.
         for count in range(2, self.most_contacts + 1):
             suspect = best.p_value(self.per_contact)[frames] < SUSPECT / 10
             rows = np.flatnonzero((best.contacts[frames] == count) & suspect)
@@ -161,7 +160,10 @@ class FaultyTaxels:
                 kept = inliers(y[rows], weight[rows], so)
                 found = yield from self.fit(Attempt(y[rows], kept, start, states, count))
                 best = self._if_cheaper(frames[rows], weight[rows], best, found, most[rows])
-        return best
+        suspect = best.p_value(self.per_contact)[frames] < SUSPECT / 10
+        if not suspect.any():
+            return best
+        return (yield from self.by_one(*every, frames[suspect], best))
 
     def by_one(
         self, y: Any, weight: Any, frames: Any, best: Explanations

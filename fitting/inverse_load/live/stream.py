@@ -15,7 +15,7 @@ from fitting.arrays import Flags, Floats
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.live.filter import LoadFilter
-from fitting.inverse_load.readings import Layout, LayoutMismatchError
+from fitting.inverse_load.readings import Layout, LayoutMismatchError, StepWatch
 from fitting.inverse_load.report.text import frame_json
 from fitting.json_text import json_text
 from suas_jax.acquisition.stream import Judged, Stream
@@ -113,7 +113,7 @@ def live_frames(
     reading, `on_frame` with every frame of the skin's layout, dropped or not.
     """
     builder = FrameBuilder(Layout(estimator.spec))
-    watch = StuckWatch(estimator.reading_noise, estimator.taxels)
+    watch, steps = StuckWatch(estimator.reading_noise, estimator.taxels), StepWatch()
     track = LoadFilter() if smooth else None
     dropped, behind = 0, False
     for batch in stream.batches():
@@ -127,7 +127,7 @@ def live_frames(
                 nothing = LoadEstimate(None, status="layout_mismatch")
                 yield LiveFrame(frame.time, frame.seq, nothing, None, dropped)
                 continue
-            stuck = watch.feed(so)
+            stuck = watch.feed(so, steps.feed(so))
             readings = FrameReadings(frame.time, frame.seq, frame.arrived, so, stuck)
             on_frame(readings)
             behind = behind or clock() - frame.arrived > latency

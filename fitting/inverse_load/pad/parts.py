@@ -63,6 +63,7 @@ class PadNodeSearch(AbstractNodeSearch):
             rest,
             table.places,
             table.signatures,
+            table.stray,
             levels=levels,
             separate=APART,
         )
@@ -103,7 +104,7 @@ class PadNodeSearch(AbstractNodeSearch):
         """See the base class."""
         index = np.arange(len(self.loads)).reshape(*self._grid, self.levels)
         thinned = index[:, :, 1::_EVERY].reshape(-1)  # 3, 12, 46 and 82 % of the largest
-        return PairSearch(self, thinned, self._table.stray, closest=_CLOSEST, apart=APART)
+        return PairSearch(self, thinned, closest=_CLOSEST, apart=APART)
 
 
 class PadPosterior(AbstractLoadPosterior):

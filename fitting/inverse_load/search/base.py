@@ -34,12 +34,11 @@ class PairSearch:
         self,
         nodes: "AbstractNodeSearch",  # the search for one contact
         thinned: Rows,  # nodes of which pairs are made
-        stray: Floats,  # part of the readings that no gap changes [taxel] [counts]
         *,
         closest: float,  # distance that contacts of a pair have at least
         apart: float,  # starting points closer than this are one
     ) -> None:
-        self._search, self._stray, self._taxels = nodes, stray, len(stray)
+        self._search, self._stray, self._taxels = nodes, nodes.stray, len(nodes.stray)
         self._node = thinned[nodes.known[thinned]]
         self._loads = nodes.loads[self._node]
         readings = nodes.readings[self._node, : self._taxels]
@@ -163,12 +162,13 @@ class AbstractNodeSearch(abc.ABC):
         places: Floats,  # of the table [place, coordinate]
         # change of readings per newton of a light contact there [place, taxel]
         signatures: Floats,
+        stray: Floats,  # part of the readings that no gap changes [taxel] [counts]
         *,
         levels: int,  # nodes of one place, which follow one another
         separate: float,  # distance below which contacts are one mode, see `distance`
     ) -> None:
         self.loads, self.readings, self.rest = loads, readings, rest
-        self.places, self.signatures = places, signatures
+        self.places, self.signatures, self.stray = places, signatures, stray
         self.levels, self.separate = levels, separate
         self._first = loads[::levels]  # of every place
         self._light = signatures.astype(np.float32)

@@ -25,12 +25,14 @@ class NodeSearch(AbstractNodeSearch):
         angle = np.repeat(table.angles, table.forces.shape[1])
         loads = np.stack([angle, table.forces.reshape(-1)], 1)
         places = table.angles[:, None]
+        stray = np.asarray(skin.electrodes.stray / skin.electrodes.lsb)[..., 0]
         super().__init__(
             loads,
             table.nodes,
             table.rest,
             places,
             table.signatures,
+            np.broadcast_to(stray, table.rest.shape),
             levels=table.forces.shape[1],
             separate=APART,
         )
@@ -49,15 +51,13 @@ class NodeSearch(AbstractNodeSearch):
 
     def several(self) -> PairSearch:
         """See the base class."""
-        table, electrodes = self._table, self._skin.electrodes
-        stray = np.asarray(electrodes.stray / electrodes.lsb)[..., 0]
+        table = self._table
         forces = table.forces.shape[1]
         j = np.linspace(0, len(table.angles) - 1, _ANGLES).round().astype(int)
         i = np.linspace(4, forces - 2, _FORCES).round().astype(int)
         return PairSearch(
             self,
             (np.unique(j)[:, None] * forces + i).reshape(-1),
-            np.broadcast_to(stray, table.rest.shape),
             closest=_CLOSEST,
             apart=_ONE_START,
         )

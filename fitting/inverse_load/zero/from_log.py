@@ -10,7 +10,13 @@ from fitting.arrays import Floats
 from fitting.inverse_load.drift import ROUNDING, zero_of_readings
 from fitting.inverse_load.estimator import MODEL_ERROR, PAD_MODEL_ERROR
 from fitting.inverse_load.memory.series import LoadMemory, creeping_load
-from fitting.inverse_load.readings import LogReadings, noise_of_readings, readings_of
+from fitting.inverse_load.readings import (
+    LogReadings,
+    counting_step,
+    noise_in_steps,
+    noise_of_readings,
+    readings_of,
+)
 from fitting.inverse_load.zero.presses import (
     PressedFrames,
     frames_of_presses,
@@ -76,8 +82,9 @@ def zero_from_log(
     if known:
         presses = tuple(known_press(text, spec.geometry, diameter) for text in known)
         patterns, touching = PressModel(errors, presses).change()
+        noise = noise_of_readings(spec, None)
         try:
-            frames = frames_of_presses(so, patterns, noise_of_readings(spec, None))
+            frames = frames_of_presses(so, patterns, noise_in_steps(noise, counting_step(so)))
         except ValueError as error:
             heavy = [press.text for press, t in zip(presses, touching, strict=True) if t]
             if not heavy:
@@ -139,15 +146,19 @@ def _told_in_columns(
 
 
 def _averaged(spec: SkinSpec, so: Floats, time: Floats, frames: PressedFrames) -> PressReadings:
-    """Means of the presses' frames, less the mean at rest, and that mean."""
+    """Means of the presses' frames, less the mean at rest, and that mean.
+
+    Rounding to steps of several counts is no noise that a mean takes off.
+    """
     noise = noise_of_readings(spec, None) ** 2 + ROUNDING
-    rest, rest_variance = _mean(so[frames.rest], noise)
+    steps = noise_in_steps(0.0, counting_step(so)) ** 2
+    rest, rest_variance = _mean(so[frames.rest], noise, steps)
     # Of the offsets only: without a baseline there is nothing of the model in the zero.
     offset, unsure_offset = zero_of_readings(spec, rest, None, 0.0)
     changes, variances, shares, unsure = [], [], [], []
     memory = LoadMemory.of(spec)
     for began, pressed in zip(frames.began, frames.pressed, strict=True):
-        mean, variance = _mean(so[pressed], noise)
+        mean, variance = _mean(so[pressed], noise, steps)
         changes.append(mean - rest)
         variances.append(variance + rest_variance)
         share, deviation = _creep(memory, time[pressed] - time[began])
@@ -175,9 +186,9 @@ def _creep(memory: LoadMemory | None, since: Floats) -> tuple[float, float]:
     return share, float(np.linalg.norm(moved)) / share
 
 
-def _mean(so: Floats, variance: float) -> tuple[Floats, Floats]:
-    """Mean readings [taxel] and their variance; NaN where nothing was read."""
+def _mean(so: Floats, variance: float, steps: float) -> tuple[Floats, Floats]:
+    """Mean readings [taxel] and their variance, steps' own added; NaN where nothing was."""
     count = np.isfinite(so).sum(0)
     total = np.nansum(so, 0)
     safe = np.where(count > 0, count, 1)
-    return np.where(count > 0, total / safe, np.nan), variance / safe
+    return np.where(count > 0, total / safe, np.nan), variance / safe + steps
