@@ -18,6 +18,7 @@ from suas_jax.config import ConfigError, continuous_inputs, scene_from_dict
 from suas_jax.equilibrium.balance import State, verify
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import equilibrium
+from suas_jax.mechanics.registry import MODELS
 from suas_jax.runtime.compiled import OPTIONS
 from suas_jax.scene.assessment import error_beyond_wall
 from suas_jax.scene.build import plan_for, problem_of
@@ -248,3 +249,14 @@ def test_the_solid_is_the_continuum() -> None:
         assert int(result[0]) == 0
         assert float(found[0][0]) == pytest.approx(pressure, rel=7e-4)
         assert float(found[1][0]) == pytest.approx(displacement, rel=7e-4)
+
+
+def test_a_quarter_is_no_start_for_a_mesh_too_coarse_to_be_one() -> None:
+    scene, model = pad({"angle": "0 deg"}), MODELS[3]["shell"]
+    fine, coarse = (plan_for(scene, "shell", counts) for counts in ((8, 8), (4, 4)))
+    quarter, whole = fine.reduced(), coarse.reduced()
+    assert quarter.plan.mirrored == (True, True)
+    assert whole.plan.mirrored == (False, False)
+    q = np.zeros((*quarter.unknowns_shape, 1))
+    assert model.carried(q, quarter, whole) is None
+    assert model.carried(np.zeros((*whole.unknowns_shape, 1)), whole, quarter) is not None

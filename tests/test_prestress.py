@@ -29,12 +29,14 @@ from suas_jax.constitutive.laws.ogden import Ogden
 from suas_jax.equilibrium import load_path
 from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.load_path import settled
+from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.solid.points import free_strain
 from suas_jax.scene.build import problem_of
 from suas_jax.scene.gradient import gradient
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import prepared
-from suas_jax.scene.solve import solve
+from suas_jax.scene.solve import report_with, solve
+from suas_jax.scene.stress_last import stressed_last
 from suas_jax.scene.sweep import sweep
 from suas_jax.skin.prestress import ContainedOil, Growth, Prestress, is_prestressed
 from suas_jax.skin.registry import build_oil
@@ -513,3 +515,90 @@ def test_a_hardness_is_a_first_guess_of_the_modulus(hardness: str, modulus: floa
     for wrong in ({"shore": "60 D"}, {"shore": 60}, {"shore": "60 A", "preset": "epdm-paper"}):
         with pytest.raises(ConfigError, match=r"material\.shore"):
             scene_from_dict(table | {"material": wrong})
+
+
+def under_a_cylinder(angle: float, depth: str, temperature: float) -> SceneSpec:
+    """A skin that its own warmth presses along the arc: beyond 24 degrees it sways at rest."""
+    body = {"kind": "body", "shape": "cylinder", "radius": "10 mm", "depth": depth}
+    tables = {
+        "geometry": GEOMETRY,
+        "material": {"law": "neo-hookean", "mu": "10 MPa", "expansion": f"{RUBBER!r} / K"},
+        "oil": {"model": "incompressible", "expansion": f"{OIL!r} / K"},
+        "environment": {"temperature": f"{temperature!r} degC"},
+        "load": [body | {"angle": f"{angle!r} deg"}],
+    }
+    return with_solve(scene_from_dict(tables), model="shell", elements=32)
+
+
+def ended(name: str) -> Any:
+    """What a program ends with: an outcome, and where it started from."""
+    return [name, None, None, name, {"result": np.array([index_of(name)])}]
+
+
+@pytest.mark.parametrize(("reach", "runs"), [(1 / 16, 17), (1 / 40, 64 + 3)])
+def test_bodies_come_before_the_stress_where_the_way_from_rest_is_lost(
+    reach: float, runs: int
+) -> None:
+    """In steps of the stress that are made shorter where one leads nowhere."""
+    scene = under_a_cylinder(20, "1 mm", 28.0)
+    inputs = {k: np.asarray(x) for k, x in continuous_inputs(scene).items()}
+    cold, warm = (x + 273.15 for x in (20.0, 28.0))
+    tried, last = [], [cold]
+
+    def run(inputs: Any, start: Any) -> Any:
+        at = float(inputs["environment.temperature"])
+        tried.append((at, start))
+        if at - last[-1] > 1.01 * reach * (warm - cold):
+            return ended("no_convergence")
+        last.append(at)
+        return ended("converged")
+
+    rest: Any = "rest"
+    found = stressed_last(scene, inputs, rest, run, ended("no_convergence"))
+    assert found[0] == "converged"
+    assert tried[0] == (cold, "rest")
+    assert {start for _, start in tried[1:]} == {"converged"}
+    assert tried[-1][0] == pytest.approx(warm, abs=1e-12)
+    assert len(tried) == runs
+
+    def never(*_: Any) -> Any:
+        raise AssertionError("no other path leads past the wall")
+
+    assert stressed_last(scene, inputs, rest, never, ended("squeezed"))[0] == "squeezed"
+
+
+@pytest.mark.long  # a program for bodies
+def test_a_body_holds_a_skin_whose_warmth_alone_would_make_it_sway() -> None:
+    """The way from rest is lost at 24 degrees; forces fall on as the skin is warmed."""
+    forces = [
+        solve(under_a_cylinder(20, "1 mm", at)).report["loads"][0]["force_N"]
+        for at in (22.0, 23.0, 24.0)
+    ]
+    assert np.diff(forces) == pytest.approx([-0.1049, -0.1042], rel=0.01)
+    curve = sweep(under_a_cylinder(20, "1 mm", 24.0), depths=[0.0, 5e-4, 1e-3]).points
+    assert [point["status"] for point in curve] == 3 * ["converged"]
+
+
+@pytest.mark.long  # a program of derivatives
+def test_derivatives_under_a_body_of_a_stressed_skin_are_those_of_differences() -> None:
+    spec = under_a_cylinder(20, "2 mm", 22.0)
+    found = solve(spec)
+    slopes, inputs = gradient(found, "loads.0.force_N"), continuous_inputs(spec)
+    for path in (
+        "load.0.radius",
+        "load.0.angle",
+        "load.0.depth",
+        "geometry.thickness",
+        "geometry.oil_gap",
+        "material.mu",
+        "material.expansion",
+        "oil.expansion",
+        "environment.temperature",
+    ):
+        step = 1e-4 * inputs[path]
+        ends = [
+            report_with(found, {path: inputs[path] + side * step}, judged=True)
+            for side in (-1, 1)
+        ]
+        low, high = (end["loads"][0]["force_N"] for end in ends if end is not None)
+        assert slopes[path] == pytest.approx((high - low) / (2 * step), rel=1e-4)

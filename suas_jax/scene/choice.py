@@ -23,7 +23,6 @@ from suas_jax.scene.program import (
 from suas_jax.scene.stress_last import stressed_last
 from suas_jax.scene.sway import can_sway, shifted, stable_factor
 from suas_jax.scene.travel import driven_by_force, travels_of
-from suas_jax.skin.prestress import is_prestressed
 
 # Error of the finer of two meshes over their difference, twice what order two leaves.
 FINER_SHARE = 2 / 3
@@ -248,8 +247,8 @@ def _attempt(
         )
         solved = run(inputs, start or rest)
         failed = number(solved[-1]["result"]) != 0 and scene.solve.oil_pressure is None
-        if failed and start is None and is_prestressed(scene) and not scene.bodies:
-            solved = stressed_last(scene, inputs, rest, run) or solved
+        if failed and start is None:
+            solved = stressed_last(scene, inputs, rest, run, solved)
         report, state, shown, part, outcome = solved
         coarsest = coarsest or Tried(plan, part)
         found = Attempt(report, state, shown, outcome, plan, wall, part, coarsest, scene)

@@ -1,5 +1,6 @@
 """Indentation curves: a scene solved at one travel of its bodies after the other."""
 
+import functools
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -19,6 +20,7 @@ from suas_jax.scene.choice import carried, choose, difference
 from suas_jax.scene.curve import contact_of, first_touch
 from suas_jax.scene.program import at_rest, prepared, run_program, structure_of
 from suas_jax.scene.report import plain, report_of
+from suas_jax.scene.stress_last import stressed_last
 from suas_jax.scene.travel import on_the_way
 from suas_jax.skin.prestress import is_prestressed
 
@@ -185,11 +187,13 @@ class IndentationCurve(NamedTuple):
     ) -> Point:
         known = prepared(self.scene, self.plan.model, counts)
         travels = {path: np.asarray(share * depth) for path, share in self.shares.items()}
-        start = at_rest(known.meshes.solved) if start is None else start
+        rest = at_rest(known.meshes.solved)
         static, inputs = structure_of(self.scene, wall=wall), known.inputs | travels
-        report, _, _, part, outcome = run_program(
-            static, known.meshes, inputs, start, once=True
-        )
+        run = functools.partial(run_program, static, known.meshes, once=True)
+        found = run(inputs, rest if start is None else start)
+        if number(found[-1]["result"]) != 0:
+            found = stressed_last(self.scene, inputs, rest, run, found)
+        report, _, _, part, outcome = found
         return Point(report, outcome, part)
 
     def first_contact(

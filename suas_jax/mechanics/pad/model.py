@@ -151,10 +151,15 @@ class PadModel(AbstractModel):
             return PadMesh(part, degree=degree)
         return PadMesh(part.unfolded(), part, degree)
 
-    def carried(self, q: np.ndarray, origin: AbstractPlan, target: AbstractPlan) -> np.ndarray:
+    def carried(
+        self, q: np.ndarray, origin: AbstractPlan, target: AbstractPlan
+    ) -> np.ndarray | None:
         """Splines nearest to the given ones; see the base class."""
         assert isinstance(origin, PadMesh)
         assert isinstance(target, PadMesh)
+        halves = zip(origin.plan.mirrored, target.plan.mirrored, strict=True)
+        if any(half and not other for half, other in halves):  # few elements are not halved
+            return None
         given, wanted = (mesh.net(target.degree) for mesh in (origin, target))
         values = np.asarray(origin.net(origin.degree).by_direction(jnp.asarray(q[..., 0])))
         values = values @ self._through(origin.degree, target.degree)
