@@ -551,7 +551,7 @@ def test_one_weight_sets_the_forces_right(tmp_path: Path) -> None:
         app, ["zero", str(skin), str(logs["weight"]), "--known", "10 N at 0 deg"]
     )
     assert run.exit_code == 0, run.output
-    assert "half that force to" in run.output
+    assert "half as large ones to" in run.output
     record = read_zero(zero_file_of(skin), skin)
     spec = load_skin(skin)
     readings = readings_of(read_log(logs["use"]), spec, None)

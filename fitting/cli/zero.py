@@ -129,10 +129,11 @@ def _print(found: "Zero", target: Path) -> None:
 
     for press, before, after, *others in _rows(found):
         known = f"{percent_text(after)} ({percent_text(before)} without the zero)"
-        for size, there in zip(("half", "twice"), others, strict=True):
-            if isfinite(there):
-                known += f", {size} that force to {percent_text(there)}"
         say(f"{press.text}: forces there are known to {known}")
+        sizes = zip(("half", "twice"), others, strict=True)
+        told = [f"{k} as large ones to {percent_text(x)}" for k, x in sizes if isfinite(x)]
+        if told:
+            say(f"    {', '.join(told)}")
     causes = ", ".join(cause.text for cause in found.causes)
     say(f"what moved, the likeliest first (± one standard deviation): {causes}")
     say(f"chi2 per degree of freedom {found.chi2_per_dof:.2f}, {found.status}")
