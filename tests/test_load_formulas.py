@@ -1723,6 +1723,7 @@ def test_no_taxel_stands_alone_where_many_do() -> None:
     so[0, 5] = np.nan
     assert not lone_of().found(so).any()
     assert not lone_of().found(np.full((1, 13), np.nan)).any()
+    assert lone_of().found(np.zeros((0, 13))).shape == (0, 13)  # a log without frames
 
 
 def test_gaps_that_all_differ_are_no_taxel_s_own() -> None:

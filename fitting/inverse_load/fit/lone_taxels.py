@@ -68,7 +68,7 @@ class LoneTaxels:
         limit = self._limit * np.clip(1 + change, 1.0, _FURTHEST) ** 2
         lone = np.zeros(so.shape, bool)
         most = most_left_out(used)
-        alike = len(so) == 1 or bool((used == used[0]).all())
+        alike = len(so) < 2 or bool((used == used[0]).all())
         patterns, group = (
             (used[:1], np.zeros(len(so), int))
             if alike
