@@ -14,7 +14,7 @@ import argparse
 import numpy as np
 
 from fitting.inverse_load.drift import ROUNDING
-from fitting.inverse_load.estimator import MODEL_ERROR, PAD_MODEL_ERROR
+from fitting.inverse_load.settings import MODEL_ERROR, PAD_MODEL_ERROR
 from fitting.inverse_load.zero.gaussian import Gaussian, conditioned
 from fitting.inverse_load.zero.presses import known_press
 from fitting.inverse_load.zero.update import PressModel, PressReadings, zero_of

@@ -19,8 +19,8 @@ from fitting.calibration.next_press import Candidates, force_errors, planned, to
 from fitting.calibration.plan import Press
 from fitting.calibration.plan_figure import plot_plan
 from fitting.cli.app import app
-from fitting.inverse_load.estimator import MODEL_ERROR as ESTIMATOR_ERROR
-from fitting.inverse_load.estimator import PAD_MODEL_ERROR
+from fitting.inverse_load.settings import MODEL_ERROR as ESTIMATOR_ERROR
+from fitting.inverse_load.settings import PAD_MODEL_ERROR
 from fitting.sensor.fit.calibrate import _as_built
 from fitting.sensor.fit.priors import hierarchical
 from fitting.sensor.fit.residuals import Prior, SensorProblem, SensorResiduals

@@ -10,7 +10,7 @@ import pytest
 from fitting.datasheet.readings import Readings
 from fitting.design.pad import PadProblem
 from fitting.design.want import Limit, Variable, Want
-from fitting.inverse_load.estimator import DIAMETER
+from fitting.inverse_load.settings import DIAMETER
 from suas_jax import Loads, Skin, forward, skin_of
 from suas_jax.config import SkinSpec, load_skin, scene_from_dict
 from tests.test_design import is_refused

@@ -21,7 +21,7 @@ from fitting.force_range.bound import (
     readings_at_rest,
 )
 from fitting.inverse_load.estimate.place import ContactPlaces
-from fitting.inverse_load.estimator import MODEL_ERROR
+from fitting.inverse_load.settings import MODEL_ERROR
 from suas_jax import Skin, skin_of
 
 

@@ -31,7 +31,7 @@ from fitting.datasheet.words import PLACED
 from fitting.design.problem import STEP, Outcome, Problem, without_crosstalk
 from fitting.design.want import OwnLimit, Variable, Want
 from fitting.force_range.bound import angles_over, first_contacts, rated_force
-from fitting.inverse_load.estimator import MODEL_ERROR
+from fitting.inverse_load.settings import MODEL_ERROR
 from suas_jax import Loads, Skin, skin_of
 from suas_jax.config import SkinSpec, continuous_inputs, structure
 from suas_jax.equilibrium.buckling import stress_effect

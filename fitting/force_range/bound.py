@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from fitting.arrays import Flags, Floats
 from fitting.force_range.inputs import contact_deviation
 from fitting.inverse_load.estimate.place import ContactPlaces
-from fitting.inverse_load.estimator import MODEL_ERROR
 from fitting.inverse_load.fit.covariance import inverse
 from fitting.inverse_load.model.evaluation import NoRestError
 from fitting.inverse_load.readings import noise_of_readings
+from fitting.inverse_load.settings import MODEL_ERROR
 from suas_jax.config import SkinSpec
 from suas_jax.config.input_errors import as_assembled
 from suas_jax.runtime.compiled import COMPILED

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from fitting.arrays import Floats
 from fitting.force_range.bound import LADDER, TOLD, least_errors, rated_force, smallest_told
 from fitting.inverse_load.estimate.place import ContactPlaces
-from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
 from fitting.inverse_load.pad.interpolant import MOST, PadInterpolant
 from fitting.inverse_load.pad.parts import table_of_pad
 from fitting.inverse_load.pad.table import PadTable, grid
 from fitting.inverse_load.readings import noise_of_readings
+from fitting.inverse_load.settings import DIAMETER, PAD_MODEL_ERROR
 from suas_jax.config import SkinSpec
 from suas_jax.sensing.converter import Converter
 

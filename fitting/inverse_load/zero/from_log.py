@@ -8,7 +8,6 @@ import numpy as np
 
 from fitting.arrays import Floats
 from fitting.inverse_load.drift import ROUNDING, zero_of_readings
-from fitting.inverse_load.estimator import MODEL_ERROR, PAD_MODEL_ERROR
 from fitting.inverse_load.memory.series import LoadMemory, creeping_load
 from fitting.inverse_load.readings import (
     LogReadings,
@@ -17,6 +16,7 @@ from fitting.inverse_load.readings import (
     noise_of_readings,
     readings_of,
 )
+from fitting.inverse_load.settings import MODEL_ERROR, PAD_MODEL_ERROR
 from fitting.inverse_load.zero.presses import (
     PressedFrames,
     frames_of_presses,
