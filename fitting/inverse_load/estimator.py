@@ -152,7 +152,7 @@ class LoadEstimator(EstimatorSettings):
     def _of_noise(self, noise: float) -> None:
         """Make what depends on the noise of a reading [counts], as before the first frame."""
         parts, self.reading_noise = self._parts, noise
-        self.__dict__.pop("_film", None)
+        self.__dict__.pop("_film", None)  # is made anew when it is next asked for
         reading = self.reading_noise**2 + ROUNDING
         zero, uncertain = zero_of_readings(self.spec, parts.rest, self.rest, self.rest_variance)
         pad = self.spec.geometry.dimension == 3
