@@ -15,9 +15,9 @@
 
 `frames` goes this way for frames by themselves; what frames before say of them is followed
 here. Readings are compared with the skin's own model in counts, weighed by their variances
-(`ReadingWeights`): the corrected shell is within `MODEL_ERROR` of the continuum, in terms of the
-change from rest. What the skin file's own numbers leave open (`suas_jax.config.input_errors`)
-is the same in all frames.
+(`ReadingWeights`): the corrected shell is within `MODEL_ERROR` of the continuum, in terms of
+the change from rest. What the skin file's own numbers leave open
+(`suas_jax.config.input_errors`) is the same in all frames.
 """
 
 from collections.abc import Callable
