@@ -252,10 +252,10 @@ def test_a_zero_is_the_posterior_of_its_presses(
     assert zero.posterior.mean == pytest.approx(found.mean[:3])
     assert zero.posterior.covariance == pytest.approx(own)
     told = [(zero.before, np.eye(3), weight), (zero.after, own, weight)]
-    for share in (0.5, 2.0):
+    for name, share in (("half", 0.5), ("twice", 2.0)):
         x = found.mean[3:].reshape(2, 2) * [1.0, share]
         other = 1 / (variance + (1e-2 * model.at(found.mean[:3], x).change) ** 2)
-        told.append((zero.after_at[share] * x[:, 1] / (5, 9), own, other * (weight > 0)))
+        told.append((zero.after_at[name] * x[:, 1] / (5, 9), own, other * (weight > 0)))
     for of, covariance, weights in told:
         for k, force in enumerate((5, 9)):
             both = np.concatenate([model.by_error[k], model.by_press[k]])

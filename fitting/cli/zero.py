@@ -19,9 +19,7 @@ from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_output, write_text
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from fitting.inverse_load.zero.zero import KnownPress, Zero
+    from fitting.inverse_load.zero.zero import Zero
 
 
 def zero(
@@ -88,12 +86,11 @@ def _report(found: "Zero", target: Path) -> dict[str, Any]:
                 place: press.place,
                 "axial_m": press.axial,
                 "force_N": press.force,
-                "force_deviation_before": float(before),
-                "force_deviation_after": float(after),
-                "force_deviation_at_half": float(half),
-                "force_deviation_at_twice": float(twice),
+                "force_deviation_before": float(found.before[k]),
+                "force_deviation_after": float(found.after[k]),
+                **{f"force_deviation_at_{n}": float(x[k]) for n, x in found.after_at.items()},
             }
-            for press, before, after, half, twice in _rows(found)
+            for k, press in enumerate(found.presses)
         ],
         "causes": {
             cause.name: {
@@ -118,20 +115,17 @@ def _report(found: "Zero", target: Path) -> dict[str, Any]:
     }
 
 
-def _rows(found: "Zero") -> "Iterable[tuple[KnownPress, float, float, float, float]]":
-    """Presses; deviations of their forces before and after, and of half and of twice them."""
-    half, twice = found.after_at[0.5], found.after_at[2.0]
-    return zip(found.presses, found.before, found.after, half, twice, strict=True)
-
-
 def _print(found: "Zero", target: Path) -> None:
     from fitting.report.description import percent_text
 
-    for press, before, after, *others in _rows(found):
-        known = f"{percent_text(after)} ({percent_text(before)} without the zero)"
-        say(f"{press.text}: forces there are known to {known}")
-        sizes = zip(("half", "twice"), others, strict=True)
-        told = [f"{k} as large ones to {percent_text(x)}" for k, x in sizes if isfinite(x)]
+    for k, press in enumerate(found.presses):
+        after, before = percent_text(found.after[k]), percent_text(found.before[k])
+        say(f"{press.text}: forces there are known to {after} ({before} without the zero)")
+        told = [
+            f"{name} as large ones to {percent_text(x[k])}"
+            for name, x in found.after_at.items()
+            if isfinite(x[k])
+        ]
         if told:
             say(f"    {', '.join(told)}")
     causes = ", ".join(cause.text for cause in found.causes)

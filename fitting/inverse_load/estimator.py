@@ -131,7 +131,7 @@ class LoadEstimator(EstimatorSettings):
         else:
             self.selection = BoundedSelection(*given, budget=self._budget)
         self._steps, self.step = StepWatch(), 1  # in which counts come, as far as frames show
-        self._of_noise(noise_of_readings(self.spec, self.noise))
+        self._set_noise(noise_of_readings(self.spec, self.noise))
         discrepancy = None
         if self.spec.geometry.dimension == 2:
             from fitting.inverse_load.discrepancy import ReadingDiscrepancy
@@ -149,7 +149,7 @@ class LoadEstimator(EstimatorSettings):
         )
         self.fading = FadingWatch()
 
-    def _of_noise(self, noise: float) -> None:
+    def _set_noise(self, noise: float) -> None:
         """Make what depends on the noise of a reading [counts], as before the first frame."""
         parts, self.reading_noise = self._parts, noise
         self.__dict__.pop("_film", None)  # is made anew when it is next asked for
@@ -346,7 +346,7 @@ class LoadEstimator(EstimatorSettings):
         if self.live and len(so) and (step := self._steps.feed(so[-1])) != self.step:
             self.step = step
             stated = noise_of_readings(self.spec, self.noise)
-            self._of_noise(noise_in_steps(stated, step))
+            self._set_noise(noise_in_steps(stated, step))
             self.frames.weights = self._weights
         if self._memory is not None:
             if not self.live:  # a log begins at rest; without times it leaves nothing

@@ -221,7 +221,7 @@ class ChartedSection(AbstractSection):
         found = found.reshape(len(found), *angle.shape)
         return found[0], found[1], [found[2 + k :: _NODES] for k in range(_NODES)]
 
-    # Outside of other programs one program, where each of thirty operations had its own.
+    # Asked outside of a program it is one, where each of thirty operations would be its own.
     @functools.partial(jax.jit, static_argnums=(2, 3), inline=True)
     def _with_slopes(
         self, angle: Array, values: tuple[str, ...], slopes: tuple[str, ...]

@@ -49,7 +49,7 @@ _UNSETTLED = (
     "needed to explain them; check forces, places and the skin file"
 )
 _WALK = DriftDensities()  # of readings at rest, until the zero is used
-_SHARES = (0.5, 2.0)  # of a press's force, which forces elsewhere are told at
+_SHARES = {"half": 0.5, "twice": 2.0}  # of a press's force, told beside its own
 _QUANTITIES = ("angle", "axial", "force")  # of a press; a line load has no axial position
 
 
@@ -245,7 +245,6 @@ def zero_of(
         force_deviations(now.by_error, now.by_press, weight, known) / model.known[:, -1]
         for known in (np.eye(count), information)
     )
-
     return Zero(
         errors,
         Gaussian(found.mean[:count], own),
@@ -257,8 +256,8 @@ def zero_of(
         at_rest=bool(len(rest.so)),
         rest_factor=factor,
         after_at={
-            share: _deviations_at(share, model, at, readings, model_error, information)
-            for share in _SHARES
+            name: _deviations_at(share, model, at, readings, model_error, information)
+            for name, share in _SHARES.items()
         },
     )
 

@@ -86,8 +86,8 @@ class Zero:
     at_rest: bool = False  # whether the readings at rest counted, too, as they are
     # how many times the skin file's readings all taxels read at rest; None where not alike
     rest_factor: float | None = None
-    # as `after`, of other shares of each press's force; NaN where the model has no state
-    after_at: Mapping[float, Floats] = dataclasses.field(default_factory=dict)
+    # as `after`, of half and of twice each press's force; NaN where the model has no state
+    after_at: Mapping[str, Floats] = dataclasses.field(default_factory=dict)
 
     @property
     def values(self) -> Floats:
