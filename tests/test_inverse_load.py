@@ -483,6 +483,23 @@ def test_a_number_far_off_is_not_blamed_on_another(
         assert len(found) == 1
 
 
+def test_forces_count_the_friction_that_readings_do_not_show(
+    study: ModuleType, truth: dict[str, Any], estimator: LoadEstimator
+) -> None:
+    loads = truth["turned"].loads[:, 0]
+    rows = np.abs(loads[:, 0]) > np.deg2rad(38)  # where radial forces explain inclined ones
+    so, (_, force, turn) = truth["turned"].so[rows], loads[rows].T
+    found = estimator.estimate(study.measured(so, 0))
+    told = np.array([e.status == "ok" for e in found])
+    assert told.sum() >= len(found) - 2
+    contacts = [e.contacts[0] for e in found]
+    off = (np.array([c.force for c in contacts]) - force * np.cos(turn))[told]
+    deviation = np.array([c.deviation("force") for c in contacts])[told]
+    # As radial forces they are off by 16 deviations, one by 17 %.
+    assert ((off / deviation) ** 2).mean() < 1.5**2
+    assert np.abs(off / force[told]).max() < 0.12
+
+
 def as_line(contact: Contact) -> Contact:
     return dataclasses.replace(contact, spread=None)
 

@@ -108,7 +108,8 @@ def test_errors_move_a_field_s_channels_together_as_alone() -> None:
     def moved(own: list[int]) -> Floats:
         section = object.__new__(SectionErrors)
         section.of_membrane, section.rest = membrane[own], np.zeros((len(own), taxels))
-        section._changes = lambda angle, force: (alike[:, own], left[:, own])  # type: ignore
+        at = lambda *_: (alike[:, own], left[:, own])  # noqa: E731
+        section._changes = SimpleNamespace(at=at)  # type: ignore[assignment]
         return section.under_field(places, force, *state)
 
     together = moved([0, 1, 2])

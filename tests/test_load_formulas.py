@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from fitting.arrays import Floats
 from fitting.cli.invert_log import _verdict
 from fitting.inverse_load.check import section_log
-from fitting.inverse_load.fit import section_errors
+from fitting.inverse_load.fit import held_direction, section_errors
 from fitting.inverse_load.fit.bounded_selection import BoundedSelection
 from fitting.inverse_load.fit.covariance import covariance_of, inverse
 from fitting.inverse_load.fit.detection import (
@@ -33,15 +33,20 @@ from fitting.inverse_load.fit.doubts import (
     _least_trimmed,
     inliers,
 )
-from fitting.inverse_load.fit.explanation import PLAUSIBLE, PRIOR_OF_TANGENT, Attempt, widened
+from fitting.inverse_load.fit.explanation import (
+    PLAUSIBLE,
+    PRIOR_OF_TANGENT,
+    Attempt,
+    Explanations,
+    widened,
+)
+from fitting.inverse_load.fit.held_direction import HeldDirections
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors, _best
 from fitting.inverse_load.fit.lone_taxels import LoneTaxels
 from fitting.inverse_load.fit.other_stiffness import beyond_first_order, less_told
 from fitting.inverse_load.fit.pulls import Pulls
 from fitting.inverse_load.fit.section_errors import (
     SectionErrors,
-    _filled,
-    _most_alike,
     changed_skin,
     skin_tangents,
 )
@@ -58,6 +63,7 @@ from fitting.inverse_load.fit.systematic import (
     ErrorsOfFrames,
     of_shared_places,
 )
+from fitting.inverse_load.fit.tabulated_changes import TabulatedChanges, _filled, most_alike
 from fitting.inverse_load.fit.wide_contact import WideContactFitter
 from fitting.inverse_load.model.contact_parameters import SECTION, SECTION_WITH_DIRECTION
 from fitting.inverse_load.model.evaluation import Evaluation
@@ -1509,10 +1515,10 @@ def test_change_of_a_contact_that_does_most_nearly_what_an_error_does() -> None:
     jacobian = RNG.normal(size=(3, 2, 6)) * np.array([1e-3, 1e4])[:, None]
     alike = RNG.normal(size=(3, 4, 2))
     moved = alike @ jacobian
-    np.testing.assert_allclose(_most_alike(jacobian, moved), alike, rtol=1e-3)
+    np.testing.assert_allclose(most_alike(jacobian, moved), alike, rtol=1e-3)
     dead = jacobian.copy()
     dead[0, 1] = 0.0
-    assert _most_alike(dead, moved)[0, :, 1].tolist() == [0.0] * 4
+    assert most_alike(dead, moved)[0, :, 1].tolist() == [0.0] * 4
 
 
 def test_where_a_force_has_no_state_that_of_less_force_stands() -> None:
@@ -1524,14 +1530,13 @@ def test_errors_under_one_contact_are_interpolated_in_angle_and_log_force() -> N
     """S = F l(angle, log F) + (g_a, F g_f) J with l and g linear between the nodes."""
     table = quadratic_table()
     a = np.broadcast_to(table.angles[:, None], table.forces.shape)
-    errors = object.__new__(SectionErrors)
-    errors._table = table
     # Linear in the angle at equal shares of the largest force, and in the level.
     level = np.broadcast_to(np.arange(9.0), a.shape)
     left, by_a, by_f = 1 + 2 * a + 0.1 * level, 3 - a + 0.2 * level, 0.5 + a - 0.1 * level
-    errors._per_newton = left[..., None, None] * np.array([[1.0, 2.0]])
-    errors._alike = np.stack([by_a, by_f], -1)[:, :, None]
-    errors.rest = np.array([[7.0, 8.0]])
+    alike = np.stack([by_a, by_f], -1)[:, :, None]
+    changes = TabulatedChanges(table, alike, left[..., None, None] * np.array([[1.0, 2.0]]))
+    errors = object.__new__(SectionErrors)
+    errors._changes, errors.rest = changes, np.array([[7.0, 8.0]])
     angle, force = np.array([0.13]), np.array([4.0])
     jacobian = np.array([[[1.0, -1.0], [0.3, 0.4]]])
     low, share = 6, 0.3  # 0.13 lies between 0.1 and 0.2
@@ -1729,3 +1734,81 @@ def test_no_taxel_stands_alone_where_many_do() -> None:
 def test_gaps_that_all_differ_are_no_taxel_s_own() -> None:
     so = np.stack([1.2 * AT_REST, 0.8 * AT_REST])
     assert not lone_of().found(so).any()
+
+
+# --- directions that a fit holds ----------------------------------------------------------
+
+
+def test_what_friction_may_do_is_the_mean_over_radial_and_inclined_contacts() -> None:
+    """Against the density of tau, p(r | tau) sum_k odds_k N(tau; 0, sigma_k), integrated."""
+    left, pull = 400.0, 34.0  # s'^T W s', s'^T W r: tau is 0.085 +- 0.05 by the readings alone
+    tau = np.linspace(-2, 2, 400001)
+    likelihood = np.exp(pull * tau - left * tau**2 / 2)
+    little, wide = (likelihood * stats.norm.pdf(tau, 0, s) for s in (0.05, 0.3))
+    weights = np.array([1.0, *(np.trapezoid(x, tau) for x in (little, 2 * wide))])
+    density = (little + 2 * wide) / weights.sum()
+    mean = np.trapezoid(density * tau, tau)
+    variance = np.trapezoid(density * tau**2, tau) - mean**2
+    given = np.array([[[left]]]), np.array([[pull]])
+    found, spread, radial = held_direction._mean(*given, np.array([True]))
+    assert found[0, 0] == pytest.approx(mean, rel=1e-6)
+    assert spread[0, 0, 0] == pytest.approx(variance, rel=1e-6)
+    assert radial[0] == pytest.approx(weights[0] / weights.sum(), rel=1e-6)
+    # A misfit says nothing of friction: all of what the prior and the readings allow.
+    found, spread, radial = held_direction._mean(*given, np.array([False]))
+    assert (found[0, 0], radial[0]) == (0.0, 0.0)
+    assert spread[0, 0, 0] == pytest.approx(1 / (1 / 0.09 + left), rel=1e-9)
+
+
+class Friction(HeldDirections):
+    """Readings of which tau of one contact changes one that its place and force do, too."""
+
+    def __init__(self, slopes: np.ndarray) -> None:
+        self._edge, self._slopes = 1.2, slopes
+
+    def slopes(self, best: Explanations, per_contact: int, contacts: int) -> Floats:  # noqa: D102
+        return np.tile(self._slopes, (len(best), contacts, 1))
+
+
+@pytest.mark.parametrize("still", [True, False])
+def test_friction_moves_place_and_force_as_far_as_they_do_what_it_does(still: bool) -> None:
+    jacobian = np.array([[1.0, 0, 0], [0, 1.0, 0]])
+    friction = Friction(np.array([0.3, -0.2, 1.0]))
+    weight = np.full(3, 1e4)
+    known = explanations([0.1, 2.0], jacobian=jacobian[None], weight=weight)
+    y = known.so + np.array([0.0, 0.0, 0.2])  # only tau explains it
+    found, covariance = friction.averaged(known, y, still=still)
+    tau = 0.2 if still else 0.0
+    # rtol: by its prior tau is a little less than read
+    np.testing.assert_allclose(found.parameters[0] - [0.1, 2.0], [-0.3 * tau, 0.2 * tau], 3e-3)
+    along = np.array([-0.3, 0.2])
+    expected = 1e-4 * np.outer(along, along)
+    if still:
+        np.testing.assert_allclose(covariance[0], expected, rtol=3e-3)
+        np.testing.assert_allclose(found.so[0] - known.so[0], [0, 0, 0.2], atol=1e-3)
+        value, deviation = found.beside[0, 0, -1]
+        assert value == pytest.approx(0.2 * 2.04, rel=3e-3)
+        assert deviation == pytest.approx(0.01 * 2.04, rel=3e-3)
+    else:  # readings that would show it, but for a motion, leave less of it than of the prior
+        assert 0 < covariance[0, 0, 0] < expected[0, 0]
+        assert np.isnan(found.beside[0, 0, -1, 0])
+    # A direction that was free in the fit is told already.
+    known.beside[0, 0, -1] = 0.5, 0.1
+    same, nothing = friction.averaged(known, y, still=still)
+    assert not nothing.any()
+    np.testing.assert_array_equal(same.parameters, known.parameters)
+
+
+def test_likelihoods_at_a_mode_are_those_of_friction_integrated() -> None:
+    slopes, weight = np.array([0.3, -0.2, 1.0]), np.array([50.0, 20.0, 0.0])
+    known = explanations([0.1, 2.0], jacobian=np.ones((1, 2, 3)), weight=weight)
+    residual = np.array([0.1, 0.3, 9.0])
+    tau = np.linspace(-4, 4, 400001)
+    chi2 = (weight[:, None] * (residual[:, None] - slopes[:, None] * tau) ** 2).sum(0)
+    for prior, odds, (along, rare) in zip(
+        (0.05, 0.3), (1.0, 2.0), Friction(slopes).of_mode(known), strict=True
+    ):
+        whole = np.trapezoid(odds * stats.norm.pdf(tau, 0, prior) * np.exp(-chi2 / 2), tau)
+        expected = np.log(whole) + (weight * residual**2).sum() / 2
+        found = ((along @ (weight * residual)) ** 2).sum() / 2 - rare
+        assert found == pytest.approx(expected, rel=1e-6)

@@ -158,6 +158,9 @@ class FrameEstimator:
             best, others = selection.explain(y, weight)
         if kind == "pressed" and selection.coarse:
             return best, [self.parts.assessment.so_far(best)]
+        # Apart from frames as they come, readings are means over a motion.
+        still = kind == "pressed" and selection is not self._of_changes[0]
+        best, own = selection.fitter.over_directions(best, y, still=still)
         per_contact = self.parts.fitter.per_contact
         parts = []
         if systematic is not None:
@@ -172,7 +175,6 @@ class FrameEstimator:
         if discrepancy is not None and left is not None:
             parts.append(discrepancy.of_loads(best, left, per_contact))
         covariance = sum(parts[1:], parts[0]) if parts else None
-        own = selection.fitter.bend(best)
         if moved is not None:
             motion = covariance_by_motion(best, moved, per_contact)
             own = motion if own is None else own + motion

@@ -236,12 +236,17 @@ class AbstractLoadFitter(abc.ABC):
         """Frames whose tangential force was free where that of most is not [frame]."""
         return np.zeros(len(best), bool)
 
-    def bend(self, best: Explanations) -> Floats | None:
-        """Covariance by what readings bend over errors of parameters; None where they do not.
+    def over_directions(
+        self, best: Explanations, y: Floats, *, still: bool
+    ) -> tuple[Explanations, Floats | None]:
+        """Explanations of readings [frame, taxel], and what directions add to covariances.
 
-        It is padded as the information is [frame, parameter, parameter].
+        That is what no fit holds: directions that are held, or readings that bend over free
+        ones; padded as the information is [frame, parameter, parameter], None where nothing.
+        `still`: whether the skin is in equilibrium.
         """
-        return None
+        del y, still
+        return best, None
 
     @abc.abstractmethod
     def inside(self, parameters: Floats, contacts: int) -> Floats:

@@ -1,21 +1,16 @@
 """Errors of the inputs of a skin in plane strain: what they do to its readings.
 
-Under one radial contact the derivatives come from a table over the states of `LoadTable`,
-which costs nothing in a frame; under several contacts, or with directions free, from the
-model itself. Near the wall readings change steeply, their derivatives by an input as those by
-the contact. The table holds, state by state, the change of the contact that does most nearly
-what the error does, and the little that is left; both change slowly from state to state::
-
-    S = J g + S'        J of the frame's own contact, g and S' from the table
+Under one radial contact the derivatives come from a table over the states of `LoadTable`
+(`TabulatedChanges`), which costs nothing in a frame; under several contacts, or with
+directions free, from the model itself.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 from numpy.typing import NDArray
@@ -23,6 +18,7 @@ from numpy.typing import NDArray
 from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.other_stiffness import AbstractSectionErrors
+from fitting.inverse_load.fit.tabulated_changes import TabulatedChanges
 from fitting.inverse_load.model.evaluation import at_rest, loads_from
 from fitting.inverse_load.search.table import LANES, LoadTable, table_key
 from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
@@ -38,7 +34,6 @@ _RADIAL = 2  # parameters of a contact whose direction is held
 _TOGETHER = 8  # directions of one program, whatever the number of errors
 _CONTACTS = 3  # of one program, whatever their number: the others press with no force
 _LANES = LANES // 4  # of one program where many frames or states are asked for
-_RIDGE = 1e-12  # of squared cosines: where angle and force do the same
 
 
 class InputSlopes:
@@ -64,46 +59,22 @@ class InputSlopes:
         """Change of the readings at rest by each error [error, taxel]."""
         return self.by_errors(np.zeros((1, _RADIAL)), at_rest(self.skin, 1), 1)[0]
 
-    def by_contact(self, parameters: Floats, state: State) -> Floats:
-        """Derivatives of readings by angle and force of one contact [frame, 2, taxel]."""
-        # Of the arrays that errors change: the program is theirs.
-        none = jax.tree.map(np.zeros_like, self._tangents[0])
-        units = np.eye(_TOGETHER, _RADIAL)
-        return self._along([(none, units)], parameters, state, 1, _LANES)[:, :_RADIAL]
-
     def by_errors(
         self, parameters: Floats, state: State, count: int, lanes: int = _LANES
     ) -> Floats:
         """Change of readings by each error, from the model [frame, error, taxel]."""
-        errors = len(self._errors)
-        none = np.zeros((_TOGETHER, parameters.shape[1]))
-        along = [(tangents, none) for tangents in self._tangents]
-        return self._along(along, parameters, state, count, lanes)[:, :errors]
-
-    def _along(
-        self,
-        directions: Sequence[tuple[Skin, Floats]],
-        parameters: Floats,
-        state: State,
-        count: int,
-        lanes: int,
-    ) -> Floats:
-        """Derivatives of readings as skin and contacts change [frame, direction, taxel].
-
-        Directions come `_TOGETHER` at a time.
-        """
         parts = []
         parameters = _of_all(parameters, count)
-        directions = [(tangents, _of_all(loads, count)) for tangents, loads in directions]
         for begin in range(0, len(parameters), lanes):
             pick = np.minimum(np.arange(begin, begin + lanes), len(parameters) - 1)
             there = jax.tree.map(lambda x, i=pick: np.asarray(x)[..., i], state)
+            given = parameters[pick].T, there
             found = [
-                COMPILED.run(_SLOPE_PROGRAM, self.skin, *along, parameters[pick].T, there)
-                for along in directions
+                COMPILED.run(_SLOPE_PROGRAM, self.skin, tangents, *given)
+                for tangents in self._tangents
             ]
             parts.append(np.moveaxis(np.concatenate(found), -1, 0))
-        return np.concatenate(parts)[: len(parameters)]
+        return np.concatenate(parts)[: len(parameters), : len(self._errors)]
 
 
 class SectionErrors(AbstractSectionErrors):
@@ -124,7 +95,7 @@ class SectionErrors(AbstractSectionErrors):
         self._model, self._table = InputSlopes(errors, skin), table
         self._lanes = 1 if live else _LANES
         self._errors = errors
-        self._per_newton, self._alike, at_zero = self._tabulated()
+        self._changes, at_zero = self._tabulated()
         self._at_zero = at_zero
         self.rest = np.zeros_like(at_zero) if from_rest else at_zero
 
@@ -144,31 +115,7 @@ class SectionErrors(AbstractSectionErrors):
         The contact has an angle [frame, rad] and a force [frame, N]; the jacobian has the
         derivatives of the readings by the two [frame, 2, taxel].
         """
-        alike, left = self._changes(angle, force)
-        return np.asarray(left + alike @ np.nan_to_num(jacobian) + self.rest)
-
-    def _changes(self, angle: Floats, force: Floats) -> tuple[Floats, Floats]:
-        """What errors do under one contact: most of it a change of the contact does, too.
-
-        Returns that change [frame, error, 2], what is left of readings [frame, error, taxel].
-        """
-        table = self._table
-        by_angle, by_log = table.steps
-        place = np.clip((angle - table.angles[0]) / by_angle, 0, len(table.angles) - 1)
-        low = np.minimum(place.astype(int), len(table.angles) - 2)
-        left = np.zeros((len(angle), *self._per_newton.shape[2:]))
-        alike = np.zeros((len(angle), *self._alike.shape[2:]))
-        positive = np.maximum(np.abs(force), 1e-12)
-        last = table.forces.shape[1] - 1
-        for i, share in ((low, low + 1 - place), (low + 1, place - low)):
-            level = np.clip(np.log(positive / table.forces[i, 0]) / by_log, 0, last)
-            k = np.minimum(level.astype(int), last - 1)
-            for level_of, part in ((k, share * (k + 1 - level)), (k + 1, share * (level - k))):
-                weight = part[:, None, None]
-                left += weight * self._per_newton[i, level_of]
-                alike += weight * self._alike[i, level_of]
-        alike[:, :, 1] *= force[:, None]
-        return alike, left * force[:, None, None]
+        return self._changes.under(angle, force, jacobian) + self.rest
 
     def under_field(
         self, places: Floats, force: Floats, jacobian: Floats, channels: Floats
@@ -179,19 +126,14 @@ class SectionErrors(AbstractSectionErrors):
         """
         angle, (counts, pressure) = places[:, 0], np.split(jacobian, [-1])
         by_angle = force[:, None] * np.gradient(counts.T, angle, axis=0)
-        alike, left = self._changes(angle, force)
+        alike, left = self._changes.at(angle, force)
         moved = left + alike @ np.stack([by_angle, counts.T], 1)
         softer = (self.of_membrane * alike[:, :, 1]).T  # change of force at each node
         more = softer @ pressure[0] - softer.sum(1) / force.sum() * channels[-1]
         return np.column_stack([self.rest + moved.sum(0), more])
 
-    def _tabulated(self) -> tuple[NDArray[Any], NDArray[Any], Floats]:
-        """What errors do at all states and at rest.
-
-        Returns the change of readings that no change of the contact does, per newton
-        [angle, force, error, taxel]; change of the contact that does the rest, of its angle
-        and, per newton, of its force [angle, force, error, 2]; change at rest [error, taxel].
-        """
+    def _tabulated(self) -> tuple[TabulatedChanges, Floats]:
+        """What errors do at all states, and their change of readings at rest [error, taxel]."""
         name = content_key(
             {
                 "table": table_key(self._errors.spec, self._model.skin),
@@ -200,24 +142,16 @@ class SectionErrors(AbstractSectionErrors):
             }
         )
         data = kept_arrays(name, self._computed_table)
-        return data["left"], data["alike"], data["rest"]
+        return TabulatedChanges(self._table, data["alike"], data["left"]), data["rest"]
 
     def _computed_table(self) -> dict[str, NDArray[Any]]:
         table = self._table
         angle = np.repeat(table.angles, table.forces.shape[1])
         parameters = np.stack([angle, table.forces.reshape(-1)], 1)
-        states = table.start(np.arange(len(parameters)))
         rest = self._model.at_rest()
-        moved = self._model.by_errors(parameters, states, 1) - rest
-        jacobian = self._model.by_contact(parameters, states)
-        alike = _most_alike(jacobian, moved)
-        left = (moved - alike @ jacobian) / parameters[:, 1, None, None]
-        alike[:, :, 1] /= parameters[:, 1, None]
-        shape = table.forces.shape
-        found = [
-            _filled(x.reshape(*shape, *x.shape[1:])).astype(np.float32) for x in (left, alike)
-        ]
-        return {"left": found[0], "alike": found[1], "rest": rest}
+        moved = self._model.by_errors(parameters, table.start(np.arange(len(angle))), 1) - rest
+        changes = TabulatedChanges.of(table, moved.reshape(*table.forces.shape, *rest.shape))
+        return {"left": changes.left, "alike": changes.alike, "rest": rest}
 
 
 def _of_all(parameters: Floats, count: int) -> Floats:
@@ -226,27 +160,6 @@ def _of_all(parameters: Floats, count: int) -> Floats:
     whole = np.zeros((rows, parameters.shape[1] // count, _CONTACTS))
     whole[..., :count] = parameters.reshape(rows, -1, count)
     return whole.reshape(rows, -1)
-
-
-def _most_alike(jacobian: Floats, moved: Floats) -> Floats:
-    """Changes of a contact that come nearest to changes of readings [frame, change, 2].
-
-    The jacobian is that of readings by the contact [frame, 2, taxel]; `moved` are the changes
-    of readings [frame, change, taxel].
-    """
-    size = np.sqrt((jacobian**2).sum(-1, keepdims=True))
-    unit = jacobian / np.where(size > 0, size, 1.0)
-    across = np.swapaxes(unit, 1, 2)
-    normal = unit @ across + _RIDGE * np.eye(jacobian.shape[1])
-    found = np.linalg.solve(normal, np.swapaxes(moved @ across, 1, 2))
-    return np.asarray(np.swapaxes(found / np.where(size > 0, size, np.inf), 1, 2))
-
-
-def _filled(values: Floats) -> Floats:
-    """Where no state was found at a force, the values at less force [angle, force, ...]."""
-    for k in range(1, values.shape[1]):
-        values[:, k] = np.where(np.isfinite(values[:, k]), values[:, k], values[:, k - 1])
-    return np.nan_to_num(values)
 
 
 def changed_skin(spec: SkinSpec, skin: Skin, inputs: Mapping[str, ArrayLike]) -> Skin:
@@ -297,27 +210,25 @@ def skin_tangents(spec: SkinSpec, skin: Skin, paths: tuple[str, ...], columns: F
 def _slopes(
     skin: Skin,
     tangents: Skin,  # arrays with an axis of directions first
-    along: Float[Array, "direction parameter"],
     parameters: Float[Array, "parameter lane"],
     state: State,
 ) -> Float[Array, "direction taxel lane"]:
-    """Change of readings as the skin changes along tangents, and all loads along others.
+    """Change of readings as the skin changes along tangents.
 
     The tangent stiffness is factorised once for all directions.
     """
 
-    def so(skin: Skin, parameters: Array) -> Array:
+    def so(skin: Skin) -> Array:
         problem = skin.problem(loads_from(parameters, _CONTACTS))
         q = differentiable(problem, state).q
         return skin.electrodes.read(problem.mechanics, q).so
 
-    def one(tangent: Skin, along: Float[Array, " parameter"]) -> Array:
-        moved = jnp.broadcast_to(along[:, None], parameters.shape)
-        change: Array = eqx.filter_jvp(so, (skin, parameters), (tangent, moved))[1]
+    def one(tangent: Skin) -> Array:
+        change: Array = eqx.filter_jvp(so, (skin,), (tangent,))[1]
         return change
 
-    return jax.vmap(one)(tangents, along)
+    return jax.vmap(one)(tangents)
 
 
 _SLOPE_PROGRAM = eqx.filter_jit(_slopes)
-"""Derivatives of readings as skin and contacts change together."""
+"""Derivatives of readings as the skin changes."""

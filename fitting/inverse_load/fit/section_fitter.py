@@ -19,6 +19,7 @@ from fitting.inverse_load.fit.explanation import (
     Explanations,
     widened,
 )
+from fitting.inverse_load.fit.held_direction import HeldDirections
 from fitting.inverse_load.fit.section_least_squares import FIT_PROGRAMS, SETTLED, Fit, Target
 from fitting.inverse_load.model.contact_parameters import SECTION, SECTION_WITH_DIRECTION
 from fitting.inverse_load.search.table import LoadTable, edge_margin
@@ -68,6 +69,7 @@ class SectionFitter(AbstractLoadFitter):
         edge = float(self.edge[0])
         bounds = [(-edge, edge), (0.0, cap), (-np.pi / 2, np.pi / 2)]
         self._bounds = np.array(bounds[: self.per_contact])
+        self.held = None if direction else HeldDirections(table, edge)
 
     def steps(self, asked: Attempt) -> Steps[Explanations]:
         """See the base class."""
@@ -99,8 +101,16 @@ class SectionFitter(AbstractLoadFitter):
         """See the base class: they have a deviation of it, told or not."""
         return np.isfinite(best.beside[:, 0, -1, 1])
 
-    def bend(self, best: Explanations) -> Floats | None:
-        """See the base class: over the error of a direction, a large one far from the crown.
+    def over_directions(
+        self, best: Explanations, y: Floats, *, still: bool
+    ) -> tuple[Explanations, Floats | None]:
+        """See the base class."""
+        if self.held is None:
+            return best, self.bend(best)
+        return self.held.averaged(best, y, still=still)
+
+    def bend(self, best: Explanations) -> Floats:
+        """Covariance by what readings bend over errors of free directions, large off the crown.
 
         With C the covariance, w = C e / e^T C e the way of all parameters with a direction z,
         and readings that change by J w z + b z^2, parameters that are fitted to them lie off
@@ -108,8 +118,6 @@ class SectionFitter(AbstractLoadFitter):
 
             d z^2 = -C J^T W b z^2,    <d z^2 (d z^2)^T> = 3 s^4 d d^T
         """
-        if self.parameters is SECTION:
-            return None
         found = np.full(best.information.shape, np.nan)
         for count in np.unique(best.contacts).tolist():
             frames, width = np.flatnonzero(best.contacts == count), self.per_contact * count

@@ -20,7 +20,10 @@ _SAME = np.deg2rad(1.0)
 
 
 class SectionPosterior(AbstractLoadPosterior):
-    """The posterior of line loads in plane strain: even over angle, force and direction."""
+    """The posterior of line loads in plane strain: even over angle, force and direction.
+
+    Where directions are not free, contacts are radial or inclined (`HeldDirections`).
+    """
 
     def __init__(self, fitter: SectionFitter, nodes: AbstractNodeSearch) -> None:
         low, high = (x[:, 0] for x in fitter.limits(1, 1, False))
@@ -33,6 +36,8 @@ class SectionPosterior(AbstractLoadPosterior):
         pull = bool(mode.parameters[0, count] < 0)
         low, high = (x[..., 0] for x in self._fitter.limits(count, 1, pull))
         state, reading, weight = mode.state, jnp.asarray(y), jnp.asarray(mode.weight[0])
+        held = self._fitter.held
+        turned = [] if held is None else held.of_mode(mode)
 
         def log_probability(points: Float[Array, "point p"]) -> Float[Array, " point"]:
             lanes = points.shape[0]
@@ -45,6 +50,10 @@ class SectionPosterior(AbstractLoadPosterior):
             residual = jnp.where(weight[:, None] > 0, reading[:, None] - so, 0.0)
             chi2 = jnp.sum(weight[:, None] * residual**2, 0)
             trust = bounded(problem, found.state, shown.state, found.outcome)
-            return jnp.where(inside & (trust.result == 0), -chi2 / 2, -jnp.inf)
+            log = -chi2 / 2
+            for own, rare in turned:
+                gain = jnp.sum((own @ (weight[:, None] * residual)) ** 2, 0) / 2 - rare
+                log = jnp.logaddexp(log, gain - chi2 / 2)
+            return jnp.where(inside & (trust.result == 0), log, -jnp.inf)
 
         return log_probability

@@ -111,7 +111,7 @@ class AbstractSystematicErrors(abc.ABC):
         held = np.where(used[:, None], np.nan_to_num(best.held[:, :width]), 0.0)
         free = (slopes - np.swapaxes(gain, 1, 2) @ held) * best.weight[:, None]
         pull = (free @ np.where(used, np.nan_to_num(residual), 0.0)[..., None])[..., 0]
-        spread = np.asarray(np.linalg.inv(np.eye(len(self.names)) + left), float)
+        spread = np.asarray(np.linalg.inv(np.eye(left.shape[1]) + left), float)
         likely = (spread @ pull[..., None])[..., 0]
         return ErrorsOfFrames(slopes, gain, left, pull, spread, likely, (pull * likely).sum(1))
 

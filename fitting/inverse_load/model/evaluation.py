@@ -5,6 +5,7 @@ all of them. Columns of the Jacobian lie side by side with the lanes: each is on
 of the same linear problem, in the memory order the mechanics is fastest in.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
@@ -90,7 +91,6 @@ def evaluate(
     wide: bool = False,  # whether they are one load over an arc
 ) -> Evaluation:
     """Readings of some loads and their exact derivatives."""
-    count, lanes = parameters.shape
 
     def loads(parameters: Array) -> Loads:
         return wide_load(parameters, skin) if wide else loads_from(parameters, contacts)
@@ -102,6 +102,16 @@ def evaluate(
     result = bounded(problem, state, shown, found.outcome).result
     min_gap = shell.shape(shown.q).smallest_gap(skin.geometry).value
     readings = skin.electrodes.read(shell, shown.q).so
+
+    jacobian = _derivatives(skin, loads, parameters, state)
+    return Evaluation(readings, jacobian, shown.pressure, min_gap, state, result)
+
+
+def _derivatives(
+    skin: Skin, loads: Callable[[Array], Loads], parameters: Array, state: State
+) -> Float[Array, "parameter taxel lane"]:
+    """Derivatives of readings in equilibrium by the parameters of the loads."""
+    count, lanes = parameters.shape
 
     def beside(values: Array) -> Array:
         return jnp.concatenate([values] * count, -1)
@@ -115,8 +125,7 @@ def evaluate(
     # Lane block k carries the derivative by parameter k.
     units = jnp.repeat(jnp.eye(count, dtype=parameters.dtype), lanes, axis=1)
     _, columns = jax.jvp(so, (beside(parameters),), (units,))
-    jacobian = jnp.moveaxis(columns.reshape(-1, count, lanes), 1, 0)
-    return Evaluation(readings, jacobian, shown.pressure, min_gap, state, result)
+    return jnp.moveaxis(columns.reshape(-1, count, lanes), 1, 0)
 
 
 def _read(
@@ -136,7 +145,15 @@ def _stable_at_rest(skin: Skin, state: State) -> Bool[Array, " lane"]:
     return verify(problem, state, omitted=False)[0].stable
 
 
+def _slopes_of_one(
+    skin: Skin, parameters: Float[Array, "parameter lane"], state: State
+) -> Float[Array, "parameter taxel lane"]:
+    return _derivatives(skin, lambda x: loads_from(x, 1), parameters, state)
+
+
 rest_program = eqx.filter_jit(_stable_at_rest)
 """Whether a skin is stable in its state at rest, in lanes."""
 read_program = eqx.filter_jit(_read)
 """Readings, smallest gap, state and result of one radial load a lane, without derivatives."""
+slopes_program = eqx.filter_jit(_slopes_of_one)
+"""Derivatives of readings in equilibrium by angle, force and direction of one load."""

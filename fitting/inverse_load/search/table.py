@@ -7,7 +7,7 @@ user's cache folder under a hash of everything it depends on.
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +19,7 @@ from fitting.inverse_load.model.evaluation import (
     at_rest,
     read_program,
     rest_program,
+    slopes_program,
 )
 from fitting.inverse_load.model.kept_key import kept_key
 from suas_jax.config import SkinSpec
@@ -48,6 +49,8 @@ class LoadTable:
     # force at which the membrane reaches the wall [angle] [N]; infinite where none does
     first_contact: Floats
     rest_pressure: Floats = field(default_factory=lambda: np.zeros(()))  # of the oil [Pa]
+    # derivatives of the readings by angle, force and direction [angle, force, 3, taxel]
+    slopes: Floats = field(default_factory=lambda: np.zeros(()))
 
     @property
     def nodes(self) -> Floats:
@@ -149,7 +152,22 @@ def build_table(skin: Skin) -> LoadTable:
     so, q, pressure = (np.stack([c[i] for c in columns], 1) for i in range(3))
     touch = first_contacts(skin, angles, forces[:, -1])
     at_rest = np.asarray(unloaded.pressure)[0]
-    return LoadTable(angles, forces, so, rest[:, 0], q, pressure, touch, at_rest)
+    table = LoadTable(angles, forces, so, rest[:, 0], q, pressure, touch, at_rest)
+    return replace(table, slopes=_slopes(skin, table))
+
+
+def _slopes(skin: Skin, table: LoadTable) -> Floats:
+    """Derivatives of the readings by angle, force and direction [angle, force, 3, taxel]."""
+    angle = np.repeat(table.angles, _FORCES)
+    loads = np.stack([angle, table.forces.reshape(-1), 0 * angle])
+    parts = []
+    for begin in range(0, len(angle), LANES):
+        index = np.minimum(np.arange(begin, begin + LANES), len(angle) - 1)
+        found = COMPILED.run(slopes_program, skin, loads[:, index], table.start(index))
+        parts.append(np.moveaxis(np.asarray(found), -1, 0))
+    slopes = np.concatenate(parts)[: len(angle)]
+    slopes = slopes.reshape(*table.forces.shape, *slopes.shape[1:])
+    return np.where(np.isfinite(table.so)[:, :, None], slopes, np.nan)
 
 
 def first_contacts(skin: Skin, angles: np.ndarray, below: np.ndarray) -> np.ndarray:
