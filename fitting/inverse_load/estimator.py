@@ -72,8 +72,7 @@ class LoadEstimator(EstimatorSettings):
 
     Args:
         spec: the skin.
-        direction: expect nothing of the contacts' directions; else they are near radial, on
-            a section radial where that explains the readings.
+        direction: expect nothing of the contacts' directions; else they are near radial.
         false_alarm: rate at which noise alone may be called a contact.
         noise: standard deviation of a reading [counts]; the skin file's if None.
         model_error: relative error of the model's change of readings; by default

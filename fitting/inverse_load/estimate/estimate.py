@@ -114,8 +114,8 @@ class Contact:
     # and its standard deviation [m]; None where the taxels can't tell
     arc_extent: tuple[float, float] | None = None
     axial_extent: tuple[float, float] | None = None  # likewise along the axis
-    # force on a pad along growing angles, and its standard deviation [N]; None where the taxels
-    # can't tell
+    # force along growing angles, and its standard deviation [N]; None where the taxels can't
+    # tell
     arc_force: tuple[float, float] | None = None
     axial_force: tuple[float, float] | None = None  # likewise along the axis
 

@@ -28,7 +28,7 @@ _RADIAL = 2  # parameters of a contact: angle and force
 _LITTLE = 0.05  # tangential force over the inward one of a contact that is nearly radial
 # Deviations of tau, and how often a contact has one for each that is radial.
 _PRIORS = ((_LITTLE, 1.0), (PRIOR_OF_TANGENT, 2.0))
-_RARE = 0.5  # probability of radial contacts below which tangential forces are told
+_RARE = 0.05  # probability of radial contacts below which tangential forces are told
 
 
 class HeldDirections(AbstractSystematicErrors):
