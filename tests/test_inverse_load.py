@@ -520,6 +520,33 @@ def test_wide_contacts_are_named_before_a_number_of_the_skin(estimator: LoadEsti
     assert verdict.change == pytest.approx(case.width, rel=0.15)
 
 
+@pytest.mark.long  # the program of wide truths; the mean over widths in test_load_formulas
+def test_regions_count_the_width_that_readings_do_not_show(estimator: LoadEstimator) -> None:
+    random = np.random.default_rng(5)
+    loads, spec = field_errors.drawn(120, random), estimator.spec
+    so = [
+        field_errors.true_readings(spec, field_errors.Case("", {}, width=w), loads)[:-1]
+        for w in (0.0, 3e-3, 9e-3)
+    ]
+    # What the table says of a narrow arc is what it does.
+    found = estimator.estimate(so[0])
+    fit = estimator.selection.of_one.explain(*estimator.weigh(so[0]))[0]
+    by_square = estimator.selection.fitter.left_out.slopes(fit, 2, 1)[:, 1]  # type: ignore
+    change = (so[1] - so[0]) / 9e-6
+    size = np.abs(change).max(1)
+    assert np.median(np.abs(by_square - change).max(1) / size) < 0.05
+    found = estimator.estimate(np.round(so[2] + 2 * random.normal(size=so[2].shape)))
+    inside = []
+    for estimate, (angle, force) in zip(found, loads, strict=True):
+        if estimate.status == "ok" and len(estimate.contacts) == 1:
+            contact = estimate.contacts[0]
+            off = np.array([contact.angle - angle, contact.force - force])
+            assert contact.covariance is not None
+            inside.append(off @ np.linalg.solve(contact.covariance, off) < chi2.ppf(0.95, 2))
+    assert len(inside) > 100
+    assert np.mean(inside) > 0.9  # 0.8 as lines
+
+
 @pytest.mark.long  # estimators with errors; verdicts in test_load_formulas
 def test_a_shift_is_named_where_it_makes_most_contacts_look_wide_or_double(
     estimator: LoadEstimator,

@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from fitting.arrays import Floats
 from fitting.cli.invert_log import _verdict
 from fitting.inverse_load.check import section_log
-from fitting.inverse_load.fit import held_direction, section_errors
+from fitting.inverse_load.fit import left_out, section_errors
 from fitting.inverse_load.fit.bounded_selection import BoundedSelection
 from fitting.inverse_load.fit.covariance import covariance_of, inverse
 from fitting.inverse_load.fit.detection import (
@@ -37,10 +37,9 @@ from fitting.inverse_load.fit.explanation import (
     PLAUSIBLE,
     PRIOR_OF_TANGENT,
     Attempt,
-    Explanations,
     widened,
 )
-from fitting.inverse_load.fit.held_direction import HeldDirections
+from fitting.inverse_load.fit.left_out import LeftOutOfContacts
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors, _best
 from fitting.inverse_load.fit.lone_taxels import LoneTaxels
 from fitting.inverse_load.fit.other_stiffness import beyond_first_order, less_told
@@ -1736,38 +1735,41 @@ def test_gaps_that_all_differ_are_no_taxel_s_own() -> None:
     assert not lone_of().found(so).any()
 
 
-# --- directions that a fit holds ----------------------------------------------------------
+# --- friction and width that a fit leaves out ---------------------------------------------
 
 
-def test_what_friction_may_do_is_the_mean_over_radial_and_inclined_contacts() -> None:
-    """Against the density of tau, p(r | tau) sum_k odds_k N(tau; 0, sigma_k), integrated."""
-    left, pull = 400.0, 34.0  # s'^T W s', s'^T W r: tau is 0.085 +- 0.05 by the readings alone
-    tau = np.linspace(-2, 2, 400001)
-    likelihood = np.exp(pull * tau - left * tau**2 / 2)
-    little, wide = (likelihood * stats.norm.pdf(tau, 0, s) for s in (0.05, 0.3))
-    weights = np.array([1.0, *(np.trapezoid(x, tau) for x in (little, 2 * wide))])
-    density = (little + 2 * wide) / weights.sum()
-    mean = np.trapezoid(density * tau, tau)
-    variance = np.trapezoid(density * tau**2, tau) - mean**2
-    given = np.array([[[left]]]), np.array([[pull]])
-    found, spread, radial = held_direction._mean(*given, np.array([True]))
-    assert found[0, 0] == pytest.approx(mean, rel=1e-6)
-    assert spread[0, 0, 0] == pytest.approx(variance, rel=1e-6)
-    assert radial[0] == pytest.approx(weights[0] / weights.sum(), rel=1e-6)
-    # A misfit says nothing of friction: all of what the prior and the readings allow.
-    found, spread, radial = held_direction._mean(*given, np.array([False]))
-    assert (found[0, 0], radial[0]) == (0.0, 0.0)
-    assert spread[0, 0, 0] == pytest.approx(1 / (1 / 0.09 + left), rel=1e-9)
+@pytest.mark.parametrize("quantity", [0, 1])
+def test_what_a_fit_leaves_out_is_the_mean_over_lines_and_other_contacts(quantity: int) -> None:
+    """Against the density of u, p(r | u) sum_k odds_k N(u; 0, sigma_k), integrated."""
+    little, usual = ((0.05, 0.3), (25e-6, 225e-6))[quantity]
+    left, pull = 1.0 / little**2, 1.7 / little  # u is 1.7 +- 1 of the little by readings alone
+    u = np.linspace(-8 * usual, 8 * usual, 400001)
+    likelihood = np.exp(pull * u - left * u**2 / 2)
+    narrow, wide = (likelihood * stats.norm.pdf(u, 0, s) for s in (little, usual))
+    weights = np.array([1.0, *(np.trapezoid(x, u) for x in (narrow, 2 * wide))])
+    density = (narrow + 2 * wide) / weights.sum()
+    mean = np.trapezoid(density * u, u)
+    variance = np.trapezoid(density * u**2, u) - mean**2
+    lefts, pulls = np.zeros((1, 2, 2)), np.zeros((1, 2))
+    lefts[0, quantity, quantity], pulls[0, quantity] = left, pull
+    found, spread, line = left_out._mean(lefts, pulls, np.array([True]))
+    assert found[0, quantity] == pytest.approx(mean, rel=1e-6)
+    assert spread[0, quantity, quantity] == pytest.approx(variance, rel=1e-6)
+    assert line[0] == pytest.approx(weights[0] / weights.sum(), rel=1e-6)
+    # A misfit says nothing of it: all of what the prior and the readings allow.
+    found, spread, line = left_out._mean(lefts, pulls, np.array([False]))
+    assert (found[0, quantity], line[0]) == (0.0, 0.0)
+    expected = 1 / (1 / usual**2 + left)
+    assert spread[0, quantity, quantity] == pytest.approx(expected, rel=1e-9)
 
 
-class Friction(HeldDirections):
-    """Readings of which tau of one contact changes one that its place and force do, too."""
+class Friction(LeftOutOfContacts):
+    """Readings that tau changes, as place and force do in part, and no width does."""
 
     def __init__(self, slopes: np.ndarray) -> None:
-        self._edge, self._slopes = 1.2, slopes
-
-    def slopes(self, best: Explanations, per_contact: int, contacts: int) -> Floats:  # noqa: D102
-        return np.tile(self._slopes, (len(best), contacts, 1))
+        self._edge = 1.2
+        rows = SimpleNamespace(under=lambda *_: np.stack([slopes, 0 * slopes])[None])
+        self._changes = rows  # type: ignore[assignment]
 
 
 @pytest.mark.parametrize("still", [True, False])
@@ -1779,7 +1781,7 @@ def test_friction_moves_place_and_force_as_far_as_they_do_what_it_does(still: bo
     y = known.so + np.array([0.0, 0.0, 0.2])  # only tau explains it
     found, covariance = friction.averaged(known, y, still=still)
     tau = 0.2 if still else 0.0
-    # rtol: by its prior tau is a little less than read
+    # Its prior leaves tau a little less than read.
     np.testing.assert_allclose(found.parameters[0] - [0.1, 2.0], [-0.3 * tau, 0.2 * tau], 3e-3)
     along = np.array([-0.3, 0.2])
     expected = 1e-4 * np.outer(along, along)
@@ -1792,11 +1794,12 @@ def test_friction_moves_place_and_force_as_far_as_they_do_what_it_does(still: bo
     else:  # readings that would show it, but for a motion, leave less of it than of the prior
         assert 0 < covariance[0, 0, 0] < expected[0, 0]
         assert np.isnan(found.beside[0, 0, -1, 0])
-    # A direction that was free in the fit is told already.
+    # What was free in the fit is told already.
     known.beside[0, 0, -1] = 0.5, 0.1
     same, nothing = friction.averaged(known, y, still=still)
     assert not nothing.any()
     np.testing.assert_array_equal(same.parameters, known.parameters)
+    np.testing.assert_array_equal(same.beside[0, 0, -1], [0.5, 0.1])
 
 
 def test_likelihoods_at_a_mode_are_those_of_friction_integrated() -> None:

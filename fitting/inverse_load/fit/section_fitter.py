@@ -19,7 +19,7 @@ from fitting.inverse_load.fit.explanation import (
     Explanations,
     widened,
 )
-from fitting.inverse_load.fit.held_direction import HeldDirections
+from fitting.inverse_load.fit.left_out import LeftOutOfContacts
 from fitting.inverse_load.fit.section_least_squares import FIT_PROGRAMS, SETTLED, Fit, Target
 from fitting.inverse_load.model.contact_parameters import SECTION, SECTION_WITH_DIRECTION
 from fitting.inverse_load.search.table import LoadTable, edge_margin
@@ -69,7 +69,7 @@ class SectionFitter(AbstractLoadFitter):
         edge = float(self.edge[0])
         bounds = [(-edge, edge), (0.0, cap), (-np.pi / 2, np.pi / 2)]
         self._bounds = np.array(bounds[: self.per_contact])
-        self.held = None if direction else HeldDirections(table, edge)
+        self.left_out = None if direction else LeftOutOfContacts(table, edge)
 
     def steps(self, asked: Attempt) -> Steps[Explanations]:
         """See the base class."""
@@ -105,9 +105,9 @@ class SectionFitter(AbstractLoadFitter):
         self, best: Explanations, y: Floats, *, still: bool
     ) -> tuple[Explanations, Floats | None]:
         """See the base class."""
-        if self.held is None:
+        if self.left_out is None:
             return best, self.bend(best)
-        return self.held.averaged(best, y, still=still)
+        return self.left_out.averaged(best, y, still=still)
 
     def bend(self, best: Explanations) -> Floats:
         """Covariance by what readings bend over errors of free directions, large off the crown.

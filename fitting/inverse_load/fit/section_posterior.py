@@ -36,8 +36,8 @@ class SectionPosterior(AbstractLoadPosterior):
         pull = bool(mode.parameters[0, count] < 0)
         low, high = (x[..., 0] for x in self._fitter.limits(count, 1, pull))
         state, reading, weight = mode.state, jnp.asarray(y), jnp.asarray(mode.weight[0])
-        held = self._fitter.held
-        turned = [] if held is None else held.of_mode(mode)
+        left_out = self._fitter.left_out
+        others = [] if left_out is None else left_out.of_mode(mode)
 
         def log_probability(points: Float[Array, "point p"]) -> Float[Array, " point"]:
             lanes = points.shape[0]
@@ -51,7 +51,7 @@ class SectionPosterior(AbstractLoadPosterior):
             chi2 = jnp.sum(weight[:, None] * residual**2, 0)
             trust = bounded(problem, found.state, shown.state, found.outcome)
             log = -chi2 / 2
-            for own, rare in turned:
+            for own, rare in others:
                 gain = jnp.sum((own @ (weight[:, None] * residual)) ** 2, 0) / 2 - rare
                 log = jnp.logaddexp(log, gain - chi2 / 2)
             return jnp.where(inside & (trust.result == 0), log, -jnp.inf)

@@ -27,6 +27,7 @@ from fitting.inverse_load.fit.explanation import (
 )
 from fitting.inverse_load.fit.section_fitter import SectionFitter
 from fitting.inverse_load.fit.section_least_squares import WIDE_FIT_PROGRAM, Fit
+from fitting.inverse_load.model.evaluation import NARROWEST
 from fitting.inverse_load.search.table import LoadTable
 from fitting.steps import Steps
 from suas_jax.scene.skin import Skin
@@ -35,7 +36,7 @@ LENGTH, _TANGENT = 2, 3
 """Rows of the fit's parameters beside angle and force."""
 
 _START = 12e-3  # length of the arc where fits begin [m]
-_SHORTEST, _LONGEST = 1e-3, 60e-3  # [m]
+_LONGEST = 60e-3  # [m]
 # Standard deviation of a half-normal prior [m]: two fingers look like one contact as wide as
 # they are apart, which is rarer than they are.
 _USUAL = 15e-3
@@ -55,7 +56,7 @@ class WideContactFitter(SectionFitter):
     def __init__(self, skin: Skin, table: LoadTable, *, live: bool, most_contacts: int) -> None:
         super().__init__(skin, table, direction=False, live=live, most_contacts=most_contacts)
         self._all = np.concatenate(
-            [self._bounds, [[_SHORTEST**2, _LONGEST**2], [-_MOST_TANGENT, _MOST_TANGENT]]]
+            [self._bounds, [[NARROWEST**2, _LONGEST**2], [-_MOST_TANGENT, _MOST_TANGENT]]]
         )
         self._radius = float(skin.geometry.outer_size[0])
         self._free: list[int] = []
@@ -70,7 +71,7 @@ class WideContactFitter(SectionFitter):
 
     def freed(self, asked: Attempt, free: list[int]) -> Steps[Explanations]:
         """Fit with some rows of the parameters free beside angle and force."""
-        length = _START if LENGTH in free else _SHORTEST
+        length = _START if LENGTH in free else NARROWEST
         more = np.tile([length**2, 0.0], (len(asked.start), 1))
         begin = np.concatenate([asked.start[:, :2], more], 1)
         # Another frame may be fitted before this search goes on.

@@ -22,6 +22,9 @@ from suas_jax.scene.error_estimate import bounded
 from suas_jax.scene.loads import SPREAD_POINTS, Loads
 from suas_jax.scene.skin import Skin
 
+NARROWEST = 1e-3
+"""Arc that a contact presses at least where it is not a line [m]."""
+
 
 class NoRestError(ValueError):
     """The skin has no stable state at rest, from which loads would be told."""
@@ -146,9 +149,16 @@ def _stable_at_rest(skin: Skin, state: State) -> Bool[Array, " lane"]:
 
 
 def _slopes_of_one(
-    skin: Skin, parameters: Float[Array, "parameter lane"], state: State
+    skin: Skin, angle: Lanes, force: Lanes, state: State
 ) -> Float[Array, "parameter taxel lane"]:
-    return _derivatives(skin, lambda x: loads_from(x, 1), parameters, state)
+    zero, narrow = jnp.zeros_like(angle), jnp.full_like(angle, NARROWEST**2)
+
+    def wide(square: Float[Array, "1 lane"]) -> Loads:
+        return wide_load(jnp.stack([angle, force, square[0], zero]), skin)
+
+    line = jnp.stack([angle, force, zero])
+    by_line = _derivatives(skin, lambda x: loads_from(x, 1), line, state)
+    return jnp.concatenate([by_line, _derivatives(skin, wide, narrow[None], state)])
 
 
 rest_program = eqx.filter_jit(_stable_at_rest)
@@ -156,4 +166,5 @@ rest_program = eqx.filter_jit(_stable_at_rest)
 read_program = eqx.filter_jit(_read)
 """Readings, smallest gap, state and result of one radial load a lane, without derivatives."""
 slopes_program = eqx.filter_jit(_slopes_of_one)
-"""Derivatives of readings in equilibrium by angle, force and direction of one load."""
+"""Derivatives of readings in equilibrium by one radial load's angle, force and direction, and
+by the square of the arc that it presses [counts/m^2]."""

@@ -41,8 +41,8 @@ CONTACT_KEYS = {
     "extent_arc_deviation_m": "its standard deviation",
     "extent_axial_m": "the same along the axis",
     "extent_axial_deviation_m": "its standard deviation",
-    "tangential_force_N": "force on the skin towards growing angles, on a section where the "
-    "readings tell it and make a radial one unlikely; on a pad `null` where the taxels cannot tell",
+    "tangential_force_N": "force on the skin towards growing angles, on a section where "
+    "readings make a radial one unlikely; on a pad `null` where the taxels cannot tell",
     "tangential_force_deviation_N": "its standard deviation",
     "tangential_force_axial_N": "the same along the axis",
     "tangential_force_axial_deviation_N": "its standard deviation",

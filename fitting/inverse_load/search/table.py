@@ -49,7 +49,8 @@ class LoadTable:
     # force at which the membrane reaches the wall [angle] [N]; infinite where none does
     first_contact: Floats
     rest_pressure: Floats = field(default_factory=lambda: np.zeros(()))  # of the oil [Pa]
-    # derivatives of the readings by angle, force and direction [angle, force, 3, taxel]
+    # derivatives of the readings by angle, force, direction and the square of the arc that is
+    # pressed [angle, force, 4, taxel]
     slopes: Floats = field(default_factory=lambda: np.zeros(()))
 
     @property
@@ -157,15 +158,14 @@ def build_table(skin: Skin) -> LoadTable:
 
 
 def _slopes(skin: Skin, table: LoadTable) -> Floats:
-    """Derivatives of the readings by angle, force and direction [angle, force, 3, taxel]."""
-    angle = np.repeat(table.angles, _FORCES)
-    loads = np.stack([angle, table.forces.reshape(-1), 0 * angle])
+    """See the table's."""
+    loads = np.stack([np.repeat(table.angles, _FORCES), table.forces.reshape(-1)])
     parts = []
-    for begin in range(0, len(angle), LANES):
-        index = np.minimum(np.arange(begin, begin + LANES), len(angle) - 1)
-        found = COMPILED.run(slopes_program, skin, loads[:, index], table.start(index))
+    for begin in range(0, loads.shape[1], LANES):
+        index = np.minimum(np.arange(begin, begin + LANES), loads.shape[1] - 1)
+        found = COMPILED.run(slopes_program, skin, *loads[:, index], table.start(index))
         parts.append(np.moveaxis(np.asarray(found), -1, 0))
-    slopes = np.concatenate(parts)[: len(angle)]
+    slopes = np.concatenate(parts)[: loads.shape[1]]
     slopes = slopes.reshape(*table.forces.shape, *slopes.shape[1:])
     return np.where(np.isfinite(table.so)[:, :, None], slopes, np.nan)
 

@@ -1,0 +1,135 @@
+"""What a fit of radial lines on a section leaves out of contacts: friction and width.
+
+The tangential force of a contact is tau of the inward one, and it presses an arc of length l.
+One contact in four is a radial line, one nearly so, two are not: tau and l^2 are normal around
+zero with deviations of zero, `_LITTLE` or `_USUAL`. With s what they do to readings, s' what
+place and force leave of it, G what it does to them and r the residuals of lines (`systematic`),
+for u = (tau, l^2) with a prior's variances V_k, to first order::
+
+    P_k = (V_k^-1 + s'^T W s')^-1,  u_k = P_k s'^T W r
+    w_k ~ odds_k det(P_k V_k^-1)^1/2 exp(u_k^T P_k^-1 u_k / 2)
+    u = sum_k w_k u_k,     dx = -G u,
+    <du du^T> = sum_k w_k (P_k + u_k u_k^T) - u u^T
+
+So readings that would show friction or width and do not leave place and force as they are.
+Where lines leave more than noise, u would be what the model lacks: nothing moves then, and all
+of the widest prior is counted.
+"""
+
+import numpy as np
+
+from fitting.arrays import Flags, Floats
+from fitting.inverse_load.fit.explanation import PRIOR_OF_TANGENT, TOLD, Explanations
+from fitting.inverse_load.fit.loads_and_errors import SUSPECT
+from fitting.inverse_load.fit.systematic import AbstractSystematicErrors, no_covariance
+from fitting.inverse_load.fit.tabulated_changes import TabulatedChanges
+from fitting.inverse_load.search.table import LoadTable
+
+_LINE = 2  # parameters of a contact: angle and force
+# Deviations of the tangential force over the inward one and of the square of the arc [m^2].
+_LITTLE = (0.05, 5e-3**2)
+_USUAL = (PRIOR_OF_TANGENT, 15e-3**2)
+_PRIORS = ((_LITTLE, 1.0), (_USUAL, 2.0))  # and their odds to a radial line
+_RARE = 0.05  # probability of radial lines below which tangential forces are told
+
+
+class LeftOutOfContacts(AbstractSystematicErrors):
+    """Friction and width of contacts that were fitted as radial lines."""
+
+    def __init__(self, table: LoadTable, edge: float) -> None:
+        self._changes = TabulatedChanges.of(table, table.slopes[:, :, _LINE:])
+        self._edge = edge  # largest angle of a contact [rad]
+
+    def slopes(self, best: Explanations, per_contact: int, contacts: int) -> Floats:
+        """See the base class: by all tangential forces over inward ones, then all squares."""
+        x, held = best.parameters, best.held
+        rows = [
+            self._changes.under(x[:, k], x[:, contacts + k], held[:, [k, contacts + k]])
+            for k in range(contacts)
+        ]
+        found = np.stack(rows, 2)  # [frame, quantity, contact, taxel]
+        # What the fit itself found is not left out.
+        known = np.isfinite(best.beside[:, :1, [-1, 0], 1]).swapaxes(1, 2)
+        found = np.where(known[..., None], 0.0, found)
+        return found.reshape(len(found), 2 * contacts, -1)
+
+    def averaged(
+        self, best: Explanations, y: Floats, *, still: bool
+    ) -> tuple[Explanations, Floats]:
+        """Explanations of readings [frame, taxel] by contacts that may be no radial lines.
+
+        Second are the covariances of their parameters by that, padded as the information is.
+        Where the skin is not `still`, residuals are motion and say nothing of them.
+        """
+        best = best.rows(np.arange(len(best)))
+        total = no_covariance(best, _LINE)
+        # Others were free in the fit, or there is none.
+        radial_fits = np.isfinite(best.chi2) & ~np.isfinite(best.beside[:, 0, -1, 1])
+        for count in np.unique(best.contacts[radial_fits]).tolist():
+            frames, width = (
+                np.flatnonzero(radial_fits & (best.contacts == count)),
+                _LINE * count,
+            )
+            own = best.rows(frames)
+            found = self.of(own, y[frames] - own.so, _LINE)
+            settled = own.p_value(_LINE) >= SUSPECT
+            settled &= (np.abs(own.parameters[:, :count]) < self._edge).all(1)
+            mean, spread, line = _mean(found.left, found.pull * still, settled)
+            gain = found.gain
+            total[frames, :width, :width] = gain @ spread @ np.swapaxes(gain, 1, 2)
+            moved = own.parameters[:, :width] - (gain @ mean[..., None])[..., 0]
+            moved[:, :count] = np.clip(moved[:, :count], -self._edge, self._edge)
+            best.parameters[frames, :width] = moved
+            taken = np.swapaxes(gain, 1, 2) @ np.nan_to_num(own.held[:, :width])
+            left = found.slopes - taken
+            best.so[frames] += (mean[:, None] @ left)[:, 0]
+            force, tangent = moved[:, count:], slice(count)
+            deviation = np.sqrt(np.diagonal(spread, 0, 1, 2))[:, tangent]
+            told = (line < _RARE)[:, None] & (deviation < TOLD * PRIOR_OF_TANGENT)
+            shown = np.where(told, force * mean[:, tangent], np.nan)
+            shown = np.stack([shown, np.abs(force) * deviation], -1)
+            known = np.isfinite(own.beside[:, :count, -1, 1:])
+            best.beside[frames, :count, -1] = np.where(known, own.beside[:, :count, -1], shown)
+        return best, total
+
+    def of_mode(self, mode: Explanations) -> list[tuple[Floats, float]]:
+        """What log(likelihood) of other contacts is above that of radial lines, at a mode.
+
+        With r residuals and W their inverse variances it is |E W r|^2 / 2 - h. Returns, prior
+        by prior, E [quantity, taxel], to first order that at the mode, and h, odds included.
+        """
+        count = int(mode.contacts[0])
+        slopes = np.where(mode.weight > 0, self.slopes(mode, _LINE, count)[0], 0.0)
+        found = []
+        for prior, odds in _PRIORS:
+            own = np.repeat(prior, count)[:, None] * slopes
+            root = np.linalg.cholesky(np.eye(len(own)) + (own * mode.weight) @ own.T)
+            rare = np.log(np.diag(root)).sum() - np.log(odds)
+            found.append((np.linalg.solve(root, own), float(rare)))
+        return found
+
+
+def _mean(left: Floats, pull: Floats, settled: Flags) -> tuple[Floats, Floats, Floats]:
+    """Mean of u [frame, quantity], its covariance, and the probability of radial lines.
+
+    `left` and `pull` are s'^T W s' [frame, quantity, quantity] and s'^T W r [frame, quantity].
+    """
+    frames, size = pull.shape
+    log, means, spreads = [np.zeros(frames)], [np.zeros(pull.shape)], [np.zeros(left.shape)]
+    for prior, odds in _PRIORS:
+        own = np.repeat(prior, size // len(prior))
+        # In terms of the prior's deviations, which differ by their units.
+        scaled = np.eye(size) + left * np.outer(own, own)
+        spread = np.outer(own, own) * np.linalg.inv(scaled)
+        mean = (spread @ pull[..., None])[..., 0]
+        rare = np.linalg.slogdet(scaled)[1]
+        log.append(np.asarray(((pull * mean).sum(1) - rare) / 2 + np.log(odds), float))
+        means.append(mean)
+        spreads.append(np.asarray(spread, float))
+    weight = np.exp(np.array(log) - np.max(log, 0))
+    weight = np.where(settled, weight / weight.sum(0), np.eye(len(log))[:, -1:])
+    apart = np.where(settled[:, None], np.array(means), 0.0)  # [prior, frame, quantity]
+    total = np.einsum("kf,kfi->fi", weight, apart)
+    apart -= total
+    spread = np.einsum("kf,kfij->fij", weight, spreads)
+    return total, spread + np.einsum("kf,kfi,kfj->fij", weight, apart, apart), weight[0]
