@@ -77,25 +77,15 @@ _ORDERS = (0.8, 4.0)
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """One scene at one tolerance.
+    """One scene at one tolerance."""
 
-    Attributes:
-        rtol: wanted.
-        model: chosen.
-        estimate: stated error.
-        by_mesh: its part by the mesh.
-        true: its error against the fine solid.
-        met: whether the solver claims to meet rtol.
-        label: what the scene is.
-    """
-
-    rtol: float
-    model: str
-    estimate: float
-    by_mesh: float
-    true: float
-    met: bool
-    label: str
+    rtol: float  # wanted
+    model: str  # chosen
+    estimate: float  # stated error
+    by_mesh: float  # its part by the mesh
+    true: float  # its error against the fine solid
+    met: bool  # whether the solver claims to meet rtol
+    label: str  # what the scene is
 
     @property
     def covered(self) -> bool:

@@ -16,29 +16,17 @@ from benchmarks.felupe_newton import OilFilledBody
 
 @dataclasses.dataclass(frozen=True)
 class Arch:
-    """One line load on a skin of a Mooney-Rivlin material; SI units, per the whole width.
+    """One line load on a skin of a Mooney-Rivlin material; SI units, per the whole width."""
 
-    Attributes:
-        inner_radius: of the membrane.
-        thickness: of the membrane.
-        half_angle: from the symmetry axis to a clamp [rad].
-        width: along the axis.
-        C1: first constant.
-        C2: second constant.
-        C3: third constant.
-        angle: of the load [rad].
-        force: inward.
-    """
-
-    inner_radius: float
-    thickness: float
-    half_angle: float
-    width: float
-    C1: float
-    C2: float
-    C3: float
-    angle: float
-    force: float
+    inner_radius: float  # of the membrane
+    thickness: float  # of the membrane
+    half_angle: float  # from the symmetry axis to a clamp [rad]
+    width: float  # along the axis
+    C1: float  # first constant
+    C2: float  # second constant
+    C3: float  # third constant
+    angle: float  # of the load [rad]
+    force: float  # inward
 
 
 class _Material:

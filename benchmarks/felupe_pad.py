@@ -27,23 +27,14 @@ _STIFF = 200.0  # of the wall, in shear moduli per thickness
 
 @dataclasses.dataclass(frozen=True)
 class Membrane:
-    """A pad whose inner face is x = a sin t, y = b cos t; SI units and radians.
+    """A pad whose inner face is x = a sin t, y = b cos t; SI units and radians."""
 
-    Attributes:
-        semi_axes: a and b; a circle's are equal.
-        thickness: along the normal of the inner face.
-        half_angle: t at a clamp.
-        length: between the clamped ends.
-        law: of the material.
-        gap: to the wall of a circle; None for no wall.
-    """
-
-    semi_axes: tuple[float, float]
-    thickness: float
-    half_angle: float
-    length: float
-    law: AbstractRubber
-    gap: float | None = None
+    semi_axes: tuple[float, float]  # a and b; a circle's are equal
+    thickness: float  # along the normal of the inner face
+    half_angle: float  # t at a clamp
+    length: float  # between the clamped ends
+    law: AbstractRubber  # of the material
+    gap: float | None = None  # to the wall of a circle; None for no wall
 
     def inner(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Position and outward normal of the inner face in its plane [2, *t.shape]."""
@@ -62,25 +53,17 @@ class Membrane:
 
 @dataclasses.dataclass(frozen=True)
 class Patch:
-    """A dead force, even over a part of the outer face.
+    """A dead force, even over a part of the outer face."""
 
-    Attributes:
-        angle: t of its centre.
-        axial: of its centre, from the middle.
-        size: along the arc and along the axis; of a disc its diameter, twice.
-        disc: whether it is round.
-        force: inward; negative pulls.
-        turn: of the force from the inward normal, counter-clockwise in the section's plane.
-        tilt: of the force towards the axis.
-    """
-
-    angle: float = 0.0
-    axial: float = 0.0
+    angle: float = 0.0  # t of its centre
+    axial: float = 0.0  # of its centre, from the middle
+    # along the arc and along the axis; of a disc its diameter, twice
     size: tuple[float, float] = (6e-3, 6e-3)
-    disc: bool = False
-    force: float = 1.0
+    disc: bool = False  # whether it is round
+    force: float = 1.0  # inward; negative pulls
+    # of the force from the inward normal, counter-clockwise in the section's plane
     turn: float = 0.0
-    tilt: float = 0.0
+    tilt: float = 0.0  # of the force towards the axis
 
     def covers(self, arc: np.ndarray, along: np.ndarray) -> np.ndarray:
         """Whether the patch covers points at these distances from its centre [m]."""

@@ -36,25 +36,15 @@ _FORWARD = jit(forward)
 
 
 class Case(NamedTuple):
-    """A way in which a skin differs from its file.
+    """A way in which a skin differs from its file."""
 
-    Attributes:
-        name: what is printed.
-        changes: of inputs, relative, by TOML path.
-        baseline: whether readings count from those of the true skin at rest.
-        width: arc of the outer face that contacts press [m].
-        shift: taxels by which the readings are displaced in their columns.
-        force_known: whether the log holds the loads' true forces.
-        wall: whether loads may press the skin to the wall.
-    """
-
-    name: str
-    changes: Mapping[str, float]
-    baseline: bool = True
-    width: float = 0.0
-    shift: int = 0
-    force_known: bool = False
-    wall: bool = False
+    name: str  # what is printed
+    changes: Mapping[str, float]  # of inputs, relative, by TOML path
+    baseline: bool = True  # whether readings count from those of the true skin at rest
+    width: float = 0.0  # arc of the outer face that contacts press [m]
+    shift: int = 0  # taxels by which the readings are displaced in their columns
+    force_known: bool = False  # whether the log holds the loads' true forces
+    wall: bool = False  # whether loads may press the skin to the wall
 
 
 CASES = (

@@ -52,17 +52,11 @@ class HangError(Exception):
 
 
 class Finding(NamedTuple):
-    """Something that must not happen.
+    """Something that must not happen."""
 
-    Attributes:
-        target: what was fuzzed.
-        seed: that makes the input again.
-        what: the last line of the traceback.
-    """
-
-    target: str
-    seed: int
-    what: str
+    target: str  # what was fuzzed
+    seed: int  # that makes the input again
+    what: str  # the last line of the traceback
 
 
 def mutated(data: bytes, draw: random.Random) -> bytes:

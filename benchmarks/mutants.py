@@ -27,21 +27,13 @@ _GROUPS = (
 
 
 class Mutant(NamedTuple):
-    """A mistake.
+    """A mistake."""
 
-    Attributes:
-        file: from the root of the tree.
-        line: where it is, from 1.
-        change: that line before and after.
-        source: of the whole file with it.
-        right: the same without it.
-    """
-
-    file: str
-    line: int
-    change: str
-    source: str
-    right: str
+    file: str  # from the root of the tree
+    line: int  # where it is, from 1
+    change: str  # that line before and after
+    source: str  # of the whole file with it
+    right: str  # the same without it
 
 
 def _plausible(operator: str) -> bool:

@@ -56,17 +56,11 @@ _LONG_TO_IMPORT = (
 
 
 class Test(NamedTuple):
-    """What was recorded of a test.
+    """What was recorded of a test."""
 
-    Attributes:
-        name: its node.
-        seconds: of processor time, the fixtures that it shares included.
-        lines: that it executes, by file.
-    """
-
-    name: str
-    seconds: float
-    lines: dict[str, frozenset[int]]
+    name: str  # its node
+    seconds: float  # of processor time, the fixtures that it shares included
+    lines: dict[str, frozenset[int]]  # that it executes, by file
 
 
 # --- which tests ---------------------------------------------------------------------------
@@ -162,17 +156,11 @@ def _uses(file: str, names: list[str], own: set[int]) -> dict[str, set[int]]:
 
 
 class Ended(NamedTuple):
-    """How a run of tests ended.
+    """How a run of tests ended."""
 
-    Attributes:
-        outcome: "passed", "failed", "hung" or "undetermined".
-        seconds: of processor time.
-        killer: the test that failed; empty where none was told.
-    """
-
-    outcome: str
-    seconds: float
-    killer: str
+    outcome: str  # "passed", "failed", "hung" or "undetermined"
+    seconds: float  # of processor time
+    killer: str  # the test that failed; empty where none was told
 
 
 class Runner:

@@ -15,31 +15,19 @@ SQUEEZED = np.linspace(0.97, 0.7, 10)
 
 
 class MachineFile(NamedTuple):
-    """One file, and what must come of it.
+    """One file, and what must come of it."""
 
-    Attributes:
-        name: whose file it is.
-        written: what the file holds, bytes or text.
-        refused: parts of the message that refuses it; none where it is read.
-        columns: what `--columns` says, for a file that is read with it.
-        specimen: what `--specimen` says.
-        stretch: what the specimens were stretched to.
-        mode: kind of test.
-        factors: modulus of each specimen, over the rubber's.
-        suffix: of the file.
-        encoding: of text.
-    """
-
-    name: str
-    written: bytes | str
-    refused: tuple[str, ...] = ()
+    name: str  # whose file it is
+    written: bytes | str  # what the file holds, bytes or text
+    refused: tuple[str, ...] = ()  # parts of the message that refuses it; none where it is read
+    # what `--columns` says, for a file that is read with it
     columns: Mapping[str, str] = MappingProxyType({})
-    specimen: Mapping[str, str] = MappingProxyType({})
-    stretch: np.ndarray = STRETCH
-    mode: str = "uniaxial"
-    factors: tuple[float, ...] = (1.0,)
-    suffix: str = ".csv"
-    encoding: str = "utf-8"
+    specimen: Mapping[str, str] = MappingProxyType({})  # what `--specimen` says
+    stretch: np.ndarray = STRETCH  # what the specimens were stretched to
+    mode: str = "uniaxial"  # kind of test
+    factors: tuple[float, ...] = (1.0,)  # modulus of each specimen, over the rubber's
+    suffix: str = ".csv"  # of the file
+    encoding: str = "utf-8"  # of text
 
     @property
     def content(self) -> bytes:
