@@ -202,11 +202,7 @@ def trials() -> list[Trial]:
 
 # The programs run once: the compiler's own optimisation would take longer than they do.
 _compiled = functools.partial(
-    eqx.filter_jit,
-    compiler_options={
-        **OPTIONS,
-        "xla_backend_optimization_level": 0,
-    },
+    eqx.filter_jit, compiler_options={**OPTIONS, "xla_backend_optimization_level": 0}
 )
 
 

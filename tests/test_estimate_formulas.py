@@ -280,11 +280,7 @@ def test_what_explains_a_log_is_named_however_small(
     [(12, 5, 1.0, True), (12, 5, 1.5, True), (12, 5, 3.5, False), (64, 40, 1.15, True)],
 )
 def test_a_file_is_right_that_leaves_noise_in_the_fits_that_have_settled(
-    monkeypatch: pytest.MonkeyPatch,
-    frames: int,
-    taxels: int,
-    chi2_per_dof: float,
-    right: bool,
+    monkeypatch: pytest.MonkeyPatch, frames: int, taxels: int, chi2_per_dof: float, right: bool
 ) -> None:
     lost = 4
     chi2, left = np.full(frames, (taxels - 2) * chi2_per_dof), np.zeros(frames)

@@ -15,12 +15,7 @@ from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.memory.remembering import Series, response_of
 from fitting.inverse_load.memory.series import SHARE_ERROR, LoadMemory, creeping_load
 from fitting.inverse_load.pad.interpolant import WHOLE, PadInterpolant
-from fitting.inverse_load.pad.memory import (
-    Answer,
-    Dents,
-    PadMemoryErrors,
-    PadMemoryFollower,
-)
+from fitting.inverse_load.pad.memory import Answer, Dents, PadMemoryErrors, PadMemoryFollower
 from suas_jax.config import load_skin
 from suas_jax.config.inelastic import RelaxationSpec
 from suas_jax.config.tolerance import UncertainQuantity

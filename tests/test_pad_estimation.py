@@ -27,13 +27,7 @@ from fitting.inverse_load.fit.detection import PadDetector
 from fitting.inverse_load.frame_posterior import frame_posterior, likely_modes
 from fitting.inverse_load.live.filter import LoadFilter
 from fitting.inverse_load.pad import parts as pad_parts
-from fitting.inverse_load.pad.columns import (
-    ACROSS,
-    LEVELS,
-    Column,
-    Columns,
-    largest_forces,
-)
+from fitting.inverse_load.pad.columns import ACROSS, LEVELS, Column, Columns, largest_forces
 from fitting.inverse_load.pad.fitter import PadFitter
 from fitting.inverse_load.pad.interpolant import PadInterpolant
 from fitting.inverse_load.pad.kept_table import pad_table_of

@@ -19,12 +19,7 @@ from fitting.inverse_load.pad.interpolant import Correction, PadInterpolant, ext
 from fitting.inverse_load.pad.kept_table import pad_table_of
 from fitting.inverse_load.pad.marginal import Told, beside
 from fitting.inverse_load.pad.mirror import mirror_images, mirrored
-from fitting.inverse_load.pad.pad_least_squares import (
-    PRIOR,
-    PadFit,
-    PadLeastSquares,
-    step_of,
-)
+from fitting.inverse_load.pad.pad_least_squares import PRIOR, PadFit, PadLeastSquares, step_of
 from fitting.inverse_load.pad.parts import PadNodeSearch
 from fitting.inverse_load.pad.rest import GapLine, gap_line
 from fitting.inverse_load.pad.shape import PadShape

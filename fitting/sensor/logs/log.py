@@ -25,12 +25,7 @@ from suas_jax.acquisition.log.log_file import (
     without_other_taxels,
 )
 from suas_jax.acquisition.log.record import FLAG_COLUMNS
-from suas_jax.acquisition.taxel_faults import (
-    full_scale,
-    saturated,
-    stuck_taxels,
-    typical_noise,
-)
+from suas_jax.acquisition.taxel_faults import full_scale, saturated, stuck_taxels, typical_noise
 from suas_jax.config import SkinSpec, format_quantity, parse_quantity
 
 _SAME_SCALE = 0.01

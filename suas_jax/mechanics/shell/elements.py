@@ -84,11 +84,7 @@ class Elements(eqx.Module):
 
     @classmethod
     def between(
-        cls,
-        angles: Float[Array, "station #lane"],
-        section: AbstractSection,
-        *,
-        symmetric: bool,
+        cls, angles: Float[Array, "station #lane"], section: AbstractSection, *, symmetric: bool
     ) -> "Elements":
         """The elements between stations at some angles."""
         lengths = section.size * (angles[1:] - angles[:-1])
