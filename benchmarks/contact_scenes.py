@@ -77,14 +77,12 @@ def first_touch(problem: Problem, parts: SceneParts) -> tuple[Lanes, Array]:
     return found.level, found.result
 
 
-def press(parts: SceneParts, plan: AbstractPlan, beyond: float = 2.0) -> dict[str, Any]:
-    """Everything about one scene at a multiple of its first contact.
-
-    Args:
-        parts: of the scene.
-        plan: the mesh.
-        beyond: the multiple.
-    """
+def press(
+    parts: SceneParts,  # of the scene
+    plan: AbstractPlan,  # the mesh
+    beyond: float = 2.0,  # the multiple
+) -> dict[str, Any]:
+    """Everything about one scene at a multiple of its first contact."""
     free = problem_of(parts, plan)
     touch, way = first_touch(free, parts)
     held = problem_of(parts, plan, wall=True)

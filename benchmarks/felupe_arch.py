@@ -66,16 +66,15 @@ def _cofactor(F: np.ndarray) -> np.ndarray:
 
 
 class FelupeArch:
-    """The discretised arch.
+    """The discretised arch."""
 
-    Args:
-        arch: what to solve.
-        along: elements along the arc, even in angle but for the load's, which is a node.
-        across: elements through the thickness.
-        solver: ``"pardiso"`` or ``"superlu"``.
-    """
-
-    def __init__(self, arch: Arch, along: int, across: int, solver: str) -> None:
+    def __init__(
+        self,
+        arch: Arch,  # what to solve
+        along: int,  # elements along the arc, even in angle but for the load's, which is a node
+        across: int,  # elements through the thickness
+        solver: str,  # ``"pardiso"`` or ``"superlu"``
+    ) -> None:
         self.arch = arch
         share = (arch.angle + arch.half_angle) / (2 * arch.half_angle)
         left = min(max(round(along * share), 1), along - 1)

@@ -20,30 +20,20 @@ _LEAST_STEP = 1e-3  # of the load
 
 
 class OilFilledBody:
-    """A body with continuous pressures, on one of whose faces trapped oil acts.
-
-    Args:
-        field: displacement and pressure.
-        material: gradient and Hessian of the energy, as FElupe takes them.
-        face: displacement on the face that the oil wets.
-        held: which displacements are held [node, direction].
-        far: displacement at which the iteration is given up [m].
-        solver: ``"pardiso"`` or ``"superlu"``.
-        compliance: of the oil, volume lost per pressure [m^3/Pa]; None for vented oil.
-        wall: that holds the face, if any.
-    """
+    """A body with continuous pressures, on one of whose faces trapped oil acts."""
 
     def __init__(
         self,
-        field: Any,
-        material: Any,
-        face: Any,
-        held: np.ndarray,
-        far: float,
-        solver: str,
+        field: Any,  # displacement and pressure
+        material: Any,  # gradient and Hessian of the energy, as FElupe takes them
+        face: Any,  # displacement on the face that the oil wets
+        held: np.ndarray,  # which displacements are held [node, direction]
+        far: float,  # displacement at which the iteration is given up [m]
+        solver: str,  # ``"pardiso"`` or ``"superlu"``
         *,
+        # of the oil, volume lost per pressure [m^3/Pa]; None for vented oil
         compliance: float | None = 0.0,
-        wall: Wall | None = None,
+        wall: Wall | None = None,  # that holds the face, if any
     ) -> None:
         self.compliance, self.wall = compliance, wall
         self.field, self.face, self.solver, self.far = field, face, solver, far

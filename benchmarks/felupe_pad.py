@@ -81,21 +81,14 @@ class Patch:
 
 
 def graded(
-    ends: tuple[float, float],
+    ends: tuple[float, float],  # of the interval [m]
+    # their ends; they become nodes where they lie inside
     patches: Sequence[tuple[float, float]],
-    fine: float,
-    coarse: float,
-    edge: float,
+    fine: float,  # size of the elements there [m]
+    coarse: float,  # largest size [m]
+    edge: float,  # size at clamps [m]
 ) -> np.ndarray:
-    """Nodes between elements: of size `fine` over patches, larger away from them.
-
-    Args:
-        ends: of the interval [m].
-        patches: their ends; they become nodes where they lie inside.
-        fine: size of the elements there [m].
-        coarse: largest size [m].
-        edge: size at clamps [m].
-    """
+    """Nodes between elements: of size `fine` over patches, larger away from them."""
     inside = {x for patch in patches for x in patch if ends[0] < x < ends[1]}
     knots = [ends[0], *sorted(inside), ends[1]]
     nodes = [np.array([ends[0]])]
@@ -115,32 +108,24 @@ def graded(
 
 
 class FelupePad:
-    """The discretised pad.
-
-    Args:
-        membrane: what is solved.
-        patches: what presses.
-        fine: size of the elements over the patches [m].
-        coarse: size of those far from them, along the arc and along the axis [m].
-        across: elements through the thickness.
-        symmetric: whether the arc's half and the axis' half are left out, of which the loads
-            are their own mirror image.
-        solver: ``"pardiso"`` or ``"superlu"``.
-        compliance: of the oil, volume over bulk modulus [m^3/Pa]; None for vented oil.
-        edge: size of the elements at clamps [m]; by default half of the coarse ones.
-    """
+    """The discretised pad."""
 
     def __init__(
         self,
-        membrane: Membrane,
-        patches: Sequence[Patch],
-        fine: float,
+        membrane: Membrane,  # what is solved
+        patches: Sequence[Patch],  # what presses
+        fine: float,  # size of the elements over the patches [m]
+        # size of those far from them, along the arc and along the axis [m]
         coarse: tuple[float, float],
-        across: int = 1,
+        across: int = 1,  # elements through the thickness
         *,
+        # whether the arc's half and the axis' half are left out, of which the loads are their
+        # own mirror image
         symmetric: tuple[bool, bool] = (False, False),
-        solver: str = "pardiso",
+        solver: str = "pardiso",  # ``"pardiso"`` or ``"superlu"``
+        # of the oil, volume over bulk modulus [m^3/Pa]; None for vented oil
         compliance: float | None = 0.0,
+        # size of the elements at clamps [m]; by default half of the coarse ones
         edge: float | None = None,
     ) -> None:
         self.membrane, self.patches, self.symmetric = membrane, patches, symmetric

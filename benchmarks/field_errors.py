@@ -115,15 +115,12 @@ def estimated(
 
 
 def is_wrong(
-    estimate: LoadEstimate, load: np.ndarray, names: Sequence[str] = ("angle", "force")
+    estimate: LoadEstimate,  # of one contact
+    load: np.ndarray,  # the true one, by name
+    # of its parameters, the first ones of the covariance
+    names: Sequence[str] = ("angle", "force"),
 ) -> bool:
-    """Whether an estimate is said to hold and doesn't.
-
-    Args:
-        estimate: of one contact.
-        load: the true one, by name.
-        names: of its parameters, the first ones of the covariance.
-    """
+    """Whether an estimate is said to hold and doesn't."""
     if estimate.status != "ok":
         return False
     if len(estimate.contacts) != 1:

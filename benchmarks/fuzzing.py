@@ -163,12 +163,11 @@ def targets() -> Iterator[tuple[str, Callable[[random.Random, Path], None]]]:
         yield f"frames: {name}", trial_frames
 
 
-def fuzz(seconds: float, seed: int = 0) -> tuple[dict[str, int], list[Finding]]:
+def fuzz(
+    seconds: float,  # for all
+    seed: int = 0,  # of the first input; the n-th has seed + n
+) -> tuple[dict[str, int], list[Finding]]:
     """Fuzz everything in turn until the time is over.
-
-    Args:
-        seconds: for all.
-        seed: of the first input; the n-th has seed + n.
 
     Returns:
         Number of inputs of each target, and what was found.

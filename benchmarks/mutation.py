@@ -164,14 +164,13 @@ class Ended(NamedTuple):
 
 
 class Runner:
-    """Forks processes that run tests in a copy of the tree.
+    """Forks processes that run tests in a copy of the tree."""
 
-    Args:
-        copy: of the tree; one run at a time uses it.
-        limit: processor seconds after which a run is given up.
-    """
-
-    def __init__(self, copy: pathlib.Path, limit: float) -> None:
+    def __init__(
+        self,
+        copy: pathlib.Path,  # of the tree; one run at a time uses it
+        limit: float,  # processor seconds after which a run is given up
+    ) -> None:
         self.copy, self._limit = copy, limit
         self._pid = 0
 

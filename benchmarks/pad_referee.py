@@ -133,14 +133,12 @@ def sample(name: str, seed: int) -> dict[str, Any]:
     }
 
 
-def continuum(spec: SceneSpec, sizes: float = 1.0, log: Any = print) -> dict[str, Any]:
-    """A pad's answer by hexahedra: values with their deviations.
-
-    Args:
-        spec: the scene.
-        sizes: factor on those of all elements.
-        log: prints what each mesh says.
-    """
+def continuum(
+    spec: SceneSpec,  # the scene
+    sizes: float = 1.0,  # factor on those of all elements
+    log: Any = print,  # prints what each mesh says
+) -> dict[str, Any]:
+    """A pad's answer by hexahedra: values with their deviations."""
     from benchmarks.felupe_pad import FelupePad
 
     membrane, patches, compliance = _membrane(spec)

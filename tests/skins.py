@@ -181,15 +181,11 @@ def problem_of(
 
 
 def built(
-    spec: SceneSpec, plan: AbstractPlan, inputs: Mapping[str, Any] | None = None
+    spec: SceneSpec,  # the scene
+    plan: AbstractPlan,  # its mesh
+    inputs: Mapping[str, Any] | None = None,  # see `build_problem`; those of the scene if None
 ) -> Problem:
-    """The discrete problem of a scene, by one program instead of one for each operation.
-
-    Args:
-        spec: the scene.
-        plan: its mesh.
-        inputs: see `build_problem`; those of the scene if None.
-    """
+    """The discrete problem of a scene, by one program instead of one for each operation."""
     values = continuous_inputs(spec) if inputs is None else inputs
     arrays = {path: np.asarray(value, float) for path, value in values.items()}
     problem: Problem = _built(Structure(spec), plan, arrays)
