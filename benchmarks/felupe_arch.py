@@ -127,11 +127,8 @@ class FelupeArch:
     def solve(self, steps: int = 1) -> tuple[float, float, int]:
         """From rest to the full load in equal steps.
 
-        Returns:
-            Oil pressure [Pa], mid-surface displacement along the load [m], corrections.
-
-        Raises:
-            RuntimeError: a step did not converge.
+        Returns oil pressure [Pa], mid-surface displacement along the load [m], corrections.
+        Raises RuntimeError: a step did not converge.
         """
         self.system.rest()
         corrections = sum(

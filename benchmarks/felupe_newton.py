@@ -59,18 +59,14 @@ class OilFilledBody:
         """Back to the undeformed body."""
         self._set(np.zeros(self.count + 1))
 
-    def advance(self, load: np.ndarray, most: int = _MOST_CORRECTIONS) -> int:
-        """Find the equilibrium under nodal forces from the present state.
+    def advance(
+        self,
+        load: np.ndarray,  # nodal forces [node, direction]
+        most: int = _MOST_CORRECTIONS,  # after which it is given up
+    ) -> int:
+        """Find the equilibrium from the present state; number of corrections.
 
-        Args:
-            load: the forces [node, direction].
-            most: corrections after which it is given up.
-
-        Returns:
-            Number of corrections.
-
-        Raises:
-            RuntimeError: none was found.
+        Raises RuntimeError: none was found.
         """
         force = np.pad(load.ravel(), (0, self.count - load.size))
         u, p = (part.values for part in self.field.fields)
@@ -111,11 +107,8 @@ class OilFilledBody:
         Steps start from the parabola through the last three states, and are halved where the
         iteration fails: mixed elements forgive less than a shell's.
 
-        Yields:
-            Corrections taken so far, in the equilibrium of each level.
-
-        Raises:
-            RuntimeError: the step has become too small.
+        Yields corrections taken so far, in the equilibrium of each level.
+        Raises RuntimeError: the step has become too small.
         """
         reached, step, total = 0.0, levels[0], 0
         past = [(0.0, self._state())]

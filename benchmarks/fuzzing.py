@@ -167,11 +167,7 @@ def fuzz(
     seconds: float,  # for all
     seed: int = 0,  # of the first input; the n-th has seed + n
 ) -> tuple[dict[str, int], list[Finding]]:
-    """Fuzz everything in turn until the time is over.
-
-    Returns:
-        Number of inputs of each target, and what was found.
-    """
+    """Fuzz until the time is over; number of inputs of each target, and what was found."""
 
     def interrupt(_signal: int, _frame: FrameType | None) -> None:
         raise HangError(f"took more than {HANG} s")

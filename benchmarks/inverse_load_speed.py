@@ -126,8 +126,7 @@ def both_ends(
 ) -> str:
     """Play readings to a pseudo-terminal and estimate them there, a program at either end.
 
-    Returns:
-        Frames and delays, in words.
+    Returns frames and delays, in words.
     """
     command = [sys.executable, "-c", "from fitting.cli.app import main; main()"]
     environment = {**os.environ, "PYTHONPATH": str(SKIN.parents[2])}

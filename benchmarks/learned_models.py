@@ -47,8 +47,7 @@ def gaussian_process(
 ) -> Predictor:
     """One process an output: squared exponential, its numbers by the marginal likelihood.
 
-    Returns:
-        Place and, last, force [press, ...] from changes of readings.
+    It finds place and, last, force [press, ...] from changes of readings.
     """
     data = _scaled(change, place, force)
     taxels = change.shape[1]

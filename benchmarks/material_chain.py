@@ -45,11 +45,7 @@ taxels = [ {_TAXELS} ]
 
 
 def ran(*arguments: str) -> str:
-    """What a command prints.
-
-    Raises:
-        RuntimeError: it fails.
-    """
+    """What a command prints. Raises RuntimeError: it fails."""
     result = CliRunner().invoke(app, list(arguments))
     if result.exit_code != 0:
         raise RuntimeError(f"suas {' '.join(arguments)}: {result.output} {result.stderr}")

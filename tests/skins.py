@@ -37,6 +37,20 @@ GEOMETRY: dict[str, Any] = {
     "oil_gap": "5 mm",
 }
 """The [geometry] of the paper's skin."""
+PAPER = """
+[geometry]
+inner_radius = "57.5 mm"
+thickness = "1.5 mm"
+half_angle = "90 deg"
+width = "123 mm"
+oil_gap = "5 mm"
+[material]
+preset = "epdm-paper"
+[oil]
+model = "incompressible"
+relative_permittivity = 2.2
+"""
+"""Text of the paper's skin, without electrodes."""
 EPDM = {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"}
 LAWS: dict[str, dict[str, Any]] = {
     "mooney-rivlin": EPDM,
