@@ -44,13 +44,9 @@ from suas_jax.skin.plain import plain_geometry
 
 ELEMENTS = 32
 FORCE_AT_10_KPA = 24.4  # N, the paper's case A
+EPDM = {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"}
 LAWS: dict[str, dict[str, Any]] = {
-    "mooney-rivlin": {
-        "law": "mooney-rivlin",
-        "C1": "20.7 MPa",
-        "C2": "-4.4 MPa",
-        "C3": "77 kPa",
-    },
+    "mooney-rivlin": EPDM,
     "neo-hookean": {"law": "neo-hookean", "mu": "3 MPa"},
     "yeoh": {"law": "yeoh", "C1": "0.6 MPa", "C2": "-10 kPa", "C3": "1 kPa"},
     "ogden": {
