@@ -33,8 +33,7 @@ from fitting.inverse_load.estimate.assessment import LoadAssessment
 from fitting.inverse_load.estimate.at_rest import untouched
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate, load_array
 from fitting.inverse_load.estimate.measured_pressure import contradicted, with_doubts
-from fitting.inverse_load.estimate.place import ContactPlaces
-from fitting.inverse_load.estimate.place_shift import PlaceShift
+from fitting.inverse_load.estimate.place import ContactPlaces, PlaceShift
 from fitting.inverse_load.fit.explanation import Alternative
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.selection import Selection
