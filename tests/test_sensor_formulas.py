@@ -12,12 +12,7 @@ from fitting.sensor.fit import assumptions, checks, priors
 from fitting.sensor.fit.residuals import Prior, SensorProblem, bounds_of
 from fitting.sensor.fit.result import _ratio, _taken_out
 from fitting.sensor.fit.search import _kept, _no_counts, _spread
-from fitting.sensor.logs.data import (
-    NoCalibration,
-    SensorData,
-    _forget_idle_places,
-    load_sensor_data,
-)
+from fitting.sensor.logs.data import NoCalibration, _forget_idle_places, load_sensor_data
 from fitting.sensor.logs.known_inputs import check_known, fluid_name, permittivities
 from fitting.sensor.logs.readings import ROUNDING, LoggedCounts, _first_noise, measured_noise
 from fitting.sensor.model.constants import (
@@ -30,7 +25,7 @@ from fitting.sensor.model.constants import (
 )
 from fitting.sensor.report.skin_file import _layers, _text
 from fitting.sensor.shapes.deformations import place_text
-from suas_jax.config import SkinSpec, UncertainQuantity, load_skin
+from suas_jax.config import UncertainQuantity, load_skin
 from suas_jax.config.inelastic import RelaxationSpec
 from suas_jax.config.sections.circle import CircleSpec
 from suas_jax.config.sections.spline import SplineSpec
@@ -739,15 +734,6 @@ def test_states_at_rest_have_no_place() -> None:
         np.testing.assert_array_equal(table[name], [row])
 
 
-def _known_of_column(file: Path, spec: SkinSpec, column: str) -> SensorData:
-    """A log of three frames whose known inputs, 0 to 2, stand in a column."""
-    counts, names = ",".join(["200"] * 8), ",".join(f"so_{k}" for k in range(1, 9))
-    rows = [f"{k},{k},{k},0,{counts},{k},20" for k in range(3)]
-    head = f"t_host_s,t_device_s,seq,module,{names},{column},load_0_angle_deg"
-    file.write_text("\n".join([head, *rows]) + "\n")
-    return load_sensor_data(spec, [file])
-
-
 @pytest.mark.parametrize(
     ("geometry", "fit", "column", "said"),
     [
@@ -770,7 +756,8 @@ def test_forces_tell_a_gap_no_better_than_the_membrane_is_known(
 ) -> None:
     spec = load_skin(ROOT / "configs/skins/suas.toml")
     spec = spec.model_copy(update={"geometry": spec.geometry.model_copy(update=geometry)})
-    data = _known_of_column(tmp_path / "a.csv", spec, column)
+    cells = f"{column},load_0_angle_deg", "0,20", "1,20", "2,20"
+    data = load_sensor_data(spec, [logged_inputs(tmp_path / "a.csv", *cells)])
     family = SensorFamily(tuple(named(spec, name) for name in fit.split(",")))
     text = assumptions.exact_membrane_warning(family, data)
     assert bool(text) == bool(said)
@@ -793,7 +780,9 @@ def test_known_forces_on_a_membrane_that_creeps_are_doubted(
     relaxation = RelaxationSpec(g=(0.15, 0.1), tau=(0.5, 10.0))
     material = {"relaxation": relaxation, "response": response}
     spec = spec.model_copy(update={"material": spec.material.model_copy(update=material)})
-    text = assumptions.elastic_warning(_known_of_column(tmp_path / "a.csv", spec, column))
+    cells = f"{column},load_0_angle_deg", "0,20", "1,20", "2,20"
+    log = logged_inputs(tmp_path / "a.csv", *cells)
+    text = assumptions.elastic_warning(load_sensor_data(spec, [log]))
     assert bool(text) == bool(said)
     assert said in text
 
