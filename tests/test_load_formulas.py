@@ -27,7 +27,12 @@ from fitting.inverse_load.fit.detection import (
     false_alarm_rate,
     without_errors,
 )
-from fitting.inverse_load.fit.doubts import Doubts, FaultyTaxels, _least_trimmed, inliers
+from fitting.inverse_load.fit.doubts import (
+    Doubts,
+    FaultyTaxels,
+    _least_trimmed,
+    inliers,
+)
 from fitting.inverse_load.fit.explanation import PLAUSIBLE, PRIOR_OF_TANGENT, Attempt, widened
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors, _best
 from fitting.inverse_load.fit.lone_taxels import LoneTaxels
@@ -41,7 +46,12 @@ from fitting.inverse_load.fit.section_errors import (
     skin_tangents,
 )
 from fitting.inverse_load.fit.section_fitter import SectionFitter
-from fitting.inverse_load.fit.section_least_squares import Fit, Target, _last_step, _step
+from fitting.inverse_load.fit.section_least_squares import (
+    Fit,
+    Target,
+    _last_step,
+    _step,
+)
 from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.fit.systematic import (
     AbstractSystematicErrors,
@@ -604,7 +614,11 @@ def selected(loads: Any, noise: float = 0.0, *, live: bool = False, **options: A
     y = dimple_readings(x, x.shape[1] // 2)
     y = y + noise * np.random.default_rng(1).normal(size=y.shape)
     settings = {"penalty": 20.0, "most_contacts": 2, **options}
-    return (Selection(DimpleFitter(live=live), DimpleNodes(), **settings), y, np.ones_like(y))
+    return (
+        Selection(DimpleFitter(live=live), DimpleNodes(), **settings),
+        y,
+        np.ones_like(y),
+    )
 
 
 def test_one_contact_is_found_and_nothing_is_added_to_it() -> None:
@@ -1652,7 +1666,8 @@ def test_what_an_estimate_left_out_says_nothing_about_the_skin_file(
     stuck[0, 3] = True
     log = SimpleNamespace(
         main=SimpleNamespace(
-            remembers=False, spec=SimpleNamespace(geometry=SimpleNamespace(dimension=2))
+            remembers=False,
+            spec=SimpleNamespace(geometry=SimpleNamespace(dimension=2)),
         ),
         readings=SimpleNamespace(pressure=None, force=None, stuck=stuck),
         main_frames=lambda: (np.array([0, 2]), np.zeros((2, 4))),

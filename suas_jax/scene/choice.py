@@ -13,7 +13,13 @@ from suas_jax.mechanics.model import AbstractModel, AbstractPlan, Counts
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.mesh.section import measures
 from suas_jax.numerics.lanes import number
-from suas_jax.scene.program import inputs_of, meshes_of, prepared, run_program, structure_of
+from suas_jax.scene.program import (
+    inputs_of,
+    meshes_of,
+    prepared,
+    run_program,
+    structure_of,
+)
 from suas_jax.scene.stress_last import stressed_last
 from suas_jax.scene.sway import can_sway, shifted, stable_factor
 from suas_jax.scene.travel import driven_by_force, travels_of

@@ -110,7 +110,13 @@ class SectionErrors(AbstractSectionErrors):
     """Errors of the inputs of one skin."""
 
     def __init__(
-        self, errors: InputErrors, skin: Skin, table: LoadTable, *, from_rest: bool, live: bool
+        self,
+        errors: InputErrors,
+        skin: Skin,
+        table: LoadTable,
+        *,
+        from_rest: bool,
+        live: bool,
     ) -> None:
         self.names = errors.names
         read = [path.startswith(ELECTRICAL) for path in errors.paths]
