@@ -131,7 +131,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="answers-") as name:
         base = pathlib.Path(name)
         subprocess.run(
-            ["git", "worktree", "add", "-q", base / "old", revision], cwd=ROOT, check=True
+            ["git", "worktree", "add", "--detach", "-q", base / "old", revision],
+            cwd=ROOT,
+            check=True,
         )
         try:
             trees = {"before": base / "old", "after": ROOT}

@@ -124,27 +124,17 @@ def data_of(spec: SkinSpec, presses: np.ndarray, so: np.ndarray) -> SensorData:
 
 
 class Unit:
-    """A unit, and all that it reads. Presses are angles, axial places and forces.
-
-    Args:
-        file: the drawing.
-        seed: of what differs.
-        plan: the presses that are planned.
-        tests: how many unseen loads.
-        most: how many random presses.
-        largest: force of a press [N].
-        averaged: whether loads are found from means of `FRAMES` frames.
-    """
+    """A unit, and all that it reads. Presses are angles, axial places and forces."""
 
     def __init__(
         self,
-        file: Path,
-        seed: int,
-        plan: tuple[Press, ...],
-        tests: int,
-        most: int = LEARNED[-1],
-        largest: float = 10.0,
-        averaged: bool = False,
+        file: Path,  # the drawing
+        seed: int,  # of what differs
+        plan: tuple[Press, ...],  # the presses that are planned
+        tests: int,  # how many unseen loads
+        most: int = LEARNED[-1],  # how many random presses
+        largest: float = 10.0,  # force of a press [N]
+        averaged: bool = False,  # whether loads are found from means of `FRAMES` frames
     ) -> None:
         spec, random = load_skin(file), np.random.default_rng(seed)
         if not np.isclose(plain_geometry(spec.geometry).half_angle[0], np.pi / 2):

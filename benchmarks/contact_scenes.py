@@ -46,29 +46,17 @@ _ONCE: dict[str, bool | int] = {"xla_backend_optimization_level": 0, **OPTIONS}
 
 @dataclasses.dataclass(frozen=True)
 class Pressed:
-    """One scene at twice its first contact.
+    """One scene at twice its first contact."""
 
-    Attributes:
-        law: of the membrane.
-        oil: model of the oil.
-        inputs: continuous inputs, SI; the loads' forces give their pattern.
-        touch: factor on the loads at first contact; None if they don't get there.
-        result: name of the result at twice that.
-        iterations: Newton corrections.
-        imbalance: force residual relative to the load.
-        energy_error: of the balance of energy, relative to the work.
-        report: observables.
-    """
-
-    law: str
-    oil: str
-    inputs: dict[str, float]
-    touch: float | None
-    result: str
-    iterations: int
-    imbalance: float
-    energy_error: float
-    report: dict[str, Any]
+    law: str  # of the membrane
+    oil: str  # model of the oil
+    inputs: dict[str, float]  # continuous inputs, SI; the loads' forces give their pattern
+    touch: float | None  # factor on the loads at first contact; None if they don't get there
+    result: str  # name of the result at twice that
+    iterations: int  # Newton corrections
+    imbalance: float  # force residual relative to the load
+    energy_error: float  # of the balance of energy, relative to the work
+    report: dict[str, Any]  # observables
 
 
 def first_touch(problem: Problem, parts: SceneParts) -> tuple[Lanes, Array]:
@@ -89,14 +77,12 @@ def first_touch(problem: Problem, parts: SceneParts) -> tuple[Lanes, Array]:
     return found.level, found.result
 
 
-def press(parts: SceneParts, plan: AbstractPlan, beyond: float = 2.0) -> dict[str, Any]:
-    """Everything about one scene at a multiple of its first contact.
-
-    Args:
-        parts: of the scene.
-        plan: the mesh.
-        beyond: the multiple.
-    """
+def press(
+    parts: SceneParts,  # of the scene
+    plan: AbstractPlan,  # the mesh
+    beyond: float = 2.0,  # the multiple
+) -> dict[str, Any]:
+    """Everything about one scene at a multiple of its first contact."""
     free = problem_of(parts, plan)
     touch, way = first_touch(free, parts)
     held = problem_of(parts, plan, wall=True)

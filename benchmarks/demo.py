@@ -31,21 +31,13 @@ OUTPUT = ROOT / "demo"
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """A load case at 10 kPa with what others found.
+    """A load case at 10 kPa with what others found."""
 
-    Attributes:
-        scene: its file.
-        paper: total force of the paper's finite-element model [N].
-        reference: total force of independent, converged finite elements [N].
-        inner: displacement of the inner face under the load of the same [mm].
-        contact: their force at first wall contact [N].
-    """
-
-    scene: str
-    paper: float
-    reference: float
-    inner: float
-    contact: float
+    scene: str  # its file
+    paper: float  # total force of the paper's finite-element model [N]
+    reference: float  # total force of independent, converged finite elements [N]
+    inner: float  # displacement of the inner face under the load of the same [mm]
+    contact: float  # their force at first wall contact [N]
 
 
 CASES = {

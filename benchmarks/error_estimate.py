@@ -28,6 +28,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.optimize import brentq
 
+from benchmarks.random_scenes import EPDM, LAWS, OILS
 from suas_jax import configure
 from suas_jax.config import SceneSpec, scene_from_dict, with_solve
 from suas_jax.equilibrium.balance import State
@@ -41,18 +42,9 @@ from suas_jax.scene.program import inputs_of
 from suas_jax.scene.solve import solve
 from suas_jax.scene.structure import Inputs, Structure
 
-EPDM = {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"}
 Found = TypeVar("Found")
-RUBBER = {
-    "law": "ogden",
-    "mu": ["0.63 MPa", "1.2 kPa", "-10 kPa"],
-    "alpha": [1.3, 5.0, -2.0],
-    "convention": "mu/alpha",
-}
-TRAPPED: dict[str, Any] = {"model": "incompressible"}
-YEOH = {"law": "yeoh", "C1": "0.6 MPa", "C2": "-10 kPa", "C3": "1 kPa"}
-NEO_HOOKEAN = {"law": "neo-hookean", "mu": "3 MPa"}
-VENTED = {"model": "vented"}
+NEO_HOOKEAN, YEOH, RUBBER = (LAWS[name] for name in ("neo-hookean", "yeoh", "ogden"))
+TRAPPED, VENTED = OILS["incompressible"], OILS["vented"]
 COMPRESSIBLE = {"model": "compressible", "bulk_modulus": "2 MPa"}
 # Law, shear modulus [Pa], oil, and what acts: lines, spread loads, pressures.
 PATTERNS: tuple[tuple[dict[str, Any], float, dict[str, Any], str], ...] = (
@@ -77,25 +69,15 @@ _ORDERS = (0.8, 4.0)
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """One scene at one tolerance.
+    """One scene at one tolerance."""
 
-    Attributes:
-        rtol: wanted.
-        model: chosen.
-        estimate: stated error.
-        by_mesh: its part by the mesh.
-        true: its error against the fine solid.
-        met: whether the solver claims to meet rtol.
-        label: what the scene is.
-    """
-
-    rtol: float
-    model: str
-    estimate: float
-    by_mesh: float
-    true: float
-    met: bool
-    label: str
+    rtol: float  # wanted
+    model: str  # chosen
+    estimate: float  # stated error
+    by_mesh: float  # its part by the mesh
+    true: float  # its error against the fine solid
+    met: bool  # whether the solver claims to meet rtol
+    label: str  # what the scene is
 
     @property
     def covered(self) -> bool:

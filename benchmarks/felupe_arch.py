@@ -16,29 +16,17 @@ from benchmarks.felupe_newton import OilFilledBody
 
 @dataclasses.dataclass(frozen=True)
 class Arch:
-    """One line load on a skin of a Mooney-Rivlin material; SI units, per the whole width.
+    """One line load on a skin of a Mooney-Rivlin material; SI units, per the whole width."""
 
-    Attributes:
-        inner_radius: of the membrane.
-        thickness: of the membrane.
-        half_angle: from the symmetry axis to a clamp [rad].
-        width: along the axis.
-        C1: first constant.
-        C2: second constant.
-        C3: third constant.
-        angle: of the load [rad].
-        force: inward.
-    """
-
-    inner_radius: float
-    thickness: float
-    half_angle: float
-    width: float
-    C1: float
-    C2: float
-    C3: float
-    angle: float
-    force: float
+    inner_radius: float  # of the membrane
+    thickness: float  # of the membrane
+    half_angle: float  # from the symmetry axis to a clamp [rad]
+    width: float  # along the axis
+    C1: float  # first constant
+    C2: float  # second constant
+    C3: float  # third constant
+    angle: float  # of the load [rad]
+    force: float  # inward
 
 
 class _Material:
@@ -78,16 +66,15 @@ def _cofactor(F: np.ndarray) -> np.ndarray:
 
 
 class FelupeArch:
-    """The discretised arch.
+    """The discretised arch."""
 
-    Args:
-        arch: what to solve.
-        along: elements along the arc, even in angle but for the load's, which is a node.
-        across: elements through the thickness.
-        solver: ``"pardiso"`` or ``"superlu"``.
-    """
-
-    def __init__(self, arch: Arch, along: int, across: int, solver: str) -> None:
+    def __init__(
+        self,
+        arch: Arch,  # what to solve
+        along: int,  # elements along the arc, even in angle but for the load's, which is a node
+        across: int,  # elements through the thickness
+        solver: str,  # ``"pardiso"`` or ``"superlu"``
+    ) -> None:
         self.arch = arch
         share = (arch.angle + arch.half_angle) / (2 * arch.half_angle)
         left = min(max(round(along * share), 1), along - 1)
@@ -140,11 +127,8 @@ class FelupeArch:
     def solve(self, steps: int = 1) -> tuple[float, float, int]:
         """From rest to the full load in equal steps.
 
-        Returns:
-            Oil pressure [Pa], mid-surface displacement along the load [m], corrections.
-
-        Raises:
-            RuntimeError: a step did not converge.
+        Returns oil pressure [Pa], mid-surface displacement along the load [m], corrections.
+        Raises RuntimeError: a step did not converge.
         """
         self.system.rest()
         corrections = sum(

@@ -20,30 +20,20 @@ _LEAST_STEP = 1e-3  # of the load
 
 
 class OilFilledBody:
-    """A body with continuous pressures, on one of whose faces trapped oil acts.
-
-    Args:
-        field: displacement and pressure.
-        material: gradient and Hessian of the energy, as FElupe takes them.
-        face: displacement on the face that the oil wets.
-        held: which displacements are held [node, direction].
-        far: displacement at which the iteration is given up [m].
-        solver: ``"pardiso"`` or ``"superlu"``.
-        compliance: of the oil, volume lost per pressure [m^3/Pa]; None for vented oil.
-        wall: that holds the face, if any.
-    """
+    """A body with continuous pressures, on one of whose faces trapped oil acts."""
 
     def __init__(
         self,
-        field: Any,
-        material: Any,
-        face: Any,
-        held: np.ndarray,
-        far: float,
-        solver: str,
+        field: Any,  # displacement and pressure
+        material: Any,  # gradient and Hessian of the energy, as FElupe takes them
+        face: Any,  # displacement on the face that the oil wets
+        held: np.ndarray,  # which displacements are held [node, direction]
+        far: float,  # displacement at which the iteration is given up [m]
+        solver: str,  # ``"pardiso"`` or ``"superlu"``
         *,
+        # of the oil, volume lost per pressure [m^3/Pa]; None for vented oil
         compliance: float | None = 0.0,
-        wall: Wall | None = None,
+        wall: Wall | None = None,  # that holds the face, if any
     ) -> None:
         self.compliance, self.wall = compliance, wall
         self.field, self.face, self.solver, self.far = field, face, solver, far
@@ -69,18 +59,14 @@ class OilFilledBody:
         """Back to the undeformed body."""
         self._set(np.zeros(self.count + 1))
 
-    def advance(self, load: np.ndarray, most: int = _MOST_CORRECTIONS) -> int:
-        """Find the equilibrium under nodal forces from the present state.
+    def advance(
+        self,
+        load: np.ndarray,  # nodal forces [node, direction]
+        most: int = _MOST_CORRECTIONS,  # after which it is given up
+    ) -> int:
+        """Find the equilibrium from the present state; number of corrections.
 
-        Args:
-            load: the forces [node, direction].
-            most: corrections after which it is given up.
-
-        Returns:
-            Number of corrections.
-
-        Raises:
-            RuntimeError: none was found.
+        Raises RuntimeError: none was found.
         """
         force = np.pad(load.ravel(), (0, self.count - load.size))
         u, p = (part.values for part in self.field.fields)
@@ -121,11 +107,8 @@ class OilFilledBody:
         Steps start from the parabola through the last three states, and are halved where the
         iteration fails: mixed elements forgive less than a shell's.
 
-        Yields:
-            Corrections taken so far, in the equilibrium of each level.
-
-        Raises:
-            RuntimeError: the step has become too small.
+        Yields corrections taken so far, in the equilibrium of each level.
+        Raises RuntimeError: the step has become too small.
         """
         reached, step, total = 0.0, levels[0], 0
         past = [(0.0, self._state())]

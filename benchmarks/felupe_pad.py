@@ -27,23 +27,14 @@ _STIFF = 200.0  # of the wall, in shear moduli per thickness
 
 @dataclasses.dataclass(frozen=True)
 class Membrane:
-    """A pad whose inner face is x = a sin t, y = b cos t; SI units and radians.
+    """A pad whose inner face is x = a sin t, y = b cos t; SI units and radians."""
 
-    Attributes:
-        semi_axes: a and b; a circle's are equal.
-        thickness: along the normal of the inner face.
-        half_angle: t at a clamp.
-        length: between the clamped ends.
-        law: of the material.
-        gap: to the wall of a circle; None for no wall.
-    """
-
-    semi_axes: tuple[float, float]
-    thickness: float
-    half_angle: float
-    length: float
-    law: AbstractRubber
-    gap: float | None = None
+    semi_axes: tuple[float, float]  # a and b; a circle's are equal
+    thickness: float  # along the normal of the inner face
+    half_angle: float  # t at a clamp
+    length: float  # between the clamped ends
+    law: AbstractRubber  # of the material
+    gap: float | None = None  # to the wall of a circle; None for no wall
 
     def inner(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Position and outward normal of the inner face in its plane [2, *t.shape]."""
@@ -62,25 +53,17 @@ class Membrane:
 
 @dataclasses.dataclass(frozen=True)
 class Patch:
-    """A dead force, even over a part of the outer face.
+    """A dead force, even over a part of the outer face."""
 
-    Attributes:
-        angle: t of its centre.
-        axial: of its centre, from the middle.
-        size: along the arc and along the axis; of a disc its diameter, twice.
-        disc: whether it is round.
-        force: inward; negative pulls.
-        turn: of the force from the inward normal, counter-clockwise in the section's plane.
-        tilt: of the force towards the axis.
-    """
-
-    angle: float = 0.0
-    axial: float = 0.0
+    angle: float = 0.0  # t of its centre
+    axial: float = 0.0  # of its centre, from the middle
+    # along the arc and along the axis; of a disc its diameter, twice
     size: tuple[float, float] = (6e-3, 6e-3)
-    disc: bool = False
-    force: float = 1.0
+    disc: bool = False  # whether it is round
+    force: float = 1.0  # inward; negative pulls
+    # of the force from the inward normal, counter-clockwise in the section's plane
     turn: float = 0.0
-    tilt: float = 0.0
+    tilt: float = 0.0  # of the force towards the axis
 
     def covers(self, arc: np.ndarray, along: np.ndarray) -> np.ndarray:
         """Whether the patch covers points at these distances from its centre [m]."""
@@ -98,21 +81,14 @@ class Patch:
 
 
 def graded(
-    ends: tuple[float, float],
+    ends: tuple[float, float],  # of the interval [m]
+    # their ends; they become nodes where they lie inside
     patches: Sequence[tuple[float, float]],
-    fine: float,
-    coarse: float,
-    edge: float,
+    fine: float,  # size of the elements there [m]
+    coarse: float,  # largest size [m]
+    edge: float,  # size at clamps [m]
 ) -> np.ndarray:
-    """Nodes between elements: of size `fine` over patches, larger away from them.
-
-    Args:
-        ends: of the interval [m].
-        patches: their ends; they become nodes where they lie inside.
-        fine: size of the elements there [m].
-        coarse: largest size [m].
-        edge: size at clamps [m].
-    """
+    """Nodes between elements: of size `fine` over patches, larger away from them."""
     inside = {x for patch in patches for x in patch if ends[0] < x < ends[1]}
     knots = [ends[0], *sorted(inside), ends[1]]
     nodes = [np.array([ends[0]])]
@@ -132,32 +108,24 @@ def graded(
 
 
 class FelupePad:
-    """The discretised pad.
-
-    Args:
-        membrane: what is solved.
-        patches: what presses.
-        fine: size of the elements over the patches [m].
-        coarse: size of those far from them, along the arc and along the axis [m].
-        across: elements through the thickness.
-        symmetric: whether the arc's half and the axis' half are left out, of which the loads
-            are their own mirror image.
-        solver: ``"pardiso"`` or ``"superlu"``.
-        compliance: of the oil, volume over bulk modulus [m^3/Pa]; None for vented oil.
-        edge: size of the elements at clamps [m]; by default half of the coarse ones.
-    """
+    """The discretised pad."""
 
     def __init__(
         self,
-        membrane: Membrane,
-        patches: Sequence[Patch],
-        fine: float,
+        membrane: Membrane,  # what is solved
+        patches: Sequence[Patch],  # what presses
+        fine: float,  # size of the elements over the patches [m]
+        # size of those far from them, along the arc and along the axis [m]
         coarse: tuple[float, float],
-        across: int = 1,
+        across: int = 1,  # elements through the thickness
         *,
+        # whether the arc's half and the axis' half are left out, of which the loads are their
+        # own mirror image
         symmetric: tuple[bool, bool] = (False, False),
-        solver: str = "pardiso",
+        solver: str = "pardiso",  # ``"pardiso"`` or ``"superlu"``
+        # of the oil, volume over bulk modulus [m^3/Pa]; None for vented oil
         compliance: float | None = 0.0,
+        # size of the elements at clamps [m]; by default half of the coarse ones
         edge: float | None = None,
     ) -> None:
         self.membrane, self.patches, self.symmetric = membrane, patches, symmetric

@@ -36,25 +36,15 @@ _FORWARD = jit(forward)
 
 
 class Case(NamedTuple):
-    """A way in which a skin differs from its file.
+    """A way in which a skin differs from its file."""
 
-    Attributes:
-        name: what is printed.
-        changes: of inputs, relative, by TOML path.
-        baseline: whether readings count from those of the true skin at rest.
-        width: arc of the outer face that contacts press [m].
-        shift: taxels by which the readings are displaced in their columns.
-        force_known: whether the log holds the loads' true forces.
-        wall: whether loads may press the skin to the wall.
-    """
-
-    name: str
-    changes: Mapping[str, float]
-    baseline: bool = True
-    width: float = 0.0
-    shift: int = 0
-    force_known: bool = False
-    wall: bool = False
+    name: str  # what is printed
+    changes: Mapping[str, float]  # of inputs, relative, by TOML path
+    baseline: bool = True  # whether readings count from those of the true skin at rest
+    width: float = 0.0  # arc of the outer face that contacts press [m]
+    shift: int = 0  # taxels by which the readings are displaced in their columns
+    force_known: bool = False  # whether the log holds the loads' true forces
+    wall: bool = False  # whether loads may press the skin to the wall
 
 
 CASES = (
@@ -125,15 +115,12 @@ def estimated(
 
 
 def is_wrong(
-    estimate: LoadEstimate, load: np.ndarray, names: Sequence[str] = ("angle", "force")
+    estimate: LoadEstimate,  # of one contact
+    load: np.ndarray,  # the true one, by name
+    # of its parameters, the first ones of the covariance
+    names: Sequence[str] = ("angle", "force"),
 ) -> bool:
-    """Whether an estimate is said to hold and doesn't.
-
-    Args:
-        estimate: of one contact.
-        load: the true one, by name.
-        names: of its parameters, the first ones of the covariance.
-    """
+    """Whether an estimate is said to hold and doesn't."""
     if estimate.status != "ok":
         return False
     if len(estimate.contacts) != 1:

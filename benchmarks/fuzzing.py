@@ -52,17 +52,11 @@ class HangError(Exception):
 
 
 class Finding(NamedTuple):
-    """Something that must not happen.
+    """Something that must not happen."""
 
-    Attributes:
-        target: what was fuzzed.
-        seed: that makes the input again.
-        what: the last line of the traceback.
-    """
-
-    target: str
-    seed: int
-    what: str
+    target: str  # what was fuzzed
+    seed: int  # that makes the input again
+    what: str  # the last line of the traceback
 
 
 def mutated(data: bytes, draw: random.Random) -> bytes:
@@ -169,16 +163,11 @@ def targets() -> Iterator[tuple[str, Callable[[random.Random, Path], None]]]:
         yield f"frames: {name}", trial_frames
 
 
-def fuzz(seconds: float, seed: int = 0) -> tuple[dict[str, int], list[Finding]]:
-    """Fuzz everything in turn until the time is over.
-
-    Args:
-        seconds: for all.
-        seed: of the first input; the n-th has seed + n.
-
-    Returns:
-        Number of inputs of each target, and what was found.
-    """
+def fuzz(
+    seconds: float,  # for all
+    seed: int = 0,  # of the first input; the n-th has seed + n
+) -> tuple[dict[str, int], list[Finding]]:
+    """Fuzz until the time is over; number of inputs of each target, and what was found."""
 
     def interrupt(_signal: int, _frame: FrameType | None) -> None:
         raise HangError(f"took more than {HANG} s")

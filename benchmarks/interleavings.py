@@ -48,19 +48,12 @@ Say = Callable[..., None]
 
 
 class Event(NamedTuple):
-    """What a process said that it had done.
+    """What a process said that it had done."""
 
-    Attributes:
-        process: 0 or 1.
-        what: it did.
-        value: which one.
-        time: after it was done [s].
-    """
-
-    process: int
-    what: str
-    value: Any
-    time: float
+    process: int  # 0 or 1
+    what: str  # it did
+    value: Any  # which one
+    time: float  # after it was done [s]
 
 
 def disturbed(draw: random.Random, *, killed: bool) -> None:

@@ -49,15 +49,10 @@ KINDS = {"single": (300, 1), "two": (200, 2), "weak": (100, 2), "turned": (100, 
 
 
 class Truth(NamedTuple):
-    """Loads and the continuum's readings under them.
+    """Loads and the continuum's readings under them."""
 
-    Attributes:
-        loads: angle [rad], force [N], direction [rad] [frame, contact, 3].
-        so: readings without noise [frame, taxel].
-    """
-
-    loads: np.ndarray
-    so: np.ndarray
+    loads: np.ndarray  # angle [rad], force [N], direction [rad] [frame, contact, 3]
+    so: np.ndarray  # readings without noise [frame, taxel]
 
 
 def skin_of_taxels(count: int = 40) -> SkinSpec:
@@ -165,19 +160,12 @@ def bounds(estimator: LoadEstimator, loads: np.ndarray, free: int) -> np.ndarray
 
 
 class Score(NamedTuple):
-    """Estimates against the truth, frames with the right number of contacts.
+    """Estimates against the truth, frames with the right number of contacts."""
 
-    Attributes:
-        right: which frames these are [frame].
-        errors: estimate less truth [frame, contact, quantity].
-        bound: Cramer-Rao, likewise.
-        covered: whether the truth lies in the 95 % region [frame, contact].
-    """
-
-    right: np.ndarray
-    errors: np.ndarray
-    bound: np.ndarray
-    covered: np.ndarray
+    right: np.ndarray  # which frames these are [frame]
+    errors: np.ndarray  # estimate less truth [frame, contact, quantity]
+    bound: np.ndarray  # Cramer-Rao, likewise
+    covered: np.ndarray  # whether the truth lies in the 95 % region [frame, contact]
 
     @property
     def ratio(self) -> np.ndarray:

@@ -119,16 +119,14 @@ def on_a_terminal(seconds: float) -> None:
     print(both_ends(played, [str(folder / "skin.toml")], seconds))
 
 
-def both_ends(played: list[str], skin: list[str], seconds: float) -> str:
+def both_ends(
+    played: list[str],  # arguments of `suas simulate`
+    skin: list[str],  # arguments of `suas invert`
+    seconds: float,  # how long
+) -> str:
     """Play readings to a pseudo-terminal and estimate them there, a program at either end.
 
-    Args:
-        played: arguments of `suas simulate`.
-        skin: arguments of `suas invert`.
-        seconds: how long.
-
-    Returns:
-        Frames and delays, in words.
+    Returns frames and delays, in words.
     """
     command = [sys.executable, "-c", "from fitting.cli.app import main; main()"]
     environment = {**os.environ, "PYTHONPATH": str(SKIN.parents[2])}

@@ -46,19 +46,12 @@ NOBODY = 65534
 
 @dataclass(frozen=True)
 class Command:
-    """A command that writes.
+    """A command that writes."""
 
-    Attributes:
-        words: of the command line; "{out}" stands for the file that it writes.
-        output: name of that file.
-        read: raises where it is not whole.
-        replaces: whether it can be told to replace the file.
-    """
-
-    words: tuple[str, ...]
-    output: str
-    read: Callable[[Path], object]
-    replaces: bool = True
+    words: tuple[str, ...]  # of the command line; "{out}" stands for the file that it writes
+    output: str  # name of that file
+    read: Callable[[Path], object]  # raises where it is not whole
+    replaces: bool = True  # whether it can be told to replace the file
 
 
 def toml(path: Path) -> object:

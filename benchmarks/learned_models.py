@@ -40,16 +40,14 @@ def _scaled(change: np.ndarray, place: np.ndarray, force: np.ndarray) -> Scaled:
     return Scaled((x - a) / b, (y - c) / d, lambda new: (_inputs(new) - a) / b, outputs)
 
 
-def gaussian_process(change: np.ndarray, place: np.ndarray, force: np.ndarray) -> Predictor:
+def gaussian_process(
+    change: np.ndarray,  # of the readings from rest [press, taxel]
+    place: np.ndarray,  # of the presses [press], on a pad [press, 2]
+    force: np.ndarray,  # of the presses [press]
+) -> Predictor:
     """One process an output: squared exponential, its numbers by the marginal likelihood.
 
-    Args:
-        change: of the readings from rest [press, taxel].
-        place: of the presses [press], on a pad [press, 2].
-        force: of the presses [press].
-
-    Returns:
-        Place and, last, force [press, ...] from changes of readings.
+    It finds place and, last, force [press, ...] from changes of readings.
     """
     data = _scaled(change, place, force)
     taxels = change.shape[1]
@@ -87,17 +85,13 @@ def gaussian_process(change: np.ndarray, place: np.ndarray, force: np.ndarray) -
 
 
 def network(
-    change: np.ndarray, place: np.ndarray, force: np.ndarray, hidden: int = 20, nets: int = 2
+    change: np.ndarray,  # of the readings from rest [press, taxel]
+    place: np.ndarray,  # of the presses [press], on a pad [press, 2]
+    force: np.ndarray,  # of the presses [press]
+    hidden: int = 20,  # units of a layer
+    nets: int = 2,  # how many networks
 ) -> Predictor:
-    """The mean of a few networks of two hidden layers, with weight decay, by L-BFGS.
-
-    Args:
-        change: of the readings from rest [press, taxel].
-        place: of the presses [press], on a pad [press, 2].
-        force: of the presses [press].
-        hidden: units of a layer.
-        nets: how many networks.
-    """
+    """The mean of a few networks of two hidden layers, with weight decay, by L-BFGS."""
     data = _scaled(change, place, force)
     shapes = [(data.x.shape[1], hidden), (hidden, hidden), (hidden, data.y.shape[1])]
     ends = np.cumsum([a * b + b for a, b in shapes])

@@ -36,12 +36,7 @@ def study(name: str, noise: str, replicas: int) -> tuple[float, float, float, fl
             value, low, high = fit.shear_modulus()
             covered += low <= MU <= high
             mended.append(value)
-    return (
-        named / replicas,
-        covered / replicas,
-        float(np.mean(mended)),
-        float(np.mean(plain)),
-    )
+    return (named / replicas, covered / replicas, float(np.mean(mended)), float(np.mean(plain)))
 
 
 def main() -> None:

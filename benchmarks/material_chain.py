@@ -45,11 +45,7 @@ taxels = [ {_TAXELS} ]
 
 
 def ran(*arguments: str) -> str:
-    """What a command prints.
-
-    Raises:
-        RuntimeError: it fails.
-    """
+    """What a command prints. Raises RuntimeError: it fails."""
     result = CliRunner().invoke(app, list(arguments))
     if result.exit_code != 0:
         raise RuntimeError(f"suas {' '.join(arguments)}: {result.output} {result.stderr}")
@@ -73,17 +69,14 @@ def first_contact(skin: pathlib.Path) -> np.ndarray:
 
 
 def chain(
-    rng: np.random.Generator, law: str, contact: float, folder: pathlib.Path
+    rng: np.random.Generator,  # draws the chain
+    law: str,  # that is fitted
+    # true force of first contact over the shear modulus: in plane strain a Mooney-Rivlin skin
+    # is neo-Hookean
+    contact: float,
+    folder: pathlib.Path,  # for the files
 ) -> dict[str, tuple[float, np.ndarray]]:
-    """True force, what is told, and the ends of its 95 % interval, of load and contact [N].
-
-    Args:
-        rng: draws the chain.
-        law: that is fitted.
-        contact: true force of first contact over the shear modulus: in plane strain a
-            Mooney-Rivlin skin is neo-Hookean.
-        folder: for the files.
-    """
+    """True force, what is told, and the ends of its 95 % interval, of load and contact [N]."""
     modulus = float(np.exp(rng.uniform(np.log(0.3e6), np.log(1e6))))
     share = float(np.clip(0.15 + 0.08 * rng.standard_normal(), 0.0, 0.4))
     stretch = np.linspace(1.0, 1.8, _READINGS + 1)[1:]

@@ -27,21 +27,13 @@ _GROUPS = (
 
 
 class Mutant(NamedTuple):
-    """A mistake.
+    """A mistake."""
 
-    Attributes:
-        file: from the root of the tree.
-        line: where it is, from 1.
-        change: that line before and after.
-        source: of the whole file with it.
-        right: the same without it.
-    """
-
-    file: str
-    line: int
-    change: str
-    source: str
-    right: str
+    file: str  # from the root of the tree
+    line: int  # where it is, from 1
+    change: str  # that line before and after
+    source: str  # of the whole file with it
+    right: str  # the same without it
 
 
 def _plausible(operator: str) -> bool:
@@ -103,14 +95,12 @@ def _computed(source: str) -> str | None:
         return None
 
 
-def draw(count: int, seed: int, words: list[str]) -> list[Mutant]:
-    """Mutants at random places of both packages, no place twice.
-
-    Args:
-        count: how many.
-        seed: of the draw.
-        words: one of which a file's path contains; all files if there are none.
-    """
+def draw(
+    count: int,  # how many
+    seed: int,  # of the draw
+    words: list[str],  # one of which a file's path contains; all files if there are none
+) -> list[Mutant]:
+    """Mutants at random places of both packages, no place twice."""
     files = sorted(f for package in PACKAGES for f in (ROOT / package).rglob("*.py"))
     files = [f for f in files if not words or any(w in str(f.relative_to(ROOT)) for w in words)]
     random_ = random.Random(seed)

@@ -56,17 +56,11 @@ _LONG_TO_IMPORT = (
 
 
 class Test(NamedTuple):
-    """What was recorded of a test.
+    """What was recorded of a test."""
 
-    Attributes:
-        name: its node.
-        seconds: of processor time, the fixtures that it shares included.
-        lines: that it executes, by file.
-    """
-
-    name: str
-    seconds: float
-    lines: dict[str, frozenset[int]]
+    name: str  # its node
+    seconds: float  # of processor time, the fixtures that it shares included
+    lines: dict[str, frozenset[int]]  # that it executes, by file
 
 
 # --- which tests ---------------------------------------------------------------------------
@@ -162,28 +156,21 @@ def _uses(file: str, names: list[str], own: set[int]) -> dict[str, set[int]]:
 
 
 class Ended(NamedTuple):
-    """How a run of tests ended.
+    """How a run of tests ended."""
 
-    Attributes:
-        outcome: "passed", "failed", "hung" or "undetermined".
-        seconds: of processor time.
-        killer: the test that failed; empty where none was told.
-    """
-
-    outcome: str
-    seconds: float
-    killer: str
+    outcome: str  # "passed", "failed", "hung" or "undetermined"
+    seconds: float  # of processor time
+    killer: str  # the test that failed; empty where none was told
 
 
 class Runner:
-    """Forks processes that run tests in a copy of the tree.
+    """Forks processes that run tests in a copy of the tree."""
 
-    Args:
-        copy: of the tree; one run at a time uses it.
-        limit: processor seconds after which a run is given up.
-    """
-
-    def __init__(self, copy: pathlib.Path, limit: float) -> None:
+    def __init__(
+        self,
+        copy: pathlib.Path,  # of the tree; one run at a time uses it
+        limit: float,  # processor seconds after which a run is given up
+    ) -> None:
         self.copy, self._limit = copy, limit
         self._pid = 0
 

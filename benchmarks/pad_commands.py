@@ -24,7 +24,7 @@ from benchmarks.uneven_pad import errors_told, sheet
 from suas_jax.acquisition.log.log_file import group_frames, read_log
 from suas_jax.config import load_skin
 from suas_jax.skin.plain import plain_geometry
-from tests.test_pad_estimation import SKIN
+from tests.test_pad_estimation import ORDERED, SKIN
 
 DRAWING = Path(__file__).parent.parent / "configs/skins/suas-pad.toml"
 SCENE = """skin = "unit.toml"
@@ -41,12 +41,11 @@ Presses = list[tuple[float, float, float]]  # angle [deg], axial position [m], f
 
 def small(random: np.random.Generator) -> tuple[str, str, Presses, Presses]:
     """Drawing and unit of a thick pad of 35 taxels, known presses, and unseen ones."""
-    places = [(a, z) for a in range(-45, 46, 15) for z in range(-36, 37, 18)]
     texts = []
-    for gains in ([""] * 35, [f", gain = {1 + 0.01 * random.normal():.5f}" for _ in places]):
+    for gains in ([""] * 35, [f", gain = {1 + 0.01 * random.normal():.5f}" for _ in ORDERED]):
         rows = [
             f'{{ angle = "{a} deg", axial = "{z} mm"{g} }},'
-            for (a, z), g in zip(places, gains, strict=True)
+            for (a, z), g in zip(ORDERED, gains, strict=True)
         ]
         texts.append(SKIN.replace("TAXELS", "\n".join(rows)).replace("60 deg", "90 deg"))
     drawing, unit = texts

@@ -109,15 +109,11 @@ def table() -> list[str]:
 
 
 class InterpolatedFace(AbstractFace):
-    """An inner face through scattered points.
+    """An inner face through scattered points."""
 
-    Attributes:
-        interpolant: height over the radius at rest by angle and axial position in radii.
-        radius: at rest [m].
-    """
-
+    # height over the radius at rest by angle and axial position in radii
     interpolant: CloughTocher2DInterpolator
-    radius: float
+    radius: float  # at rest [m]
     varies_along_axis: ClassVar[bool] = True
 
     def height(

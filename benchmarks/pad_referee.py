@@ -41,35 +41,21 @@ _POINT = 1.35  # displacement under a patch: this times F R / (E t^2)
 
 
 class Kind(NamedTuple):
-    """What pads of a kind have in common; of the rest, numbers are drawn.
+    """What pads of a kind have in common; of the rest, numbers are drawn."""
 
-    Attributes:
-        law: of the membrane.
-        ratio: thickness over radius, from and to.
-        size: of patches [mm], from and to.
-        sink: displacement that is aimed at, in thicknesses, from and to.
-        oil: how it answers.
-        half_angle: from and to [deg].
-        length: in radii, from and to.
-        at: of the patch: the crown, a clamped end, beside the crown.
-        signs: of the patches' forces.
-        turn: of the forces [deg].
-        force: in place of what is aimed at [N].
-        tall: height over half width of an ellipse.
-    """
-
-    law: dict[str, Any] = EPDM
-    ratio: tuple[float, float] = (0.02, 0.04)
-    size: tuple[float, float] = (4, 10)
+    law: dict[str, Any] = EPDM  # of the membrane
+    ratio: tuple[float, float] = (0.02, 0.04)  # thickness over radius, from and to
+    size: tuple[float, float] = (4, 10)  # of patches [mm], from and to
+    # displacement that is aimed at, in thicknesses, from and to
     sink: tuple[float, float] = (0.3, 1.5)
-    oil: dict[str, Any] = TRAPPED
-    half_angle: tuple[float, float] = (60, 90)
-    length: tuple[float, float] = (1.0, 2.0)
-    at: str = "crown"
-    signs: tuple[int, ...] = (1,)
-    turn: float = 0.0
-    force: float | None = None
-    tall: float = 1.0
+    oil: dict[str, Any] = TRAPPED  # how it answers
+    half_angle: tuple[float, float] = (60, 90)  # from and to [deg]
+    length: tuple[float, float] = (1.0, 2.0)  # in radii, from and to
+    at: str = "crown"  # of the patch: the crown, a clamped end, beside the crown
+    signs: tuple[int, ...] = (1,)  # of the patches' forces
+    turn: float = 0.0  # of the forces [deg]
+    force: float | None = None  # in place of what is aimed at [N]
+    tall: float = 1.0  # height over half width of an ellipse
 
 
 _SHIPPED: dict[str, Any] = {"half_angle": (90, 90), "size": (6, 6)}
@@ -147,14 +133,12 @@ def sample(name: str, seed: int) -> dict[str, Any]:
     }
 
 
-def continuum(spec: SceneSpec, sizes: float = 1.0, log: Any = print) -> dict[str, Any]:
-    """A pad's answer by hexahedra: values with their deviations.
-
-    Args:
-        spec: the scene.
-        sizes: factor on those of all elements.
-        log: prints what each mesh says.
-    """
+def continuum(
+    spec: SceneSpec,  # the scene
+    sizes: float = 1.0,  # factor on those of all elements
+    log: Any = print,  # prints what each mesh says
+) -> dict[str, Any]:
+    """A pad's answer by hexahedra: values with their deviations."""
     from benchmarks.felupe_pad import FelupePad
 
     membrane, patches, compliance = _membrane(spec)

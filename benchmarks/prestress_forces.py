@@ -53,13 +53,7 @@ CASES = {
         -100,
         (0.995, 0.997, 0.998, 0.999, 1.001, 1.002, 1.003, 1.005),
     ),
-    "geometry.mounting": (
-        "mounting",
-        "%",
-        100,
-        0,
-        (-1e-3, -5e-4, -2e-4, -1e-4, 1e-4, 2e-4),
-    ),
+    "geometry.mounting": ("mounting", "%", 100, 0, (-1e-3, -5e-4, -2e-4, -1e-4, 1e-4, 2e-4)),
     "environment.temperature": (
         "warmth",
         "K",

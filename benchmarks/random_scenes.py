@@ -44,13 +44,9 @@ from suas_jax.skin.plain import plain_geometry
 
 ELEMENTS = 32
 FORCE_AT_10_KPA = 24.4  # N, the paper's case A
+EPDM = {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"}
 LAWS: dict[str, dict[str, Any]] = {
-    "mooney-rivlin": {
-        "law": "mooney-rivlin",
-        "C1": "20.7 MPa",
-        "C2": "-4.4 MPa",
-        "C3": "77 kPa",
-    },
+    "mooney-rivlin": EPDM,
     "neo-hookean": {"law": "neo-hookean", "mu": "3 MPa"},
     "yeoh": {"law": "yeoh", "C1": "0.6 MPa", "C2": "-10 kPa", "C3": "1 kPa"},
     "ogden": {
@@ -87,29 +83,17 @@ SECTIONS: dict[str, dict[str, Any]] = {
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """What became of one scene.
+    """What became of one scene."""
 
-    Attributes:
-        section: of the skin.
-        law: of the membrane.
-        oil: model of the oil.
-        inputs: continuous inputs, SI.
-        result: name of the result.
-        level: share of the load that the last equilibrium carries.
-        iterations: Newton corrections.
-        report: observables of the last equilibrium.
-        imbalance: its force residual relative to the load.
-    """
-
-    section: str
-    law: str
-    oil: str
-    inputs: dict[str, float]
-    result: str
-    level: float
-    iterations: int
-    report: dict[str, Any]
-    imbalance: float
+    section: str  # of the skin
+    law: str  # of the membrane
+    oil: str  # model of the oil
+    inputs: dict[str, float]  # continuous inputs, SI
+    result: str  # name of the result
+    level: float  # share of the load that the last equilibrium carries
+    iterations: int  # Newton corrections
+    report: dict[str, Any]  # observables of the last equilibrium
+    imbalance: float  # its force residual relative to the load
 
     @property
     def valid(self) -> bool:

@@ -112,9 +112,7 @@ def contact(row: Row) -> tuple[dict[str, Any], Errors]:
     report = answered(_CIRCLE, line(row, force=f"{row['force_N']} N"))
     moved = report["loads"][0]["inner_displacement_m"]
     errors = relative(
-        row,
-        oil_pressure_Pa=report["oil_pressure_Pa"],
-        inner_displacement_along_load_m=moved,
+        row, oil_pressure_Pa=report["oil_pressure_Pa"], inner_displacement_along_load_m=moved
     )
     held = report["wall"]["force_N"] if report["wall_contact"] else 0.0
     errors["wall"] = abs(held - float(row["contact_force_N"])) / float(row["force_N"])

@@ -14,27 +14,17 @@ EQUAL = 1e-3  # error at which programs are compared
 
 @dataclasses.dataclass
 class Row:
-    """One program on one mesh of one scene.
+    """One program on one mesh of one scene."""
 
-    Attributes:
-        scene: its name.
-        program: its name.
-        mesh: elements along the arc and through the thickness.
-        call: solve from rest, return pressure [Pa] and displacement [m].
-        compile: time to compile [s].
-        memory: peak of what the solve allocates [byte].
-        error: of pressure and of displacement, relative.
-        seconds: of every round.
-    """
-
-    scene: str
-    program: str
-    mesh: str
+    scene: str  # its name
+    program: str  # its name
+    mesh: str  # elements along the arc and through the thickness
+    # solve from rest, return pressure [Pa] and displacement [m]
     call: Callable[[], tuple[float, float]]
-    compile: float
-    memory: int
-    error: tuple[float, float] = (np.nan, np.nan)
-    seconds: list[float] = dataclasses.field(default_factory=list)
+    compile: float  # time to compile [s]
+    memory: int  # peak of what the solve allocates [byte]
+    error: tuple[float, float] = (np.nan, np.nan)  # of pressure and of displacement, relative
+    seconds: list[float] = dataclasses.field(default_factory=list)  # of every round
 
     @property
     def median(self) -> float:

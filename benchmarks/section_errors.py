@@ -30,27 +30,16 @@ _MODULI = {"mooney-rivlin": 32.6e6, "neo-hookean": 3e6, "yeoh": 1.2e6, "ogden": 
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """One section of one law.
+    """One section of one law."""
 
-    Attributes:
-        section: its kind.
-        law: of the membrane.
-        status: of the shell; "at the wall" where it is out of range.
-        stable: whether it is.
-        stated: the shell's error.
-        true: its difference from the solid.
-        unsure: the solid's own stated error.
-        scene: what was solved.
-    """
-
-    section: str
-    law: str
-    status: str
-    stable: bool
-    stated: float
-    true: float
-    unsure: float
-    scene: SceneSpec
+    section: str  # its kind
+    law: str  # of the membrane
+    status: str  # of the shell; "at the wall" where it is out of range
+    stable: bool  # whether it is
+    stated: float  # the shell's error
+    true: float  # its difference from the solid
+    unsure: float  # the solid's own stated error
+    scene: SceneSpec  # what was solved
 
     @property
     def told(self) -> bool:

@@ -59,21 +59,13 @@ def _observed(
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """Errors of one scene.
+    """Errors of one scene."""
 
-    Attributes:
-        label: what the scene is.
-        before: of the lumped shell, by quantity.
-        after: of the corrected shell.
-        estimate: stated error.
-        model: its part by the model.
-    """
-
-    label: str
-    before: np.ndarray
-    after: np.ndarray
-    estimate: float
-    model: float
+    label: str  # what the scene is
+    before: np.ndarray  # of the lumped shell, by quantity
+    after: np.ndarray  # of the corrected shell
+    estimate: float  # stated error
+    model: float  # its part by the model
 
     @property
     def true(self) -> float:

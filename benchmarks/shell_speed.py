@@ -48,17 +48,11 @@ def timed(call: Callable[[], Any], repeat: int) -> float:
 
 
 class Timing(NamedTuple):
-    """What one row measured.
+    """What one row measured."""
 
-    Attributes:
-        seconds: median of the rounds.
-        ratio: to one solve from zero, median of the ratios side by side.
-        solves: equilibria in it.
-    """
-
-    seconds: float
-    ratio: float
-    solves: int
+    seconds: float  # median of the rounds
+    ratio: float  # to one solve from zero, median of the ratios side by side
+    solves: int  # equilibria in it
 
     @property
     def rate(self) -> float:

@@ -44,48 +44,30 @@ BALANCED = {"float64": 1e-7, "float32": 2e-3}
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """One scene on one mesh.
+    """One scene on one mesh."""
 
-    Attributes:
-        group: what is stressed.
-        label: how much.
-        scene: the scene.
-        mesh: elements along the arc and through the thickness (none for the shell).
-        precision: of the arithmetic.
-        expected: outcomes that are right.
-        stepping: settings of the load stepping that differ from the default.
-    """
-
-    group: str
-    label: str
-    scene: SceneSpec
+    group: str  # what is stressed
+    label: str  # how much
+    scene: SceneSpec  # the scene
+    # elements along the arc and through the thickness (none for the shell)
     mesh: tuple[int, int] = (32, 0)
-    precision: str = "float64"
-    expected: tuple[str, ...] = ("converged",)
+    precision: str = "float64"  # of the arithmetic
+    expected: tuple[str, ...] = ("converged",)  # outcomes that are right
+    # settings of the load stepping that differ from the default
     stepping: dict[str, float] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """What became of a trial.
+    """What became of a trial."""
 
-    Attributes:
-        trial: the trial.
-        status: name of the result.
-        level: share of the load carried.
-        iterations: Newton corrections.
-        smallest_pivot: relative.
-        imbalance: force residual relative to the load, assembled anew.
-        report: what was observed.
-    """
-
-    trial: Trial
-    status: str
-    level: float
-    iterations: int
-    smallest_pivot: float
-    imbalance: float
-    report: dict[str, Any]
+    trial: Trial  # the trial
+    status: str  # name of the result
+    level: float  # share of the load carried
+    iterations: int  # Newton corrections
+    smallest_pivot: float  # relative
+    imbalance: float  # force residual relative to the load, assembled anew
+    report: dict[str, Any]  # what was observed
 
     @property
     def explanation(self) -> str:
@@ -220,11 +202,7 @@ def trials() -> list[Trial]:
 
 # The programs run once: the compiler's own optimisation would take longer than they do.
 _compiled = functools.partial(
-    eqx.filter_jit,
-    compiler_options={
-        **OPTIONS,
-        "xla_backend_optimization_level": 0,
-    },
+    eqx.filter_jit, compiler_options={**OPTIONS, "xla_backend_optimization_level": 0}
 )
 
 

@@ -23,7 +23,7 @@ from suas_jax.config import SkinSpec, load_skin
 from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import skin_of
-from tests.test_pad_estimation import SKIN
+from tests.test_pad_estimation import ORDERED, small_pad
 
 FINER, DIAMETER, PRESSES = (18, 16), 6e-3, 24
 RESOLUTION = PadResolution((14, 12), 6e-3, (3, 3), FINER)
@@ -95,12 +95,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     random = np.random.default_rng(parser.parse_args().seed)
     configure()
-    taxels = "\n".join(
-        f'{{ angle = "{a} deg", axial = "{z} mm" }},'
-        for a in range(-45, 46, 15)
-        for z in range(-36, 37, 18)
-    )
-    text = SKIN.replace("TAXELS", taxels).replace("60 deg", "90 deg")
+    text = small_pad(ORDERED).replace("60 deg", "90 deg")
     for exact in ('"2 MPa"', "2.2", '"0.1 fF"'):
         text = text.replace(exact, f'"{exact.strip(chr(34))} +- 0"')
     text = text.replace("[oil]", '[oil]\nfill = "1 +- 0"')

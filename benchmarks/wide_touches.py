@@ -24,7 +24,7 @@ from suas_jax.config import SkinSpec, load_skin
 from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import skin_of
-from tests.test_pad_estimation import SKIN
+from tests.test_pad_estimation import small_pad
 
 _SLOTS = 9  # discs of a touch: one program for all
 _PLACES = np.array([0.6, 0.03])  # over the taxels [rad], [m]
@@ -32,15 +32,10 @@ _RESOLUTION = PadResolution((16, 14), 8e-3, (3, 3), (24, 20))
 _FINGERS = {"two": (20, 20e-3), "three": (15, 20e-3), "four": (15, 20e-3), "five": (15, 18e-3)}
 
 
-def small_pad() -> SkinSpec:
-    rows = [
-        f'{{ angle = "{a + 1.7 * k - 3:.3f} deg", axial = "{z + a / 30:.3f} mm" }},'
-        for a in np.linspace(-45, 45, 7)
-        for k, z in enumerate(np.linspace(-38, 36, 5))
-    ]
+def loaded_pad() -> SkinSpec:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "skin.toml"
-        path.write_text(SKIN.replace("TAXELS", "\n".join(rows)))
+        path.write_text(small_pad())
         return load_skin(path)
 
 
@@ -93,7 +88,7 @@ def main() -> None:
     parser.add_argument("--load-fields", action="store_true")
     options = parser.parse_args()
     configure()
-    spec, random = small_pad(), np.random.default_rng(7)
+    spec, random = loaded_pad(), np.random.default_rng(7)
     how = {"pressure_noise": options.pressure_noise, "load_fields": options.load_fields}
     estimator = LoadEstimator(spec, resolution=_RESOLUTION, **how)
     finer = skin_of(spec, elements=(24, 20), contact=False)

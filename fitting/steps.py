@@ -69,10 +69,7 @@ class Budget:
 
 
 class Search(Generic[T]):
-    """One search, as far as it went.
-
-    `found`: what it found; None before it ended.
-    """
+    """One search, as far as it went. `found`: what it found; None before it ended."""
 
     def __init__(self, steps: Steps[T], budget: Budget) -> None:
         self._steps, self._budget = steps, budget

@@ -17,24 +17,16 @@ HEAD = "# length: 25 mm\n# width: 6 mm\n# thickness: 2 mm\n"
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """An artefact: its file, and what names and mends it.
+    """An artefact: its file, and what names and mends it."""
 
-    Attributes:
-        kind: what it is called.
-        columns: names in the file.
-        state: first column, in its unit.
-        load: second column without noise, in its unit.
-        option: what mends it on the command line.
-        loading: options of `load_dataset`.
-        fitting: options of `fit_material`.
-    """
-
-    kind: str
-    columns: tuple[str, str]
-    state: np.ndarray
-    load: np.ndarray
-    option: str
+    kind: str  # what it is called
+    columns: tuple[str, str]  # names in the file
+    state: np.ndarray  # first column, in its unit
+    load: np.ndarray  # second column without noise, in its unit
+    option: str  # what mends it on the command line
+    # options of `load_dataset`
     loading: dict[str, Any] = dataclasses.field(default_factory=dict)
+    # options of `fit_material`
     fitting: dict[str, Any] = dataclasses.field(default_factory=dict)
 
     def write(self, file: pathlib.Path, seed: int, *, noise: str = "relative") -> pathlib.Path:

@@ -37,6 +37,20 @@ GEOMETRY: dict[str, Any] = {
     "oil_gap": "5 mm",
 }
 """The [geometry] of the paper's skin."""
+PAPER = """
+[geometry]
+inner_radius = "57.5 mm"
+thickness = "1.5 mm"
+half_angle = "90 deg"
+width = "123 mm"
+oil_gap = "5 mm"
+[material]
+preset = "epdm-paper"
+[oil]
+model = "incompressible"
+relative_permittivity = 2.2
+"""
+"""Text of the paper's skin, without electrodes."""
 EPDM = {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"}
 LAWS: dict[str, dict[str, Any]] = {
     "mooney-rivlin": EPDM,
@@ -181,15 +195,11 @@ def problem_of(
 
 
 def built(
-    spec: SceneSpec, plan: AbstractPlan, inputs: Mapping[str, Any] | None = None
+    spec: SceneSpec,  # the scene
+    plan: AbstractPlan,  # its mesh
+    inputs: Mapping[str, Any] | None = None,  # see `build_problem`; those of the scene if None
 ) -> Problem:
-    """The discrete problem of a scene, by one program instead of one for each operation.
-
-    Args:
-        spec: the scene.
-        plan: its mesh.
-        inputs: see `build_problem`; those of the scene if None.
-    """
+    """The discrete problem of a scene, by one program instead of one for each operation."""
     values = continuous_inputs(spec) if inputs is None else inputs
     arrays = {path: np.asarray(value, float) for path, value in values.items()}
     problem: Problem = _built(Structure(spec), plan, arrays)

@@ -22,25 +22,18 @@ from suas_jax.equilibrium.equilibrium import State
 
 
 def explanations(
-    parameters: ArrayLike,
+    parameters: ArrayLike,  # [frame, parameter]
     *,
-    contacts: ArrayLike = 1,
-    so: ArrayLike | None = None,
-    jacobian: ArrayLike | None = None,
-    weight: ArrayLike = 1.0,
-    chi2: ArrayLike = 1.0,
+    contacts: ArrayLike = 1,  # their number [frame]
+    so: ArrayLike | None = None,  # the model's readings [frame, taxel]; zero if None
+    jacobian: ArrayLike | None = None,  # [frame, parameter, taxel]; zero if None
+    weight: ArrayLike = 1.0,  # inverse variances [frame, taxel]
+    chi2: ArrayLike = 1.0,  # of the fits [frame]
     **fields: Any,
 ) -> Explanations:
     """Explanations of frames with these values; their information is J^T W J.
 
-    Args:
-        parameters: [frame, parameter].
-        contacts: their number [frame].
-        so: the model's readings [frame, taxel]; zero if None.
-        jacobian: [frame, parameter, taxel]; zero if None.
-        weight: inverse variances [frame, taxel].
-        chi2: of the fits [frame].
-        **fields: what else differs from zero; NaN is what is beside, and the score is chi2.
+    **fields: what else differs from zero; NaN is what is beside, and the score is chi2.
     """
     x = np.atleast_2d(np.asarray(parameters, float))
     frames, width = x.shape
@@ -81,13 +74,11 @@ AT_REST = np.full(13, 1e3)
 STEEPNESS = 0.12  # width of what a contact does [rad]
 
 
-def dimple_readings(parameters: ArrayLike, contacts: int = 1) -> np.ndarray:
-    """Readings [frame, taxel] of a skin whose gaps add up: 1 / SO = 1e-3 - 1e-5 F dimple.
-
-    Args:
-        parameters: all angles [rad], all forces [N] [frame, parameter].
-        contacts: their number.
-    """
+def dimple_readings(
+    parameters: ArrayLike,  # all angles [rad], all forces [N] [frame, parameter]
+    contacts: int = 1,  # their number
+) -> np.ndarray:
+    """Readings [frame, taxel] of a skin whose gaps add up: 1 / SO = 1e-3 - 1e-5 F dimple."""
     x = np.atleast_2d(np.asarray(parameters, float))
     angle, force = x[:, :contacts, None], x[:, contacts : 2 * contacts, None]
     dimple = np.exp(-0.5 * ((TAXELS - angle) / STEEPNESS) ** 2)

@@ -21,7 +21,7 @@ from fitting.sensor.shapes import scene_states
 from suas_jax import configure
 from suas_jax.config import continuous_inputs, input_errors, load_skin
 from suas_jax.config.input_errors import as_assembled
-from tests.test_pad_estimation import SKIN as PAD
+from tests.test_pad_estimation import ORDERED, small_pad
 
 pytestmark = pytest.mark.long
 
@@ -76,14 +76,9 @@ def test_ten_planned_presses_find_a_unit_of_a_pad(
     configure()
     monkeypatch.setattr(scene_states, "PAD_ELEMENTS", (10, 10))
     monkeypatch.setitem(ELEMENTS, 3, (12, 12))
-    taxels = [
-        f'{{ angle = "{a} deg", axial = "{z} mm" }},' for a in range(-45, 46, 15) for z in
-        range(-36, 37, 18)
-    ]  # fmt: skip
     file = tmp_path / "pad.toml"
-    text = PAD.replace("TAXELS", "\n".join(taxels))
     # Half a circle, on which all sections count angles alike.
-    file.write_text(text.replace("60 deg", "90 deg"))
+    file.write_text(small_pad(ORDERED).replace("60 deg", "90 deg"))
     drawing = load_skin(file)
     spec = as_built(drawing)
     presses = (Press(0.3, 6.0, 0.01), Press(-0.4, 4.0, -0.02))

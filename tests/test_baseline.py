@@ -1,10 +1,12 @@
 """A baseline is the mean of a skin at rest, and of nothing else."""
 
+import contextlib
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from skins import PAPER
 
 from suas_jax.acquisition.baseline import (
     Baseline,
@@ -31,6 +33,11 @@ def log_of(so: np.ndarray, rate: float = 10.0) -> SoLog:
     rows = np.rint(so).reshape(-1, taxels)
     time = 7 + seq / rate
     return SoLog(Path("a.csv"), {"scale": "0.305 fF"}, time, time, seq, module, rows, {})
+
+
+def _refusing(refused: bool, words: str) -> contextlib.AbstractContextManager:
+    """Expects that a log is refused, or that it is not."""
+    return pytest.raises(NotAtRestError, match=words) if refused else contextlib.nullcontext()
 
 
 @pytest.fixture
@@ -122,12 +129,9 @@ def test_a_tenth_of_the_log_may_differ_by_six_standard_errors(step, refused):
     """Noise of 4 counts without correlation between neighbours: 6 x 4 / sqrt(40) = 3.8."""
     noise = np.tile([4.0, 4.0, -4.0, -4.0], FRAMES // 4)
     so = 5000 + noise + step * ((np.arange(FRAMES) >= 200) & (np.arange(FRAMES) < 240))
-    log = log_of(so[:, None, None])
-    if not refused:  # a tenth differs from the mean of all by nine tenths of the step
-        take_baseline(log)
-        return
-    with pytest.raises(NotAtRestError, match=r"3\.8 from its mean are allowed"):
-        take_baseline(log)
+    # A tenth differs from the mean of all by nine tenths of the step.
+    with _refusing(refused, r"3\.8 from its mean are allowed"):
+        take_baseline(log_of(so[:, None, None]))
 
 
 @pytest.mark.parametrize(
@@ -136,12 +140,8 @@ def test_a_tenth_of_the_log_may_differ_by_six_standard_errors(step, refused):
 )
 def test_rounding_is_noise_of_a_few_frames(tenths, refused):
     """Means of two rounded counts: 6 / sqrt(12) / sqrt(2) = 1.2; theirs differ by 1.1, 1.7."""
-    log = log_of(5000.0 + np.repeat(tenths, 2)[:, None, None])
-    if not refused:
-        take_baseline(log)
-        return
-    with pytest.raises(NotAtRestError, match=r"1\.2 from its mean are allowed"):
-        take_baseline(log)
+    with _refusing(refused, r"1\.2 from its mean are allowed"):
+        take_baseline(log_of(5000.0 + np.repeat(tenths, 2)[:, None, None]))
 
 
 @pytest.mark.parametrize(
@@ -150,10 +150,7 @@ def test_rounding_is_noise_of_a_few_frames(tenths, refused):
 def test_what_is_tolerated_may_be_less_than_a_count(tolerance, refused):
     """Half of the log a count higher: every tenth is half a count from the mean."""
     log = log_of(5000.0 + (np.arange(40) >= 20)[:, None, None])
-    if not refused:
-        take_baseline(log, tolerance=tolerance)
-        return
-    with pytest.raises(NotAtRestError, match=r"moved by 1\.0 counts"):
+    with _refusing(refused, r"moved by 1\.0 counts"):
         take_baseline(log, tolerance=tolerance)
 
 
@@ -338,20 +335,9 @@ def test_a_baseline_of_another_fluid_is_refused_or_counted_as_such(rest, tmp_pat
             refuse_other_fluid(name, own, "a.csv")
 
 
-SCENE = """
-[geometry]
-inner_radius = "57.5 mm"
-thickness = "1.5 mm"
-half_angle = "90 deg"
-width = "123 mm"
-oil_gap = "5 mm"
-[material]
-preset = "epdm-paper"
-[oil]
-model = "incompressible"
-relative_permittivity = 2.2
+SCENE = f"""{PAPER}
 [electrodes]
-taxels = [ { angle = "-30 deg" }, { angle = "0 deg" }, { angle = "30 deg" } ]
+taxels = [ {{ angle = "-30 deg" }}, {{ angle = "0 deg" }}, {{ angle = "30 deg" }} ]
 [solve]
 model = "shell"
 """

@@ -10,11 +10,7 @@ import pytest
 from jax.extend.core import jaxprs_in_params
 
 from suas_jax.numerics.block_banded import REACH, BlockBanded, factorise, refined, solve_with
-from suas_jax.numerics.bordered_solve import (
-    BorderedBlockTridiagonal,
-    BorderedVector,
-    eliminate,
-)
+from suas_jax.numerics.bordered_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
 
 DOF, LANES = 3, 2
 factorise, solve_with, refined = (jax.jit(f) for f in (factorise, solve_with, refined))

@@ -5,7 +5,7 @@ tests/data/indenter2d.csv: finite elements under a rigid cylinder; its header sa
 
 import dataclasses
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -44,7 +44,7 @@ from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.correction import corrected_touch
 from suas_jax.equilibrium.equilibrium import Equilibrium, differentiable
 from suas_jax.equilibrium.friction import equilibrium_with_friction
-from suas_jax.equilibrium.outcomes import index_of
+from suas_jax.equilibrium.outcomes import NAMES, index_of
 from suas_jax.equilibrium.validity import final_result, room_for_bodies
 from suas_jax.mechanics.contact.face import BodyContact
 from suas_jax.mechanics.registry import MODELS
@@ -817,6 +817,31 @@ def test_derivatives_under_friction_know_that_its_bound_changes(key: str) -> Non
     )
 
 
+def _answer(
+    start: Any,
+    *,
+    failed: str = "converged",
+    ends: tuple[float, float] = (-1.0, 1.0),  # of the contact [m]
+    pressure: float = 1.0,
+    error: float = np.nan,
+) -> Any:
+    """What a stand-in for the solve of a mesh says."""
+    one = np.ones(1)
+    named = {"force_N": one, "depth_m": one}
+    named |= {"contact_from_m": ends[0] * one, "contact_to_m": ends[1] * one}
+    report = {
+        "loads": [named],
+        "oil_pressure_Pa": pressure * one,
+        "max_displacement_m": one,
+        "discretisation_error": error * one,
+        "model_error": 0 * one,
+        "wall_contact": np.zeros(1, bool),
+        "stable": np.ones(1, bool),
+    }
+    outcome = {"result": np.array([index_of(failed)]), "level": one}
+    return report, start, start, start, outcome
+
+
 @pytest.mark.parametrize("lost", ["travels_given", "refined"])
 def test_an_error_whose_comparison_fails_is_not_stated(
     lost: str, monkeypatch: pytest.MonkeyPatch
@@ -825,19 +850,7 @@ def test_an_error_whose_comparison_fails_is_not_stated(
 
     def run(static: Any, meshes: Any, inputs: Any, start: Any, **options: Any) -> Any:
         del static, meshes, inputs
-        failed = index_of("no_convergence") if options.get(lost) else 0
-        one = np.ones(1)
-        named = {"force_N": one, "depth_m": one, "contact_from_m": -one, "contact_to_m": one}
-        report = {
-            "loads": [named],
-            "oil_pressure_Pa": one,
-            "max_displacement_m": one,
-            "discretisation_error": np.nan * one,
-            "model_error": 0 * one,
-            "wall_contact": np.zeros(1, bool),
-            "stable": np.ones(1, bool),
-        }
-        return report, start, start, start, {"result": np.array([failed]), "level": one}
+        return _answer(start, failed="no_convergence" if options.get(lost) else "converged")
 
     monkeypatch.setattr(choice, "run_program", run)
     load = _by_force(20, 2.0) if lost == "travels_given" else body(20, 2.0)
@@ -857,17 +870,7 @@ def test_a_force_has_the_mesh_of_its_travel(monkeypatch: pytest.MonkeyPatch) -> 
         def run(static: Any, meshes: Any, inputs: Any, start: Any, **options: Any) -> Any:
             del static, inputs, options
             slid.append(meshes.whole.arc.slid)
-            one = np.ones(1)
-            named = {"force_N": one, "depth_m": one, "contact_from_m": (place - 5e-5) * one}
-            named |= {"contact_to_m": (place + 5e-5) * one}
-            report = dict.fromkeys(("oil_pressure_Pa", "max_displacement_m"), one)
-            report |= {
-                "loads": [named],
-                "discretisation_error": 0 * one,
-                "model_error": 0 * one,
-            }
-            report |= {"wall_contact": np.zeros(1, bool), "stable": np.ones(1, bool)}
-            return report, start, start, start, {"result": np.array([0]), "level": one}
+            return _answer(start, ends=(place - 5e-5, place + 5e-5), error=0.0)
 
         monkeypatch.setattr(choice, "run_program", run)
         monkeypatch.setattr(choice, "carried", lambda *args: None)
@@ -889,20 +892,8 @@ def test_a_mesh_that_hardly_helps_is_the_last(monkeypatch: pytest.MonkeyPatch) -
         def run(static: Any, meshes: Any, inputs: Any, start: Any, **options: Any) -> Any:
             del static, inputs, options
             tried.append(meshes.whole.counts[0])
-            one = np.ones(1)
-            named = {"force_N": one, "depth_m": one}
-            named |= {"contact_from_m": -one, "contact_to_m": one}
-            pressure = sum((0.5**order) ** k for k in range(int(np.log2(tried[-1]))))
-            report = {
-                "loads": [named],
-                "oil_pressure_Pa": pressure * one,
-                "max_displacement_m": one,
-                "discretisation_error": np.nan * one,
-                "model_error": 0 * one,
-                "wall_contact": np.zeros(1, bool),
-                "stable": np.ones(1, bool),
-            }
-            return report, start, start, start, {"result": np.array([0]), "level": one}
+            levels = range(int(np.log2(tried[-1])))
+            return _answer(start, pressure=sum((0.5**order) ** k for k in levels))
 
         monkeypatch.setattr(choice, "run_program", run)
         monkeypatch.setattr(choice, "carried", lambda *args: None)
@@ -935,48 +926,58 @@ def test_travels_are_found_from_forces() -> None:
     assert len(runs) < 25
 
 
+START = State(*[np.zeros(1)] * 3)
+
+
+def _searched(
+    force: float,
+    answer: Callable[[float], tuple[float, str]],  # force [N] and result at a depth [mm]
+    told: Callable[[float], dict[str, Any]] = lambda depth: {},  # what else is reported
+    depth: float | None = None,  # to begin with [m]
+    **options: Any,
+) -> tuple[dict[str, Any], str, list[float]]:
+    """A force's travel by a stand-in for the solve: report, result, depths tried [mm]."""
+    inputs, runs = {"load.0.force": np.asarray(force)}, []
+    if depth is not None:
+        inputs["load.0.depth"] = np.asarray(depth)
+
+    def run(inputs: Any, start: Any) -> Any:
+        runs.append(1e3 * float(inputs["load.0.depth"]))
+        carried, result = answer(runs[-1])
+        load = {"force_N": np.array([carried]), "depth_m": np.array([runs[-1] / 1e3])}
+        report = {"loads": [load], **told(runs[-1])}
+        return report, start, start, start, {"result": np.array([index_of(result)])}
+
+    spec = scene(_by_force(20, 2.0))
+    report, *_, outcome = under_forces(spec, inputs, START, run, **options)
+    return report, NAMES[int(outcome["result"][0])].name, runs
+
+
 @pytest.mark.parametrize("force", [0.3, 1e-4, 0.0])
 def test_a_body_that_the_skin_comes_out_to_meet_is_drawn_back(force: float) -> None:
     """By a stand-in whose skin bulges, so that a force is met before first touch."""
-    inputs = {"load.0.force": np.asarray(force)}
-    bulge, runs = 1.1, []  # mm
-
-    def run(inputs: Any, start: Any) -> Any:
-        depth = 1e3 * float(inputs["load.0.depth"])
-        runs.append(depth)
-        load = {"force_N": 2 * max(depth + bulge, 0.0) ** 1.2, "depth_m": depth / 1e3}
-        loads = [{key: np.array([x]) for key, x in load.items()}]
-        return {"loads": loads}, start, start, start, {"result": np.zeros(1)}
-
-    zero = np.zeros(1)
-    start = State(zero, zero, zero)
-    spec = scene(_by_force(20, 2.0))
+    bulge, tried, depth = 1.1, 0, None  # mm
     for _ in range(2):  # from first touch, and from the travel that was found
-        report, *_, outcome = under_forces(spec, inputs, start, run)
-        assert outcome["result"][0] == 0
+        report, result, runs = _searched(
+            force, lambda x: (2 * max(x + bulge, 0.0) ** 1.2, "converged"), depth=depth
+        )
+        assert result == "converged"
         assert report["loads"][0]["force_N"][0] == pytest.approx(force, rel=1e-9)
-        inputs["load.0.depth"] = np.asarray(report["loads"][0]["depth_m"][0])
-    assert len(runs) < 50, runs
+        depth, tried = report["loads"][0]["depth_m"][0], tried + len(runs)
+    assert tried < 50
 
 
 def test_a_travel_is_found_between_no_touch_and_too_far() -> None:
     """By a stand-in that touches late and has no answer soon after: one step leads past."""
-    inputs, runs = {"load.0.force": np.asarray(0.01)}, []
     touch, deepest = 0.5, 0.6  # mm
 
-    def run(inputs: Any, start: Any) -> Any:
-        depth = 1e3 * float(inputs["load.0.depth"])
-        runs.append(depth)
-        force, failure = 2 * max(depth - touch, 0.0), 0
+    def answer(depth: float) -> tuple[float, str]:
         if depth > deepest:
-            force, failure = 0.0, index_of("beyond_model")
-        loads = [{"force_N": np.array([force]), "depth_m": np.array([depth / 1e3])}]
-        return {"loads": loads}, start, start, start, {"result": np.array([failure])}
+            return 0.0, "beyond_model"
+        return 2 * max(depth - touch, 0.0), "converged"
 
-    zero = np.zeros(1)
-    start = State(zero, zero, zero)
-    report, *_, outcome = under_forces(scene(_by_force(20, 0.01)), inputs, start, run)
-    assert outcome["result"][0] == 0
+    report, result, runs = _searched(0.01, answer)
+    assert result == "converged"
     assert report["loads"][0]["force_N"][0] == pytest.approx(0.01, rel=1e-9)
     assert len(runs) < 25, runs
 
@@ -995,9 +996,8 @@ def test_bodies_that_press_the_skin_onto_one_another_are_found_together() -> Non
         loads = [{"force_N": f, "depth_m": d} for f, d in rows]
         return {"loads": loads}, start, start, start, {"result": np.zeros(1)}
 
-    zero = np.zeros(1)
     spec = scene(_by_force(-20, 6.0), _by_force(20, 4.0))
-    report, *_, outcome = under_forces(spec, inputs, State(zero, zero, zero), run)
+    report, *_, outcome = under_forces(spec, inputs, START, run)
     assert outcome["result"][0] == 0
     told = [(load["force_N"][0], 1e3 * load["depth_m"][0]) for load in report["loads"]]
     sides = [(6.0, 5 / 6 + 5 / 3), (4.0, 5 / 6 - 5 / 3)]
@@ -1007,19 +1007,8 @@ def test_bodies_that_press_the_skin_onto_one_another_are_found_together() -> Non
 
 def test_a_refined_solve_whose_first_run_fails_is_given_up() -> None:
     """Runs on the finest solid take minutes, and each of a dozen travels fails alike."""
-    inputs, runs = {"load.0.force": np.asarray(2.0)}, []
-    lost = index_of("no_convergence")
-
-    def run(inputs: Any, start: Any) -> Any:
-        runs.append(inputs)
-        loads = [{"force_N": np.zeros(1), "depth_m": np.zeros(1)}]
-        return {"loads": loads}, start, start, start, {"result": np.array([lost])}
-
-    zero = np.zeros(1)
-    start = State(zero, zero, zero)
-    spec = scene(_by_force(20, 2.0))
-    *_, outcome = under_forces(spec, inputs, start, run, refined=True)
-    assert outcome["result"][0] == lost
+    _, result, runs = _searched(2.0, lambda depth: (0.0, "no_convergence"), refined=True)
+    assert result == "no_convergence"
     assert len(runs) == 1
 
 
@@ -1081,21 +1070,14 @@ def test_how_deep_a_skin_lies_in_a_body_is_part_of_the_error() -> None:
 
 def test_a_force_that_no_travel_carries_is_given_up_soon() -> None:
     """By a stand-in that is squeezed at a travel before it carries the force."""
-    inputs = {"load.0.force": np.asarray(2.0)}
-    deepest, carried, runs = 3.007, 1.961, []
+    deepest, carried = 3.007, 1.961
 
-    def run(inputs: Any, start: Any) -> Any:
-        depth = 1e3 * float(inputs["load.0.depth"])
-        runs.append(depth)
-        load = {"force_N": carried * (depth / deepest) ** 2.2, "depth_m": depth / 1e3}
-        failure = index_of("squeezed") if depth > deepest else 0
-        loads = [{key: np.array([x]) for key, x in load.items()}]
-        return {"loads": loads}, start, start, start, {"result": np.array([failure])}
+    def answer(depth: float) -> tuple[float, str]:
+        result = "squeezed" if depth > deepest else "converged"
+        return carried * (depth / deepest) ** 2.2, result
 
-    zero = np.zeros(1)
-    start = State(zero, zero, zero)
-    report, *_, outcome = under_forces(scene(_by_force(20, 2.0)), inputs, start, run)
-    assert outcome["result"][0] == index_of("squeezed")
+    report, result, runs = _searched(2.0, answer)
+    assert result == "squeezed"
     # Still the travel before which the skin holds.
     assert report["loads"][0]["depth_m"][0] * 1e3 == pytest.approx(deepest, rel=1e-3)
     assert len(runs) < 35
@@ -1106,19 +1088,12 @@ def test_a_search_without_the_wall_ends_where_the_face_passes_it(
     force: float, passed: bool
 ) -> None:
     """By a stand-in whose face lies in the wall from 1 mm and 1 N on, see `until_wall`."""
-    inputs, runs = {"load.0.force": np.asarray(force)}, []
-
-    def run(inputs: Any, start: Any) -> Any:
-        depth = 1e3 * float(inputs["load.0.depth"])
-        runs.append(depth)
-        loads = [{"force_N": np.array([depth]), "depth_m": np.array([1e-3 * depth])}]
-        report = {"loads": loads, "wall_contact": np.array([depth >= 1])}
-        return report, start, start, start, {"result": np.zeros(1)}
-
-    zero = np.zeros(1)
-    start = State(zero, zero, zero)
-    spec = scene(_by_force(20, 2.0))
-    report, *_ = under_forces(spec, inputs, start, run, until_wall=True)
+    report, _, runs = _searched(
+        force,
+        lambda depth: (depth, "converged"),
+        lambda depth: {"wall_contact": np.array([depth >= 1])},
+        until_wall=True,
+    )
     assert bool(report["wall_contact"][0]) is passed
     assert sum(depth >= 1 for depth in runs[:-1]) == 0
     if not passed:
@@ -1127,20 +1102,13 @@ def test_a_search_without_the_wall_ends_where_the_face_passes_it(
 
 def test_a_travel_is_found_where_the_wall_takes_the_force() -> None:
     """By a stand-in whose force grows a hundred times faster from a travel on."""
-    inputs = {"load.0.force": np.asarray(2.0)}
-    touch, runs = 3.0266, []
+    touch = 3.0266
 
-    def run(inputs: Any, start: Any) -> Any:
-        depth = 1e3 * float(inputs["load.0.depth"])
-        runs.append(depth)
-        force = 1.98 * (depth / touch) ** 2.5 + 400 * max(depth - touch, 0.0)
-        loads = [{"force_N": np.array([force]), "depth_m": np.array([depth / 1e3])}]
-        return {"loads": loads}, start, start, start, {"result": np.zeros(1)}
+    def answer(depth: float) -> tuple[float, str]:
+        return 1.98 * (depth / touch) ** 2.5 + 400 * max(depth - touch, 0.0), "converged"
 
-    zero = np.zeros(1)
-    start = State(zero, zero, zero)
-    report, *_, outcome = under_forces(scene(_by_force(20, 2.0)), inputs, start, run)
-    assert outcome["result"][0] == 0
+    report, result, runs = _searched(2.0, answer)
+    assert result == "converged"
     assert abs(report["loads"][0]["force_N"][0] / 2.0 - 1) < 1e-9
     assert len(runs) < 25, runs
 
@@ -1197,8 +1165,7 @@ def test_drags_are_found_where_points_turn_one_by_one() -> None:
         return {"loads": [load]}, start, start, start, {"result": np.zeros(1)}
 
     inputs = {k: np.asarray(v) for k, v in continuous_inputs(spec).items()}
-    zero = np.zeros(1)
-    report, *_, outcome = under_forces(spec, inputs, State(zero, zero, zero), run)
+    report, *_, outcome = under_forces(spec, inputs, START, run)
     assert outcome["result"][0] == 0
     (load,) = report["loads"]
     for key, wanted in (("", 0.02), ("_axial", 0.01)):

@@ -393,16 +393,8 @@ def test_a_test_that_remembers_is_only_asked_for_its_length() -> None:
     ("low", "high", "remarks"),
     [
         (0.6, 1.4, []),
-        (
-            0.45,
-            1.4,
-            ["from 0.450 to 1.400", "by up to 2.222, the data reach"],
-        ),
-        (
-            0.6,
-            2.4,
-            ["from 0.600 to 2.400", "by up to 2.400, the data reach"],
-        ),
+        (0.45, 1.4, ["from 0.450 to 1.400", "by up to 2.222, the data reach"]),
+        (0.6, 2.4, ["from 0.600 to 2.400", "by up to 2.400, the data reach"]),
         (0.51, 1.4, ["by up to 1.961, the data reach 1.800"]),
         (None, None, []),
     ],

@@ -263,9 +263,7 @@ def test_a_goal_to_be_large_ends_at_the_bounds_with_their_prices() -> None:
     class Larger(Problem):
         def __call__(self, x: Any) -> Outcome:
             found = super().__call__(x)  # and larger by one at the second place
-            return found._replace(
-                values=found.values | {"range_N": x.sum() + np.arange(2.0)},
-            )
+            return found._replace(values=found.values | {"range_N": x.sum() + np.arange(2.0)})
 
     want = {"goal": "range_N", "maximise": True}
     problem: Any = _unlimited(Larger(), **want)

@@ -152,9 +152,7 @@ def by_place(mean: np.ndarray, covariance: np.ndarray, presses: Presses) -> np.n
     return np.array(parts)
 
 
-def test_estimates_read_it_between_the_states_of_their_table(
-    shown: Discrepancy,
-) -> None:
+def test_estimates_read_it_between_the_states_of_their_table(shown: Discrepancy) -> None:
     found, presses = shown, shown.presses
     angles, forces = np.linspace(-1.5, 1.5, 91), np.geomspace(0.1, 20.0, 24)
     grid = np.repeat(forces[None], 91, 0)

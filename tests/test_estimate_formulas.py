@@ -33,8 +33,7 @@ from fitting.inverse_load.estimate.assessment import LoadAssessment
 from fitting.inverse_load.estimate.at_rest import untouched
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate, load_array
 from fitting.inverse_load.estimate.measured_pressure import contradicted, with_doubts
-from fitting.inverse_load.estimate.place import ContactPlaces
-from fitting.inverse_load.estimate.place_shift import PlaceShift
+from fitting.inverse_load.estimate.place import ContactPlaces, PlaceShift
 from fitting.inverse_load.fit.explanation import Alternative
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.selection import Selection
@@ -280,11 +279,7 @@ def test_what_explains_a_log_is_named_however_small(
     [(12, 5, 1.0, True), (12, 5, 1.5, True), (12, 5, 3.5, False), (64, 40, 1.15, True)],
 )
 def test_a_file_is_right_that_leaves_noise_in_the_fits_that_have_settled(
-    monkeypatch: pytest.MonkeyPatch,
-    frames: int,
-    taxels: int,
-    chi2_per_dof: float,
-    right: bool,
+    monkeypatch: pytest.MonkeyPatch, frames: int, taxels: int, chi2_per_dof: float, right: bool
 ) -> None:
     lost = 4
     chi2, left = np.full(frames, (taxels - 2) * chi2_per_dof), np.zeros(frames)

@@ -344,10 +344,7 @@ def scene_table(text: str) -> LawSpec:
     return scene_from_dict(tomllib.loads(skin.read_text()) | tomllib.loads(text)).material
 
 
-FELUPE_LAWS: dict[str, LawSpec] = {
-    **LAWS,
-    "arruda-boyce": ARRUDA_BOYCE,
-}
+FELUPE_LAWS: dict[str, LawSpec] = {**LAWS, "arruda-boyce": ARRUDA_BOYCE}
 
 
 @pytest.mark.parametrize("name", FELUPE_LAWS)

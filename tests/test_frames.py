@@ -414,8 +414,7 @@ def test_fuzz(name):
     name=st.sampled_from(list(FORMATS)),
     chunks=st.lists(
         st.one_of(
-            st.binary(max_size=80),
-            st.sampled_from([*WIRES.values(), b"\0", b"\n", b"1,"]),
+            st.binary(max_size=80), st.sampled_from([*WIRES.values(), b"\0", b"\n", b"1,"])
         ),
         max_size=30,
     ),

@@ -169,10 +169,7 @@ def log_of(folder: Path, so: np.ndarray, columns: dict[str, np.ndarray]) -> Path
             },
             "one kind at a time",
         ),
-        (
-            {"load_0_depth_mm": 9.0, "load_0_radius_mm": 5.0, "load_0_angle_deg": 0.0},
-            "oil gap",
-        ),
+        ({"load_0_depth_mm": 9.0, "load_0_radius_mm": 5.0, "load_0_angle_deg": 0.0}, "oil gap"),
     ],
 )
 def test_bodies_of_a_log_that_say_too_little(

@@ -233,9 +233,7 @@ def test_stuck_and_missing_taxels_cost_little(
     assert all({3, 17, 30} <= set(e.left_out) for e in found)
 
 
-def test_frames_without_a_contact_have_statuses_of_their_own(
-    estimator: LoadEstimator,
-) -> None:
+def test_frames_without_a_contact_have_statuses_of_their_own(estimator: LoadEstimator) -> None:
     rest = estimator.table.rest
     saturated = np.full(TAXELS, FULL_SCALE)
     few = np.full(TAXELS, np.nan)
@@ -311,9 +309,7 @@ def test_wall_contact_states_no_error(
 
 
 @pytest.mark.long  # an estimator with errors; systematic parts in test_load_formulas
-def test_errors_of_a_calibration_are_covered_as_stated(
-    estimator: LoadEstimator,
-) -> None:
+def test_errors_of_a_calibration_are_covered_as_stated(estimator: LoadEstimator) -> None:
     """True skins are drawn from the record; regions hold the load, and noise alone doesn't."""
     sigma = {"oil_gap": 1e-4, "relative_permittivity": 0.04}
     paths = ("geometry.oil_gap", "oil.relative_permittivity")

@@ -37,11 +37,7 @@ from suas_jax.constitutive import (
     Yeoh,
     build_law,
 )
-from suas_jax.constitutive.deformation import (
-    FibreStretch,
-    LogStretches,
-    PlaneStrain,
-)
+from suas_jax.constitutive.deformation import FibreStretch, LogStretches, PlaneStrain
 from suas_jax.constitutive.deformation_gradient import GeneralDeformation
 
 TABLE_1 = ([6.3e5, 0.012e5, -0.1e5], [1.3, 5.0, -2.0])

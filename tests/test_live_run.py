@@ -159,14 +159,13 @@ def test_a_live_run_is_recorded_and_sent_on(
 
 
 class Busy:
-    """A stream at 100 Hz, one frame a chunk, read on a machine that takes its time.
+    """A stream at 100 Hz, one frame a chunk, read on a machine that takes its time."""
 
-    Args:
-        pause: between two frames' estimates [s].
-        count: number of frames.
-    """
-
-    def __init__(self, pause: float, count: int) -> None:
+    def __init__(
+        self,
+        pause: float,  # between two frames' estimates [s]
+        count: int,  # number of frames
+    ) -> None:
         self.now, self.taken, self.pause, self.count = 0.0, 0, pause, count
 
     @property

@@ -10,8 +10,7 @@ from scipy.stats import multivariate_normal
 
 from benchmarks.inverse_load import skin_of_taxels, with_tolerances
 from fitting.arrays import Floats
-from fitting.inverse_load.estimate.place import ContactPlaces
-from fitting.inverse_load.estimate.place_shift import PlaceShift
+from fitting.inverse_load.estimate.place import ContactPlaces, PlaceShift
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.field.fallback import FieldFallback
 from fitting.inverse_load.field.fitter import FieldFitter

@@ -15,18 +15,13 @@ from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.memory.remembering import Series, response_of
 from fitting.inverse_load.memory.series import SHARE_ERROR, LoadMemory, creeping_load
 from fitting.inverse_load.pad.interpolant import WHOLE, PadInterpolant
-from fitting.inverse_load.pad.memory import (
-    Answer,
-    Dents,
-    PadMemoryErrors,
-    PadMemoryFollower,
-)
+from fitting.inverse_load.pad.memory import Answer, Dents, PadMemoryErrors, PadMemoryFollower
 from suas_jax.config import load_skin
 from suas_jax.config.inelastic import RelaxationSpec
 from suas_jax.config.tolerance import UncertainQuantity
 from suas_jax.constitutive.relaxation import Past
 from tests.stand_ins import explanations
-from tests.test_pad_estimation import SKIN as PAD
+from tests.test_pad_estimation import small_pad
 from tests.test_pad_formulas import RADIUS, dent_table
 
 G, TAU = np.array([0.15, 0.10]), np.array([0.5, 10.0])
@@ -291,13 +286,8 @@ def test_a_relaxing_pad_tells_true_loads_and_leaves_no_ghost(tmp_path: Path) -> 
     from suas_jax import read_log
     from suas_jax.simulation.simulated_log import simulate_log, write_simulated_log
 
-    taxels = [
-        f'{{ angle = "{a + 1.7 * k - 3:.3f} deg", axial = "{z + a / 30:.3f} mm" }},'
-        for a in np.linspace(-45, 45, 7)
-        for k, z in enumerate(np.linspace(-38, 36, 5))
-    ]
     relaxation = 'relaxation = { g = [0.15, 0.10], tau = ["0.5 s", "10 s"] }'
-    skin = PAD.replace("TAXELS", "\n".join(taxels)).replace("[oil]", f"{relaxation}\n[oil]")
+    skin = small_pad().replace("[oil]", f"{relaxation}\n[oil]")
     (tmp_path / "skin.toml").write_text(skin)
     patch = '[[load]]\nkind = "patch"\nangle = "20 deg"\naxial = "8 mm"\n'
     patch += 'size = ["6 mm", "6 mm"]\nforce = "12 N"\n'

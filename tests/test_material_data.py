@@ -473,9 +473,7 @@ def test_languages_in_the_code_pages_of_their_machines(
     np.testing.assert_array_equal(test.time, seconds)
 
 
-def test_the_position_of_a_crosshead_is_counted_from_its_first(
-    tmp_path: pathlib.Path,
-) -> None:
+def test_the_position_of_a_crosshead_is_counted_from_its_first(tmp_path: pathlib.Path) -> None:
     # 120 mm were taken for slack, or for a break where the crosshead goes down.
     force, sizes = NOMINAL * 12e-6, {"length": "25 mm", "area": "12 mm2"}
     moved = 25 * (STRETCH - 1)

@@ -5,7 +5,7 @@ import pickle
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -27,13 +27,7 @@ from fitting.inverse_load.fit.detection import PadDetector
 from fitting.inverse_load.frame_posterior import frame_posterior, likely_modes
 from fitting.inverse_load.live.filter import LoadFilter
 from fitting.inverse_load.pad import parts as pad_parts
-from fitting.inverse_load.pad.columns import (
-    ACROSS,
-    LEVELS,
-    Column,
-    Columns,
-    largest_forces,
-)
+from fitting.inverse_load.pad.columns import ACROSS, LEVELS, Column, Columns, largest_forces
 from fitting.inverse_load.pad.fitter import PadFitter
 from fitting.inverse_load.pad.interpolant import PadInterpolant
 from fitting.inverse_load.pad.kept_table import pad_table_of
@@ -90,17 +84,24 @@ taxels = [
 TAXELS
 ]
 """
+UNORDERED = [
+    (a + 1.7 * k - 3, z + a / 30)
+    for a in np.linspace(-45, 45, 7)
+    for k, z in enumerate(np.linspace(-38, 36, 5))
+]
+ORDERED = [(a, z) for a in range(-45, 46, 15) for z in range(-36, 37, 18)]
+
+
+def small_pad(places: Sequence[tuple[float, float]] = UNORDERED) -> str:
+    """File of the pad with taxels at places [deg], [mm]."""
+    rows = [f'{{ angle = "{a:.3f} deg", axial = "{z:.3f} mm" }},' for a, z in places]
+    return SKIN.replace("TAXELS", "\n".join(rows))
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("pad")
-    rows = [
-        f'{{ angle = "{a + 1.7 * k - 3:.3f} deg", axial = "{z + a / 30:.3f} mm" }},'
-        for a in np.linspace(-45, 45, 7)
-        for k, z in enumerate(np.linspace(-38, 36, 5))
-    ]
-    (folder / "skin.toml").write_text(SKIN.replace("TAXELS", "\n".join(rows)))
+    (folder / "skin.toml").write_text(small_pad())
     return folder
 
 

@@ -60,10 +60,7 @@ def scene(poke: list[float]) -> dict:
         "axial": f"{axial} m",
         "force": f"{force} N",
     }
-    return SCENE | {
-        "load": [patch],
-        "solve": {"elements": list(MESH)},
-    }
+    return SCENE | {"load": [patch], "solve": {"elements": list(MESH)}}
 
 
 @pytest.fixture(scope="module")

@@ -117,25 +117,14 @@ def test_rest_is_free_of_stress_and_stable(pads: dict[bool, PadSolid]) -> None:
 def test_comparison_meshes_hold_the_deformation(pads: dict[bool, PadSolid]) -> None:
     """Elements halved and joined again; a degree that is not there left out."""
     pad, rng = pads[False], np.random.default_rng(2)
-    even = dataclasses.replace(
-        pad,
-        net=quick(Net.of)(
-            NetTopology(SplineAxis(4), SplineAxis(4), 2),
-            THICK.section,
-            jnp.linspace(-1.4, 1.4, 5)[:, None],
-            jnp.linspace(-0.06, 0.06, 5)[:, None],
-        ),
-    )
+
+    def of(elements: int) -> PadSolid:
+        ends = (jnp.linspace(-x, x, elements + 1)[:, None] for x in (1.4, 0.06))
+        topology = NetTopology(SplineAxis(elements), SplineAxis(elements), 2)
+        return dataclasses.replace(pad, net=quick(Net.of)(topology, THICK.section, *ends))
+
+    even, finer = of(4), of(8)
     q = jnp.asarray(rng.uniform(-1, 1, even.rest().shape))
-    finer = dataclasses.replace(
-        even,
-        net=quick(Net.of)(
-            NetTopology(SplineAxis(8), SplineAxis(8), 2),
-            THICK.section,
-            jnp.linspace(-1.4, 1.4, 9)[:, None],
-            jnp.linspace(-0.06, 0.06, 9)[:, None],
-        ),
-    )
     there = even._on_other_elements(q, finer=True)
     back = finer.to_comparison_mesh(there, (4, 4, 2))
     np.testing.assert_allclose(back, q, atol=1e-12)

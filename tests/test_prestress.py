@@ -75,10 +75,7 @@ def skin(
                 "fill": fill,
                 "expansion": f"{oil!r} / K",
             },
-            "environment": {
-                "temperature": f"{20 + warming!r} degC",
-                "depth": f"{depth!r} m",
-            },
+            "environment": {"temperature": f"{20 + warming!r} degC", "depth": f"{depth!r} m"},
             "load": loads,
             "solve": {"model": model} | numbers | solid,
         }

@@ -6,13 +6,7 @@ import jax.numpy as jnp
 import pytest
 from skins import reference_rows, shaped
 
-from suas_jax.config import (
-    ConfigError,
-    SceneSpec,
-    continuous_inputs,
-    with_inputs,
-    with_solve,
-)
+from suas_jax.config import ConfigError, SceneSpec, continuous_inputs, with_inputs, with_solve
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.mesh.section import measures
 from suas_jax.scene.gradient import gradient

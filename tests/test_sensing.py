@@ -43,14 +43,7 @@ from suas_jax.sensing.capacitances.parallel_plate import ParallelPlate
 from suas_jax.sensing.converter import EIGHT_BIT_LSB, PAPER_LSB, Converter
 from suas_jax.sensing.electrodes import Electrodes, Readings
 from suas_jax.sensing.field import field_capacitance_under
-from suas_jax.sensing.taxels import (
-    CHORDS,
-    DISC,
-    EVEN,
-    PLACE_CHANNELS,
-    Taxels,
-    module_places,
-)
+from suas_jax.sensing.taxels import CHORDS, DISC, EVEN, PLACE_CHANNELS, Taxels, module_places
 from suas_jax.sensing.tiling import tiled_modules
 from suas_jax.skin.plain import angles_at, plain_geometry
 from suas_jax.skin.section import outward

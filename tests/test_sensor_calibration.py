@@ -572,9 +572,7 @@ def test_a_gap_that_is_a_table_is_no_one_constant(tmp_path: Path) -> None:
 
 
 @pytest.mark.long  # derivatives by the gap of the shapes
-def test_a_gap_moves_a_membrane_whose_oil_is_a_share_more_than_its_film(
-    tmp_path: Path,
-) -> None:
+def test_a_gap_moves_a_membrane_whose_oil_is_a_share_more_than_its_film(tmp_path: Path) -> None:
     """1 % more of the film's volume is more oil under a wider gap, and a stiffer skin."""
     plain = load_skin(SKIN)
     skin = plain.model_copy(

@@ -756,11 +756,8 @@ def test_forces_tell_a_gap_no_better_than_the_membrane_is_known(
 ) -> None:
     spec = load_skin(ROOT / "configs/skins/suas.toml")
     spec = spec.model_copy(update={"geometry": spec.geometry.model_copy(update=geometry)})
-    names = ["t_host_s", "t_device_s", "seq", "module", *(f"so_{k}" for k in range(1, 9))]
-    rows = [f"{k},{k},{k},0,{','.join(['200'] * 8)},{k},20" for k in range(3)]
-    head = ",".join([*names, column, "load_0_angle_deg"])
-    (tmp_path / "a.csv").write_text("\n".join([head, *rows]) + "\n")
-    data = load_sensor_data(spec, [tmp_path / "a.csv"])
+    cells = f"{column},load_0_angle_deg", "0,20", "1,20", "2,20"
+    data = load_sensor_data(spec, [logged_inputs(tmp_path / "a.csv", *cells)])
     family = SensorFamily(tuple(named(spec, name) for name in fit.split(",")))
     text = assumptions.exact_membrane_warning(family, data)
     assert bool(text) == bool(said)
@@ -783,12 +780,9 @@ def test_known_forces_on_a_membrane_that_creeps_are_doubted(
     relaxation = RelaxationSpec(g=(0.15, 0.1), tau=(0.5, 10.0))
     material = {"relaxation": relaxation, "response": response}
     spec = spec.model_copy(update={"material": spec.material.model_copy(update=material)})
-    counts = ",".join(["200"] * 8)
-    names = ",".join(f"so_{k}" for k in range(1, 9))
-    rows = [f"{k},{k},{k},0,{counts},{k},20" for k in range(3)]
-    head = f"t_host_s,t_device_s,seq,module,{names},{column},load_0_angle_deg"
-    (tmp_path / "a.csv").write_text("\n".join([head, *rows]) + "\n")
-    text = assumptions.elastic_warning(load_sensor_data(spec, [tmp_path / "a.csv"]))
+    cells = f"{column},load_0_angle_deg", "0,20", "1,20", "2,20"
+    log = logged_inputs(tmp_path / "a.csv", *cells)
+    text = assumptions.elastic_warning(load_sensor_data(spec, [log]))
     assert bool(text) == bool(said)
     assert said in text
 

@@ -85,11 +85,7 @@ def test_residual_and_tangent_come_from_the_potential(name: str, half_angle: flo
         q = random_state(shell, size, seed)
         got = assemble(shell, q, p, f)
         residual, hessian, volume, load = by_differentiation(shell, q, p, f)
-        for a, b in (
-            (got.residual, residual),
-            (got.volume_gradient, volume),
-            (got.load, load),
-        ):
+        for a, b in ((got.residual, residual), (got.volume_gradient, volume), (got.load, load)):
             want = np.where(free, b, 0)
             # Displacements and slopes have units of their own.
             length = float(shell.elements.lengths[0, 0])

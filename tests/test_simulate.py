@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from skins import quick
+from skins import PAPER, quick
 from test_cli import SCENES
 from typer.testing import CliRunner
 
@@ -25,22 +25,11 @@ from suas_jax.simulation.capacitances import _ELEMENTS, _loads, capacitances
 from suas_jax.simulation.load_path import LoadPath, load_path
 from suas_jax.simulation.simulated_log import NotKnownInputsError, true_loads
 
-SCENE = """
-[geometry]
-inner_radius = "57.5 mm"
-thickness = "1.5 mm"
-half_angle = "90 deg"
-width = "123 mm"
-oil_gap = "5 mm"
-[material]
-preset = "epdm-paper"
-[oil]
-model = "incompressible"
-relative_permittivity = 2.2
+SCENE = f"""{PAPER}
 [electrodes]
 lsb = "0.02 fF"
 layout = "roboskin"
-modules = [ { angle = "-20 deg" }, { angle = "20 deg", rotation = "180 deg" } ]
+modules = [ {{ angle = "-20 deg" }}, {{ angle = "20 deg", rotation = "180 deg" }} ]
 [[load]]
 kind = "line"
 angle = "0 deg"

@@ -183,11 +183,10 @@ def test_patch_test() -> None:
 
 
 @quick
-def inflated_sector(across: np.ndarray) -> tuple[jax.Array, jax.Array]:
+def inflated_sector(
+    across: np.ndarray,  # as long as there are elements through the thickness
+) -> tuple[jax.Array, jax.Array]:
     """Errors of a thick sector whose ends move as in an inflated tube, on an even mesh.
-
-    Args:
-        across: as long as there are elements through the thickness.
 
     Returns:
         Largest error of a nodal displacement, relative to the displacement of the inner

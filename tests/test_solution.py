@@ -34,8 +34,7 @@ SCENES: dict[str, SceneSpec] = {
 TRUTHS = json.loads((Path(__file__).parent / "data/fine_meshes.json").read_text())["shell"]
 # A line load on an arc without symmetry is what other files solve, too: one program for all.
 names = pytest.mark.parametrize(
-    "name",
-    [x if x == "case B" else pytest.param(x, marks=pytest.mark.long) for x in SCENES],
+    "name", [x if x == "case B" else pytest.param(x, marks=pytest.mark.long) for x in SCENES]
 )
 
 

@@ -17,13 +17,7 @@ TRIALS = {
     "tiny skin": Trial(
         "units",
         "micrometres",
-        skin(
-            (20, 2e-11),
-            inner_radius=5.75e-8,
-            thickness=1.5e-9,
-            width=1.23e-7,
-            oil_gap=5e-9,
-        ),
+        skin((20, 2e-11), inner_radius=5.75e-8, thickness=1.5e-9, width=1.23e-7, oil_gap=5e-9),
     ),
     "collapse": Trial(
         "vented", "200 N", skin((0, 200.0), oil="vented"), expected=("limit_point",)

@@ -29,21 +29,9 @@ from fitting.inverse_load.zero.zero_file import (
     zero_text,
     zeroed,
 )
-from suas_jax.config import (
-    ConfigError,
-    InputErrors,
-    UncertainQuantity,
-    input_errors,
-    load_skin,
-)
+from suas_jax.config import ConfigError, InputErrors, UncertainQuantity, input_errors, load_skin
 from suas_jax.config.inelastic import RelaxationSpec
-from suas_jax.config.input_errors import (
-    STIFFNESS,
-    WARMTH,
-    as_assembled,
-    stresses_of,
-    value_of,
-)
+from suas_jax.config.input_errors import STIFFNESS, WARMTH, as_assembled, stresses_of, value_of
 from suas_jax.config.schema_calibration import CalibrationSpec
 
 ROOT = Path(__file__).parent.parent / "configs/skins"

@@ -82,13 +82,12 @@ def weights(nodes: Floats, x: float) -> tuple[int, Floats]:
     return first, np.array(shares)
 
 
-def interpolated(table: Floats, place: tuple[float, float, float]) -> Floats:
-    """Change of the gap on the finger's grid [arc, axis] [m].
-
-    Args:
-        table: [angle, axial, force, arc, axis] [m].
-        place: angle, axial position and force, within the table, none of them negative.
-    """
+def interpolated(
+    table: Floats,  # [angle, axial, force, arc, axis] [m]
+    # angle, axial position and force, within the table, none of them negative
+    place: tuple[float, float, float],
+) -> Floats:
+    """Change of the gap on the finger's grid [arc, axis] [m]."""
     for nodes, x in zip((ANGLES, AXIALS, FORCES), place, strict=True):
         first, share = weights(nodes, x)
         table = np.tensordot(share, table[first : first + 4], 1)

@@ -40,11 +40,7 @@ class Tile(NamedTuple):
 
 
 def page(folder: Path) -> str:
-    """The page, in MyST Markdown.
-
-    Args:
-        folder: for thumbnails and figures.
-    """
+    """The page, in MyST Markdown; thumbnails and figures go into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     sections, tiles = [], []
     for program in PROGRAMS:

@@ -40,16 +40,15 @@ def _n(value: float) -> str:
 
 
 class Drawing:
-    """An SVG picture.
+    """An SVG picture."""
 
-    Args:
-        title: what it shows, for readers who can't see it.
-        size: of the picture [px].
-        scale: pixels per millimetre.
-        origin: where the origin lies, from the top left corner [px].
-    """
-
-    def __init__(self, title: str, size: Point, scale: float, origin: Point) -> None:
+    def __init__(
+        self,
+        title: str,  # what it shows, for readers who can't see it
+        size: Point,  # of the picture [px]
+        scale: float,  # pixels per millimetre
+        origin: Point,  # where the origin lies, from the top left corner [px]
+    ) -> None:
         self._title, self._size = title, size
         self.scale, self.origin = scale, origin
         self._parts: list[str] = []

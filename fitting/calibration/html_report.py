@@ -155,9 +155,7 @@ def _check(check: Verification) -> tuple[str, ...]:
 
 
 def _drawing(
-    spec: SkinSpec,
-    places: Sequence[tuple[float, float]],
-    pressed: Sequence[tuple[Step, Press]],
+    spec: SkinSpec, places: Sequence[tuple[float, float]], pressed: Sequence[tuple[Step, Press]]
 ) -> dict[str, Any]:
     """The unrolled wall with taxels, and where it was pressed [px]."""
     geometry = plain_geometry(spec.geometry)

@@ -57,9 +57,7 @@ def plot_plan(plan: Plan, file: Path | None = None) -> Figure:
     left.set_xlabel(f"{unit} of the press")
     right.plot(range(len(plan.accuracy)), 100 * np.array(plan.accuracy), "o-")
     right.set(
-        xlabel="presses",
-        ylabel="deviation of forces, median over the skin [%]",
-        yscale="log",
+        xlabel="presses", ylabel="deviation of forces, median over the skin [%]", yscale="log"
     )
     right.locator_params(axis="x", integer=True)
     for axes in (left, right):

@@ -29,18 +29,15 @@ if TYPE_CHECKING:
 
 def calibrate(
     port: Annotated[
-        str,
-        argument("As for `suas log`; - prints the --plan alone.", metavar="PORT"),
+        str, argument("As for `suas log`; - prints the --plan alone.", metavar="PORT")
     ],
     skin: SkinFile,
     output: CalibratedSkin = None,
     page: Annotated[
-        Path | None,
-        option("Report; default: SKIN.calibrated.html.", metavar="FILE.html"),
+        Path | None, option("Report; default: SKIN.calibrated.html.", metavar="FILE.html")
     ] = None,
     folder: Annotated[
-        Path | None,
-        option("Logs of the steps, to resume from; default: SKIN.calibration."),
+        Path | None, option("Logs of the steps, to resume from; default: SKIN.calibration.")
     ] = None,
     format_name: Format = "text",
     baud: Baud = 115200,
@@ -79,8 +76,7 @@ def calibrate(
         float, option("How long to hold still.", min=0.2, max=600.0, metavar="S")
     ] = 3.0,
     timeout: Annotated[
-        float,
-        option("Give up a step after this long.", min=1.0, max=86400.0, metavar="S"),
+        float, option("Give up a step after this long.", min=1.0, max=86400.0, metavar="S")
     ] = 600.0,
     fit: Annotated[
         str | None,

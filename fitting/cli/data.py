@@ -17,8 +17,7 @@ def data(
         str | None, option('What columns measure: "force=3,extension=5 mm".')
     ] = None,
     specimen: Annotated[
-        str | None,
-        option('Sizes that the file does not state: "width=6 mm,thickness=2 mm".'),
+        str | None, option('Sizes that the file does not state: "width=6 mm,thickness=2 mm".')
     ] = None,
     plot: Plot = None,
     overwrite: Overwrite = False,

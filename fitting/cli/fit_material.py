@@ -44,8 +44,7 @@ def material(
         ),
     ],
     law: Annotated[
-        str,
-        option(f"{', '.join(model_names('suas_jax.config.laws'))}; auto compares them."),
+        str, option(f"{', '.join(model_names('suas_jax.config.laws'))}; auto compares them.")
     ] = "ogden",
     terms: Annotated[
         int | None, option("Number of terms; of the law polynomial its degree.")
@@ -58,12 +57,10 @@ def material(
         ),
     ] = "relative",
     noise: Annotated[
-        str | None,
-        option('Standard deviation where files state none: "5 kPa" or "2 %".'),
+        str | None, option('Standard deviation where files state none: "5 kPa" or "2 %".')
     ] = None,
     specimen: Annotated[
-        str | None,
-        option('Sizes where files state none: "width=6 mm,thickness=2 mm".'),
+        str | None, option('Sizes where files state none: "width=6 mm,thickness=2 mm".')
     ] = None,
     columns: Annotated[
         str | None,
@@ -74,15 +71,13 @@ def material(
     ] = None,
     branch: Annotated[str, option("Branch of the curve to use: all, or loading.")] = "all",
     cycle: Annotated[
-        str,
-        option("Loading of one cycle of a cyclic test: first, last, or a number."),
+        str, option("Loading of one cycle of a cyclic test: first, last, or a number.")
     ] = "all",
     cut_break: Annotated[
         bool, option("Leave out what follows a specimen's failure.", "--cut-break")
     ] = False,
     cut_spikes: Annotated[
-        bool,
-        option("Leave out readings that stand out from their neighbours.", "--cut-spikes"),
+        bool, option("Leave out readings that stand out from their neighbours.", "--cut-spikes")
     ] = False,
     zero: Annotated[
         list[str] | None,
@@ -116,12 +111,10 @@ def material(
         ),
     ] = "0",
     mullins: Annotated[
-        bool,
-        option("Fit softening (Mullins effect) from loading cycles.", "--mullins"),
+        bool, option("Fit softening (Mullins effect) from loading cycles.", "--mullins")
     ] = False,
     bound: Annotated[
-        list[str] | None,
-        option("Hard bound, SI units: alpha.0=1:3.", metavar="NAME=LOW:HIGH"),
+        list[str] | None, option("Hard bound, SI units: alpha.0=1:3.", metavar="NAME=LOW:HIGH")
     ] = None,
     starts: Annotated[int, option("Number of starting points.", min=1)] = 64,
     seed: Annotated[int, option("Seed of the starting points.")] = 0,
@@ -169,8 +162,7 @@ def material(
     ] = None,
     plot: Plot = None,
     report_file: Annotated[
-        Path | None,
-        option("Write a one-page report (HTML, self-contained).", "--report"),
+        Path | None, option("Write a one-page report (HTML, self-contained).", "--report")
     ] = None,
     overwrite: Overwrite = False,
     as_json: JsonInSI = False,

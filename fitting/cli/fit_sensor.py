@@ -84,16 +84,14 @@ def sensor(
         ),
     ] = None,
     displacement_noise: Annotated[
-        str | None,
-        option("The same of a known displacement or depth.", metavar="LENGTH"),
+        str | None, option("The same of a known displacement or depth.", metavar="LENGTH")
     ] = None,
     fluid: Annotated[
         list[str] | None,
         option("What fills the gap: oil, air, or a known permittivity: once, or once a log."),
     ] = None,
     air: Annotated[
-        str,
-        option("How air in the gap responds: skin (as the oil does), trapped, vented."),
+        str, option("How air in the gap responds: skin (as the oil does), trapped, vented.")
     ] = "skin",
     prior: Annotated[
         list[str] | None,

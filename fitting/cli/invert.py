@@ -191,13 +191,7 @@ def invert(
         remark(*found.states.said)
         _assumed(found.main)
         estimates = invert_log(
-            found,
-            skin,
-            log,
-            as_json=as_json,
-            smooth=smooth,
-            plot=plot,
-            posterior=posterior,
+            found, skin, log, as_json=as_json, smooth=smooth, plot=plot, posterior=posterior
         )
         if mcap is not None:
             from fitting.robotics.recording import write_readings

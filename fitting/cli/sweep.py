@@ -6,14 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fitting.cli.contract import (
-    NO_SOLUTION,
-    Overwrite,
-    answer,
-    bad_input,
-    print_report,
-    say,
-)
+from fitting.cli.contract import NO_SOLUTION, Overwrite, answer, bad_input, print_report, say
 from fitting.cli.options import (
     AsJson,
     Model,

@@ -38,12 +38,10 @@ if TYPE_CHECKING:
 
 def view(
     source: Annotated[
-        Path,
-        argument("Scene (TOML), log, or with --live the skin file.", metavar="SOURCE"),
+        Path, argument("Scene (TOML), log, or with --live the skin file.", metavar="SOURCE")
     ],
     record: Annotated[
-        Path | None,
-        argument("Live: where readings are recorded (optional).", metavar="[LOG]"),
+        Path | None, argument("Live: where readings are recorded (optional).", metavar="[LOG]")
     ] = None,
     live: LivePort = None,
     format_name: Format = "text",

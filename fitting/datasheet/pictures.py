@@ -29,7 +29,7 @@ def plot_skin(spec: SkinSpec) -> Figure:
     panels = figure.subplots(1, 2 if pad else 1, squeeze=False)[0]
     _section(panels[0], spec, drawn, parts)
     if pad:
-        _plan(panels[1], spec, drawn, parts)
+        _plan(panels[1], spec, parts)
     for axes in panels:
         axes.set(aspect="equal")
         axes.set_axis_off()
@@ -90,7 +90,7 @@ def _section(axes: Axes, spec: SkinSpec, drawn: Outline, parts: SkinParts) -> No
     )
 
 
-def _plan(axes: Axes, spec: SkinSpec, drawn: Outline, parts: SkinParts) -> None:
+def _plan(axes: Axes, spec: SkinSpec, parts: SkinParts) -> None:
     """The unrolled wall with its taxels, axis upwards."""
     own, geometry = parts.sensing().taxels, parts.geometry
     half = 1e3 * float(geometry.wall_arc(geometry.half_angle)[0])

@@ -7,19 +7,9 @@ import numpy as np
 
 from fitting.arrays import Floats
 from fitting.datasheet.figures import FINE, Accuracy, Cases, Measured
-from fitting.datasheet.readings import (
-    Readings,
-    far_taxels,
-    read_all,
-    skins_in_lanes,
-)
+from fitting.datasheet.readings import Readings, far_taxels, read_all, skins_in_lanes
 from fitting.datasheet.variants import Variants
-from fitting.force_range.bound import (
-    angles_over,
-    first_contacts,
-    rated_force,
-    readings_at_rest,
-)
+from fitting.force_range.bound import angles_over, first_contacts, rated_force, readings_at_rest
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.settings import MODEL_ERROR
 from suas_jax import Skin, skin_of

@@ -19,13 +19,7 @@ from scipy.stats import norm
 
 from fitting.arrays import Floats
 from fitting.datasheet.figures import Accuracy, Cases, figures_at
-from fitting.datasheet.readings import (
-    Readings,
-    far_taxels,
-    picked,
-    read,
-    skins_in_lanes,
-)
+from fitting.datasheet.readings import Readings, far_taxels, picked, read, skins_in_lanes
 from fitting.datasheet.variants import Variants, by_changes, variants_of
 from fitting.datasheet.words import PLACED
 from fitting.design.problem import STEP, Outcome, Problem, without_crosstalk

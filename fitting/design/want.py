@@ -19,12 +19,7 @@ from suas_jax.config.toml_file import read_toml
 from suas_jax.config.validation import validate_table
 from suas_jax.skin.plain import angles_at, clamped_edge
 
-BY_DIFFERENCES = (
-    "lowest_frequency_Hz",
-    "damping_ratio",
-    "bandwidth_Hz",
-    "buckling_mismatch",
-)
+BY_DIFFERENCES = ("lowest_frequency_Hz", "damping_ratio", "bandwidth_Hz", "buckling_mismatch")
 """Figures that have no place; their derivatives are central differences."""
 GOALS = tuple(PLACED)
 """Figures that can be a goal."""

@@ -9,8 +9,7 @@ import numpy as np
 from fitting.arrays import Floats
 from fitting.inverse_load.estimate.assessment import LoadAssessment
 from fitting.inverse_load.estimate.parts import EstimationParts
-from fitting.inverse_load.estimate.place import ContactPlaces
-from fitting.inverse_load.estimate.place_shift import PlaceShift
+from fitting.inverse_load.estimate.place import ContactPlaces, PlaceShift
 from fitting.inverse_load.fit.detection import ArcDetector
 from fitting.inverse_load.fit.section_errors import SectionErrors
 from fitting.inverse_load.fit.section_fitter import SectionFitter

@@ -125,11 +125,7 @@ class Recording:
         self._write("/suas/contacts", "suas_msgs/msg/Contacts", told, stamp, sequence)
         found = estimate.contacts
         moved = [
-            messages.transform(
-                stamp,
-                messages.contact_frame(k),
-                self._face.at(contact),
-            )
+            messages.transform(stamp, messages.contact_frame(k), self._face.at(contact))
             for k, contact in enumerate(found)
         ]
         if moved:

@@ -4,13 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from suas_jax.config import (
-    LineLoadSpec,
-    LoadSpec,
-    PatchLoadSpec,
-    SceneSpec,
-    with_solve,
-)
+from suas_jax.config import LineLoadSpec, LoadSpec, PatchLoadSpec, SceneSpec, with_solve
 from suas_jax.config.input_errors import stresses_of
 from suas_jax.skin.plain import clamped_edge
 

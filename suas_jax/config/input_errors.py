@@ -327,9 +327,7 @@ def _paths_of(spec: SkinSpec, name: str, value: float) -> dict[str, float]:
 
 
 def _joined(
-    spec: SkinSpec,
-    columns: Sequence[tuple[str, Mapping[str, float]]],
-    assumed: tuple[str, ...],
+    spec: SkinSpec, columns: Sequence[tuple[str, Mapping[str, float]]], assumed: tuple[str, ...]
 ) -> InputErrors:
     import numpy as np
 

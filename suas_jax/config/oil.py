@@ -16,12 +16,7 @@ from suas_jax.config.fields import (
 from suas_jax.config.substances import OilExpansion
 from suas_jax.config.tolerance import UncertainQuantity
 
-FLUIDS = {
-    "air": 1.0006,
-    "transformer-oil": 2.2,
-    "mineral-oil": 2.2,
-    "silicone-oil": 2.7,
-}
+FLUIDS = {"air": 1.0006, "transformer-oil": 2.2, "mineral-oil": 2.2, "silicone-oil": 2.7}
 """Relative permittivities at 20 to 25 degrees Celsius and below 1 MHz, by name.
 
 Air: the usual textbook figure at 1 bar. Mineral oil, of which transformer oil is a grade:

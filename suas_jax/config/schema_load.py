@@ -3,12 +3,7 @@
 import math
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeAlias, get_args
 
-from pydantic import (
-    Field,
-    ValidationInfo,
-    field_validator,
-    model_validator,
-)
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from suas_jax.config.errors import unknown
 from suas_jax.config.fields import (
@@ -229,11 +224,7 @@ class BodyLoadSpec(PlacedSpec):
 
 
 BODY_SHAPES: dict[int, dict[str, tuple[tuple[str, ...], tuple[str, ...]]]] = {
-    2: {
-        "cylinder": (("radius",), ()),
-        "plate": ((), ()),
-        "wedge": (("radius", "opening"), ()),
-    },
+    2: {"cylinder": (("radius",), ()), "plate": ((), ()), "wedge": (("radius", "opening"), ())},
     3: {
         "sphere": (("radius",), ("axial",)),
         "cylinder": (("radius",), ("axial", "length", "turn")),

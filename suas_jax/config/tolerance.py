@@ -8,11 +8,7 @@ import re
 from typing import SupportsFloat
 
 from suas_jax.config.errors import show
-from suas_jax.config.quantities import (
-    DIMENSIONS,
-    DimensionName,
-    parse_quantity,
-)
+from suas_jax.config.quantities import DIMENSIONS, DimensionName, parse_quantity
 
 _PLUS_MINUS = re.compile(r"\+\s?/?\s?[-\N{MINUS SIGN}]|\N{PLUS-MINUS SIGN}")
 _SHARED_UNIT = re.compile(r"\(([^()]*)\)\s*(\S.*)?")

@@ -26,12 +26,7 @@ from jaxtyping import Complex, Float
 
 from suas_jax.config import SceneSpec, with_solve
 from suas_jax.config.law import LawSpec
-from suas_jax.dynamics.inertia import (
-    Densities,
-    Inertia,
-    densities_of,
-    inertia_of,
-)
+from suas_jax.dynamics.inertia import Densities, Inertia, densities_of, inertia_of
 from suas_jax.dynamics.motion import Motion, motion_of
 from suas_jax.dynamics.pad import PadMotion, pad_inertia, pad_motion
 from suas_jax.scene.solve import Solution, solve

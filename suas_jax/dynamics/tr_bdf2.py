@@ -89,10 +89,7 @@ class Trial(NamedTuple):
 
 
 def tried(
-    moving: MovingSkin,
-    now: Moving,
-    step: Array,
-    values: Callable[[Array], Values],
+    moving: MovingSkin, now: Moving, step: Array, values: Callable[[Array], Values]
 ) -> Trial:
     """Both halves of a step."""
     series = moving.skin.series

@@ -18,11 +18,7 @@ from jaxtyping import Array
 
 from suas_jax.equilibrium.balance import Problem, State, operator_of
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.numerics.bordered_solve import (
-    BorderedBlockTridiagonal,
-    BorderedVector,
-    eliminate,
-)
+from suas_jax.numerics.bordered_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
 
 _STEPS = 10
 _NOTICED = 0.01  # share of the stiffening of other modes at which softening is told

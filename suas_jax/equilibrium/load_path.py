@@ -95,13 +95,7 @@ def _stepped(
     result = jnp.where(end.done, end.result, index_of("max_steps"))
     tangent = solution.aux if mechanics.corrected else None
     return Found(
-        end.good,
-        end.good_level,
-        result,
-        end.total,
-        end.smallest_pivot,
-        end.negative,
-        tangent,
+        end.good, end.good_level, result, end.total, end.smallest_pivot, end.negative, tangent
     )
 
 

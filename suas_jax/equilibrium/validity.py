@@ -9,12 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from suas_jax.equilibrium.balance import (
-    Problem,
-    State,
-    forces_in_balance,
-    volume_residual,
-)
+from suas_jax.equilibrium.balance import Problem, State, forces_in_balance, volume_residual
 from suas_jax.equilibrium.outcomes import PATH_ENDS, index_of
 from suas_jax.mechanics.base import AbstractMechanics, largest
 from suas_jax.numerics.array_types import Lanes, StationVector

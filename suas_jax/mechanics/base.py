@@ -154,18 +154,12 @@ class AbstractMechanics(eqx.Module):
     def touched(
         self, q: StationVector, body: PlacedBody, shift: Array | float = 0.0
     ) -> BodyContact:
-        """The outer face against a body.
-
-        `shift`: added to the gaps [m].
-        """
+        """The outer face against a body. `shift`: added to the gaps [m]."""
 
     def pushed(
         self, q: StationVector, body: PlacedBody, shift: Array | float = 0.0
     ) -> Float[Array, "component lane"]:
-        """Force of the outer face on a body; see `BodyContact.push`.
-
-        `shift`: see `touched`.
-        """
+        """Force of the outer face on a body; see `BodyContact.push`. `shift`: see `touched`."""
         return self.touched(q, body, shift).push
 
     def gap_shift(self, q: StationVector, body: PlacedBody) -> Array | None:

@@ -35,6 +35,12 @@ def product(
     return functools.reduce(jnp.add, terms)
 
 
+def at_stations(left: Array, right: Array) -> Array:
+    """Sum what elements give to their left and their right stations [..., element, lane]."""
+    rest = [(0, 0)] * (left.ndim - 2)
+    return jnp.pad(left, [*rest, (0, 1), (0, 0)]) + jnp.pad(right, [*rest, (1, 0), (0, 0)])
+
+
 class Sweep(NamedTuple):
     """Solutions of a tangent's linear system and what its pivots say."""
 

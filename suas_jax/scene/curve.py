@@ -42,11 +42,7 @@ def total_force(report: dict[str, Any]) -> float:
 
 @eqx.filter_jit
 def _program(
-    scene: Structure,
-    meshes: Meshes,
-    inputs: Inputs,
-    levels: Array,
-    start: State,
+    scene: Structure, meshes: Meshes, inputs: Inputs, levels: Array, start: State
 ) -> tuple[dict[str, Any], State, dict[str, Any], Bool[Array, " lane"]]:
     """Reports, states and outcomes of some points; whether the curve ends at the last."""
     parts = scene_parts(scene.scene, inputs)

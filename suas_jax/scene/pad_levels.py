@@ -24,11 +24,7 @@ from suas_jax.mechanics.pad.net_lane import Place
 from suas_jax.mechanics.pad.pad import KnownFace, Pad
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.block_banded import BlockBanded
-from suas_jax.numerics.bordered_solve import (
-    BorderedBlockTridiagonal,
-    BorderedVector,
-    eliminate,
-)
+from suas_jax.numerics.bordered_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
 from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import Skin
 from suas_jax.sensing.taxels import DISC

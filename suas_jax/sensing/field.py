@@ -24,7 +24,7 @@ from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.mechanics.section import section_of
 from suas_jax.mechanics.section_face import NormalFace, height_at
 from suas_jax.numerics.array_types import StationVector
-from suas_jax.numerics.block_tridiagonal import BlockTridiagonal
+from suas_jax.numerics.block_tridiagonal import BlockTridiagonal, at_stations
 from suas_jax.numerics.polynomials import gauss_legendre
 from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY
 from suas_jax.sensing.electrodes import Electrodes
@@ -65,7 +65,7 @@ def wall_charge(
     # The last node across the film is the membrane's, at zero.
     blocks = _stiffness(film, degree)
     free = blocks[:, :, :-1, :-1]
-    diagonal = _sum(free[0, 0], free[1, 1])
+    diagonal = at_stations(free[0, 0], free[1, 1])
     upper = free[0, 1]
     wall = np.zeros((degree, 1, 1))
     wall[0] = 1.0
@@ -224,8 +224,3 @@ def _radial(eta: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray]:
     slopes = np.zeros_like(powers)
     slopes[:, 1:] = powers[:, :-1] * np.arange(1, degree + 1)
     return (powers @ coefficients).T, (slopes @ coefficients).T
-
-
-def _sum(left: Array, right: Array) -> Array:
-    rest = [(0, 0)] * (left.ndim - 2)
-    return jnp.pad(left, [*rest, (0, 1), (0, 0)]) + jnp.pad(right, [*rest, (1, 0), (0, 0)])

@@ -22,13 +22,7 @@ from jaxtyping import Array, Bool, Float
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.polynomials import polynomial, power_coefficients, with_derivatives
 from suas_jax.skin.along import Along
-from suas_jax.skin.section import (
-    INVERSE_STEPS,
-    AbstractSection,
-    Frame,
-    outward,
-    tangent,
-)
+from suas_jax.skin.section import INVERSE_STEPS, AbstractSection, Frame, outward, tangent
 
 # Newton steps from a material point to the foot of a place near it, whose angle changes by
 # little: on the piece at hand, which is looked up again at most so many times, and while a foot

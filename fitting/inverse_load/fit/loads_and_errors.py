@@ -118,13 +118,7 @@ class LoadsAndErrors:
             own = Attempt(y - shift, weight, start, now.state, count, pull)
             fit = yield from fitter.steps(own)
             cost = fit.chi2 + (errors**2).sum(1)
-            fit = replace(
-                fit,
-                score=cost,
-                chi2=cost,
-                so=fit.so + shift,
-                shift=shift,
-            )
+            fit = replace(fit, score=cost, chi2=cost, so=fit.so + shift, shift=shift)
             gained = best.score - cost
             best, _ = best.cheapest(np.arange(len(y)), fit)
             if not (gained > _ENDED).any():

@@ -8,13 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.arrays import Floats
-from fitting.inverse_load.estimate.estimate import (
-    BESIDE,
-    STATUS,
-    Contact,
-    LoadEstimate,
-    Tap,
-)
+from fitting.inverse_load.estimate.estimate import BESIDE, STATUS, Contact, LoadEstimate, Tap
 from fitting.inverse_load.estimate.load_field import (
     FIELD_QUANTITIES,
     Interval,

@@ -71,7 +71,7 @@ def zero_from_log(
         began = readings.header.get("start_time", "")
     else:
         refuse_other_fluid(fluid_of(read), spec.oil.relative_permittivity, str(log))
-        aligned = read_aligned(spec, log, inputs, None)
+        aligned = read_aligned(spec, read, inputs, None)
         so, time, around = aligned.so.T, aligned.time, aligned.surroundings
         began = aligned.began
     # What creeps counts from the long-term response (`creeping_load`).

@@ -17,10 +17,7 @@ _log = logging.getLogger("suas")
 
 
 def skin_estimator(
-    skin: Path,
-    baseline: Path | None = None,
-    zero: Path | str | None = None,
-    **settings: Any,
+    skin: Path, baseline: Path | None = None, zero: Path | str | None = None, **settings: Any
 ) -> LoadEstimator:
     """Make the estimator of a skin.
 

@@ -7,12 +7,7 @@ import numpy as np
 
 from fitting.material.experiments.free_zero import CERTAIN, can_be_freed, idle, toe_end
 from fitting.material.experiments.measurements import Dataset, StressTest, series_of
-from fitting.material.experiments.selection import (
-    broken,
-    half_cycles,
-    loadings,
-    spiked,
-)
+from fitting.material.experiments.selection import broken, half_cycles, loadings, spiked
 
 # No rubber stretches to this many times its length; the softest silicones reach 17.
 _LONGEST = 20.0

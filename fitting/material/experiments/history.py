@@ -307,9 +307,7 @@ def thinned_history(test: HistoryTest, most: int) -> HistoryTest:
         return test
     label = np.zeros(test.size, dtype=int)
     count = 0
-    ways = []
-    for rows in test.paths():
-        ways.append((rows, _way(test, rows)))
+    ways = [(rows, _way(test, rows)) for rows in test.paths()]
     whole = sum(float(way[-1]) for _, (way, _) in ways)
     for rows, (way, corners) in ways:
         share = max(1, round(0.5 * most * float(way[-1]) / max(whole, 1e-300)))

@@ -110,11 +110,7 @@ def search(
 
 
 def _with_effects(
-    sets: Sequence[Dataset],
-    chosen: Family,
-    problem: MaterialProblem,
-    starts: int,
-    seed: int,
+    sets: Sequence[Dataset], chosen: Family, problem: MaterialProblem, starts: int, seed: int
 ) -> Minima:
     """Minima of a law that relaxes or softens, from the best law without."""
     rng = np.random.default_rng(seed)
@@ -136,10 +132,7 @@ def _with_effects(
 
 
 def weighed_search(
-    sets: Sequence[Dataset],
-    chosen: Family,
-    settings: SearchSettings,
-    zeros: Sequence[Zero],
+    sets: Sequence[Dataset], chosen: Family, settings: SearchSettings, zeros: Sequence[Zero]
 ) -> tuple[MaterialProblem, Minima]:
     """The search, with readings weighed by their noise where it is to be estimated.
 

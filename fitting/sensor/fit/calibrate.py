@@ -23,23 +23,14 @@ from fitting.sensor.fit.input_noise import (
     with_input_errors,
 )
 from fitting.sensor.fit.lacking import with_discrepancy
-from fitting.sensor.fit.priors import (
-    as_built_priors,
-    needed_priors,
-    prior_of,
-)
+from fitting.sensor.fit.priors import as_built_priors, needed_priors, prior_of
 from fitting.sensor.fit.residuals import Prior, SensorProblem
 from fitting.sensor.fit.result import SensorFit, judged_fit
 from fitting.sensor.fit.search import Found, robust, search
 from fitting.sensor.fit.settling import away_from_the_wall, settled_shapes
 from fitting.sensor.fit.suspects import zeros_off
 from fitting.sensor.logs.data import SensorData
-from fitting.sensor.logs.readings import (
-    averaged,
-    gathered,
-    measured_noise,
-    with_model_error,
-)
+from fitting.sensor.logs.readings import averaged, gathered, measured_noise, with_model_error
 from fitting.sensor.logs.shared_errors import apart
 from fitting.sensor.model.as_built import (
     AS_BUILT,

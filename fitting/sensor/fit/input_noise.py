@@ -216,11 +216,11 @@ def with_input_errors(
         problem = problem.replace(model=model)
     if inputs.noise.stated and inputs.slopes.any():
         shown = Likelihood(problem, found.constants, loads, inputs.slopes, error)
-        inputs = inputs._replace(warnings=_beyond_stated(shown, inputs.noise, loads))
+        inputs = inputs._replace(warnings=_beyond_stated(shown, inputs.noise))
     return problem, found, inputs, shapes
 
 
-def _beyond_stated(shown: Likelihood, stated: InputNoise, loads: KnownLoads) -> tuple[str, ...]:
+def _beyond_stated(shown: Likelihood, stated: InputNoise) -> tuple[str, ...]:
     """A warning where readings show larger errors than were stated, or nothing."""
     now, _ = shown.most_likely(stated)
     larger = {k: x for k, x in now.deviation.items() if x > stated.deviation.get(k, 0.0)}

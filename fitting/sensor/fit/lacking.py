@@ -54,8 +54,4 @@ def presses_of(fit: SensorFit) -> Presses:
         rows.append((change[:, i], told, here.sigma[:, i], place * size, push * scatter))
     own = here.state[pressed]
     force = np.nan_to_num(fit.data.loads.force).sum(0)[own]
-    return Presses(
-        angle + shifts,
-        force,
-        *(np.array(x) for x in zip(*rows, strict=True)),
-    )
+    return Presses(angle + shifts, force, *(np.array(x) for x in zip(*rows, strict=True)))

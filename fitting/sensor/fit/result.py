@@ -151,10 +151,7 @@ def judged_fit(
         exact=1e-4 * typical,
     )
     judged = uncertainty(
-        problem.residuals(),
-        constants,
-        known_noise=True,
-        inflation=judged_misfit.inflation,
+        problem.residuals(), constants, known_noise=True, inflation=judged_misfit.inflation
     )
     sizes = problem.relative_sizes(constants)
     alone = bounds_of(problem.information(constants) / judged_misfit.inflation**2) * sizes

@@ -16,6 +16,7 @@ from fitting.sensor.logs.known_inputs import fluid_name
 from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.logs.log import AlignedLog, Masked, read_aligned
 from fitting.surroundings import Surroundings, spec_at, told_at_mean
+from suas_jax.acquisition.log.log_file import SoLog, read_log
 from suas_jax.acquisition.log.reader import MOST_BYTES
 from suas_jax.config import SkinSpec
 from suas_jax.files.reading import sha256_of
@@ -108,8 +109,13 @@ def load_sensor_data(
     def of(given: Sequence, i: int) -> object:
         return None if not given else given[i if len(given) > 1 else 0]
 
+    def read(path: Path) -> SoLog:
+        if not path.exists():
+            raise FileNotFoundError(f"{path}: no such file")
+        return read_log(path)
+
     parts = [
-        read_aligned(spec, path, of(inputs, i), of(fluids, i))  # type: ignore[arg-type]
+        read_aligned(spec, read(path), of(inputs, i), of(fluids, i))  # type: ignore[arg-type]
         for i, path in enumerate(logs)
     ]
     around = functools.reduce(

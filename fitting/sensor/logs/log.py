@@ -20,17 +20,11 @@ from suas_jax.acquisition.log.log_file import (
     SoLog,
     flagged,
     group_frames,
-    read_log,
     sequence_notes,
     without_other_taxels,
 )
 from suas_jax.acquisition.log.record import FLAG_COLUMNS
-from suas_jax.acquisition.taxel_faults import (
-    full_scale,
-    saturated,
-    stuck_taxels,
-    typical_noise,
-)
+from suas_jax.acquisition.taxel_faults import full_scale, saturated, stuck_taxels, typical_noise
 from suas_jax.config import SkinSpec, format_quantity, parse_quantity
 
 _SAME_SCALE = 0.01
@@ -105,19 +99,18 @@ class AlignedLog:
 
 
 def read_aligned(
-    spec: SkinSpec, path: Path, inputs: Path | None, fluid: str | None
+    spec: SkinSpec, log: SoLog, inputs: Path | None, fluid: str | None
 ) -> AlignedLog:
-    """Read a log and what is known of its frames.
+    """A log and what is known of its frames.
 
     `spec` is the skin that the log was taken with, `inputs` a second file of known inputs,
     joined on time, and `fluid` what filled the gap, if the log doesn't say.
     Raises ValueError: the log can't be used; names file, column, value and what is allowed.
-    Raises OSError: a file can't be read.
+    Raises OSError: the second file can't be read.
     """
-    for file in (path, inputs):
-        if file is not None and not file.exists():
-            raise FileNotFoundError(f"{file}: no such file")
-    log = read_log(path)
+    if inputs is not None and not inputs.exists():
+        raise FileNotFoundError(f"{inputs}: no such file")
+    path = log.path
     warnings = [f"{path}: {note}" for note in (*log.notes, *sequence_notes(log))]
     log = without_other_taxels(log)
     _check_header(spec, log)

@@ -200,10 +200,7 @@ class Alike(NamedTuple):
         """Gains of channels, and forces of presses, where there are any."""
         gains = np.flatnonzero([is_gain(name) for name in names])
         forces = np.flatnonzero([name.startswith(f"{PUSH}.") for name in names])
-        kinds = (
-            cls(gains, GAIN_ERROR, _USUAL_GAINS),
-            cls(forces, FORCE_ERROR, _USUAL_PRESSES),
-        )
+        kinds = (cls(gains, GAIN_ERROR, _USUAL_GAINS), cls(forces, FORCE_ERROR, _USUAL_PRESSES))
         return tuple(own for own in kinds if own.rows.size)
 
     def shared_deviation(self, errors: Floats, variances: Floats) -> float:

@@ -6,13 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.report.description import (
-    Headline,
-    Part,
-    Remark,
-    ReportTable,
-    quantity_text,
-)
+from fitting.report.description import Headline, Part, Remark, ReportTable, quantity_text
 from fitting.sensor.fit.result import SensorFit
 from fitting.sensor.model.as_built import is_gain
 from fitting.sensor.model.constants import PATHS, is_press_error

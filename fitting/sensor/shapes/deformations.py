@@ -93,11 +93,7 @@ def _layer(geometry: SkinGeometry, law: AbstractLaw, loads: KnownLoads) -> float
 
 
 def _solve(
-    press: Press,
-    loads: KnownLoads,
-    geometry: SkinGeometry,
-    law: AbstractLaw,
-    oil: AbstractOil,
+    press: Press, loads: KnownLoads, geometry: SkinGeometry, law: AbstractLaw, oil: AbstractOil
 ) -> tuple[np.ndarray, Response]:
     """Forces that meet what is known, and the equilibria under them."""
     wanted = np.isfinite(loads.displacement)

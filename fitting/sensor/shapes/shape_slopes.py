@@ -14,14 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from fitting.sensor.logs.known_loads import KnownLoads
-from fitting.sensor.model.constants import (
-    FORCE_ZERO,
-    PLACE,
-    PUSH,
-    TOUCH,
-    ZEROS,
-    with_constants,
-)
+from fitting.sensor.model.constants import FORCE_ZERO, PLACE, PUSH, TOUCH, ZEROS, with_constants
 from fitting.sensor.model.counts import parts_of
 from fitting.sensor.shapes.deformations import Deformed
 from fitting.sensor.shapes.press import Press, first_only

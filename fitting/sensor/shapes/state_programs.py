@@ -8,14 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from fitting.sensor.model.constants import (
-    AXIAL,
-    FORCE_ZERO,
-    PLACE,
-    PUSH,
-    TOUCH,
-    with_constants,
-)
+from fitting.sensor.model.constants import AXIAL, FORCE_ZERO, PLACE, PUSH, TOUCH, with_constants
 from fitting.sensor.shapes.shape_slopes import Moving, slopes_of
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.correction import Corrected, corrected

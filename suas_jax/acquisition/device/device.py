@@ -226,10 +226,7 @@ class Device:
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """How to play.
-
-    Raises ValueError: an unknown format, or a speed that is none.
-    """
+    """How to play. Raises ValueError: an unknown format, or a speed that is none."""
 
     format_name: str = "text"  # frame format, as `suas log --format` takes it, or text-checked
     link: Path | None = None  # symbolic link to the pseudo-terminal

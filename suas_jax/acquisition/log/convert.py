@@ -121,10 +121,7 @@ def to_xarray(log: SoLog) -> "xarray.Dataset":
 
 
 def write_netcdf(log: SoLog, path: Path) -> None:
-    """Write a log as NetCDF 4.
-
-    In memory first: HDF5 doesn't survive a disk that is full.
-    """
+    """Write a log as NetCDF 4. In memory first: HDF5 doesn't survive a disk that is full."""
     _library("h5netcdf", "NetCDF"), _library("h5py", "NetCDF")
     write_bytes(path, bytes(to_xarray(log).to_netcdf(engine="h5netcdf")))
 

@@ -99,10 +99,7 @@ def _unit_diaphragm(law: AbstractLaw, apex_stretch: Array) -> tuple[Array, Array
         inside = _state(e0, to)[1] > 0.0
         moves = rimward | ((place == _UNDER_WAY) & inside)
         onward = jnp.where(inside, _UNDER_WAY, _IN_FRONT)
-        return (
-            jnp.where(moves, to, y),
-            jnp.where(place == _UNDER_WAY, onward, _THERE),
-        ), None
+        return (jnp.where(moves, to, y), jnp.where(place == _UNDER_WAY, onward, _THERE)), None
 
     lengths = np.concatenate([np.full(count, length) for count, length in _STEPS])
     (y, place), _ = jax.lax.scan(step, (first, jnp.asarray(_UNDER_WAY)), jnp.asarray(lengths))

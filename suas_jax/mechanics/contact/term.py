@@ -84,9 +84,7 @@ def contact_terms(
     )
     direct = second * gap.first[:, None] * gap.first[None]
     return ContactTerms(
-        weight * energy,
-        weight * first * gap.first,
-        weight * (direct + first * gap.second),
+        weight * energy, weight * first * gap.first, weight * (direct + first * gap.second)
     )
 
 

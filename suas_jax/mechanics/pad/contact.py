@@ -97,9 +97,7 @@ class ContactFace:
         return self.qe.reshape(3, 16, -1)
 
     def points(
-        self,
-        element: Int[Array, " element"],
-        share: Float[Array, " element"] | float = 1.0,
+        self, element: Int[Array, " element"], share: Float[Array, " element"] | float = 1.0
     ) -> ContactPoints:
         """At their points, some elements with a share of their area."""
         qe = self._by_elements[..., element]

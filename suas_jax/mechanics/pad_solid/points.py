@@ -152,8 +152,7 @@ def terms(
         for i, j in ENTRIES
     ]
     cofactor = jnp.stack(
-        [sum(_cofactor(F, c, j) * inverse[:, j] for j in range(3)) for c in range(3)],
-        1,
+        [sum(_cofactor(F, c, j) * inverse[:, j] for j in range(3)) for c in range(3)], 1
     )
     modulus = PENALTY * law.shear_modulus
     bulk = (pressure + modulus * change) * at.volume
@@ -177,10 +176,7 @@ def terms(
 
 
 def _by_entries(
-    law: AbstractLaw,
-    entries: Entries,
-    growth: Growth | None,
-    volume: Float[Array, "*point"],
+    law: AbstractLaw, entries: Entries, growth: Growth | None, volume: Float[Array, "*point"]
 ) -> tuple[list[Array], list[list[Array]]]:
     """First and second derivatives of the energy of volumes by the entries of C."""
 

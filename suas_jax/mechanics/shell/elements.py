@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.numerics.array_types import Diagonal, Lanes, OffDiagonal, StationVector
-from suas_jax.numerics.block_tridiagonal import product
+from suas_jax.numerics.block_tridiagonal import at_stations, product
 from suas_jax.numerics.polynomials import gauss_legendre, hermite
 from suas_jax.skin.section import AbstractSection, Frame, tangent
 
@@ -84,11 +84,7 @@ class Elements(eqx.Module):
 
     @classmethod
     def between(
-        cls,
-        angles: Float[Array, "station #lane"],
-        section: AbstractSection,
-        *,
-        symmetric: bool,
+        cls, angles: Float[Array, "station #lane"], section: AbstractSection, *, symmetric: bool
     ) -> "Elements":
         """The elements between stations at some angles."""
         lengths = section.size * (angles[1:] - angles[:-1])
@@ -114,8 +110,8 @@ class Elements(eqx.Module):
     def scatter(self, f: Float[Array, "4 2 element lane"]) -> StationVector:
         """Sum element vectors into stations: the transpose of `gather`, masked."""
         left, right = (f * self.scale).reshape(2, 4, *f.shape[2:])
-        free = self.free()[:, [0, -1]]
-        return turn_vector(jnp.swapaxes(self.ends, 0, 1) * free[:, None], _sum(left, right))
+        ends = jnp.swapaxes(self.ends, 0, 1) * self.free()[:, [0, -1]][:, None]
+        return turn_vector(ends, at_stations(left, right))
 
     def reference(self, xi: np.ndarray) -> Frame:
         """The undeformed membrane at local coordinates [xi, element, lane]."""
@@ -129,7 +125,7 @@ class Elements(eqx.Module):
         # [end, end, 4, 4]
         k = k.reshape(2, 2, 2, 2, *k.shape[2:]).transpose(0, 2, 1, 4, 3, 5, 6, 7)
         k = k.reshape(2, 2, 4, 4, *k.shape[6:])
-        diagonal = _sum(k[0, 0], k[1, 1])
+        diagonal = at_stations(k[0, 0], k[1, 1])
         return turn_blocks(diagonal, k[0, 1], self.ends, self.free()[:, [0, -1]])
 
     def volume(self, qe: Array, product: Array) -> tuple[Lanes, Array]:
@@ -153,9 +149,3 @@ def full_blocks(k: Float[Array, "4 4 3 element lane"]) -> Float[Array, "4 4 2 2 
     xx, yy, xy = k[:, :, 0], k[:, :, 1], k[:, :, 2]
     full = jnp.stack([xx, xy, jnp.swapaxes(xy, 0, 1), yy], 2)
     return full.reshape(4, 4, 2, 2, *k.shape[3:])
-
-
-def _sum(left: Array, right: Array) -> Array:
-    """Sum what elements give to their left and their right stations."""
-    rest = [(0, 0)] * (left.ndim - 2)
-    return jnp.pad(left, [*rest, (0, 1), (0, 0)]) + jnp.pad(right, [*rest, (1, 0), (0, 0)])

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 
 from suas_jax.mechanics.solid.element import NODES, PRESSURES
 from suas_jax.numerics.array_types import StationVector
+from suas_jax.numerics.block_tridiagonal import at_stations
 
 # Power of the distance from a face with which layers grow towards the middle.
 _GRADING = 1.75
@@ -110,12 +111,8 @@ class Layout(NamedTuple):
         left, right, middle = (
             self._line([u[NODES.index((a, b))] for b in range(3)]) for a in (0, 2, 1)
         )
-        rest = [(0, 0)] * (left.ndim - 2)
-        stations = jnp.pad(left, [*rest, (0, 1), (0, 0)]) + jnp.pad(
-            right, [*rest, (1, 0), (0, 0)]
-        )
         inside = jnp.concatenate([middle, p.reshape(-1, *p.shape[2:])])
-        return self.joined(stations * free, inside)
+        return self.joined(at_stations(left, right) * free, inside)
 
     def ends(self, symmetric: bool) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
         """Displacements of the end stations that may move: none, at the crown those in y.

@@ -22,12 +22,7 @@ from jaxtyping import Array, Float
 from suas_jax.mechanics.solid.condensation import Condensed
 from suas_jax.mechanics.solid.layout import Layout
 from suas_jax.numerics.array_types import StationVector
-from suas_jax.numerics.block_sweep import (
-    factorise,
-    solve,
-    symmetric_inverse,
-    transposed,
-)
+from suas_jax.numerics.block_sweep import factorise, solve, symmetric_inverse, transposed
 from suas_jax.numerics.block_tridiagonal import AbstractTangent, Sweep
 
 # First and last of the element's nodes on the left, on the right and in the middle, and by
