@@ -1,6 +1,7 @@
 """What a skin carries before anything touches it: warmth, water, filling, mounting."""
 
 import functools
+from types import SimpleNamespace
 from typing import Any
 
 import jax
@@ -31,6 +32,7 @@ from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.load_path import settled
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.solid.points import free_strain
+from suas_jax.scene import choice
 from suas_jax.scene.build import problem_of
 from suas_jax.scene.gradient import gradient
 from suas_jax.scene.parts import scene_parts
@@ -602,3 +604,15 @@ def test_derivatives_under_a_body_of_a_stressed_skin_are_those_of_differences() 
         ]
         low, high = (end["loads"][0]["force_N"] for end in ends if end is not None)
         assert slopes[path] == pytest.approx((high - low) / (2 * step), rel=1e-4)
+
+
+def test_a_shell_that_buckles_by_what_it_carries_needs_no_solid(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    lost = SimpleNamespace(stable=False, converged=True, outcome={"result": np.zeros(1)})
+    tried: list[str] = []
+    monkeypatch.setattr(
+        choice, "_attempt", lambda _, name, *__, **___: tried.append(name) or lost
+    )
+    assert choice._choose(with_solve(skin(fill=0.8), model="auto"), once=True)[0] is lost
+    assert tried == ["shell"]

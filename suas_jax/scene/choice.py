@@ -23,6 +23,7 @@ from suas_jax.scene.program import (
 from suas_jax.scene.stress_last import stressed_last
 from suas_jax.scene.sway import can_sway, shifted, stable_factor
 from suas_jax.scene.travel import driven_by_force, travels_of
+from suas_jax.skin.prestress import is_prestressed
 
 # Error of the finer of two meshes over their difference, twice what order two leaves.
 FINER_SHARE = 2 / 3
@@ -167,6 +168,8 @@ def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
             return shell, "The solid did not converge."
     if not shell.converged:
         return shell, "The shell did not converge; the solid would follow the same path."
+    if is_prestressed(scene) and not shell.stable:  # no answer, which took the solid minutes
+        return shell, "The shell buckles by what it carries; the solid would, too."
     if not shell.model_too_coarse(rtol) and shell.mesh_excess(rtol) <= 1:
         return shell, _shell_chosen(shell, rtol)
     at_the_wall = shell.at_the_wall and scene.wall.contact
