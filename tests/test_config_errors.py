@@ -7,6 +7,7 @@ import pytest
 
 from suas_jax.config import ConfigError, load_scene
 
+BALL = {"kind": '"body"', "shape": '"cylinder"', "radius": '"10 mm"', "angle": '"10 deg"'}
 # TOML literals by table and key, so that a test can write any value, right or wrong.
 SCENE = {
     "geometry": {
@@ -307,6 +308,11 @@ TABLES = [
         {"load.0.force": '"0 N"', "load.1": None, "solve.oil_pressure": '"10 kPa"'},
         'solve.oil_pressure = "10 kPa"',
         "all loads are zero",
+    ),
+    (
+        {f"load.{i}": BALL | {"force": f'"{i + 1} N"'} for i in (0, 1)},
+        'load.1.force = "2 N"',
+        "load.0|the sum of both forces",
     ),
 ]
 

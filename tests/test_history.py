@@ -31,7 +31,10 @@ from suas_jax.dynamics.history_gradient import point_asked, require_derivatives
 from suas_jax.dynamics.history_table import history_of, read_history
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.equilibrium import Equilibrium
+from suas_jax.equilibrium.load_path import Found
+from suas_jax.equilibrium.outcomes import NAMES, index_of
 from suas_jax.mechanics.pad.pad import Pad
+from suas_jax.numerics.bordered_solve import BorderedVector
 from suas_jax.scene.build import plan_for
 from suas_jax.scene.program import inputs_of
 from suas_jax.scene.structure import Structure
@@ -715,6 +718,28 @@ def test_bodies_push_a_skin_that_comes_out_no_further_than_it_comes() -> None:
     assert waits["force_N"] == waits["depth_m"] == 0.0  # the skin comes out by 0.9 mm there
     assert waits["displacement_m"] < -5e-4
     assert pressed["force_N"] == pytest.approx(3.0, rel=1e-8)
+
+
+def test_a_skin_that_buckles_at_rest_is_unstable_from_the_first_row_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    names = [("converged", True), ("limit_point", True), ("squeezed", False)]
+    for name, stable in (*names, ("converged", False), ("no_convergence", False)):
+        found = steps._unless_buckled(jnp.array([index_of(name)]), jnp.array([stable]))
+        kept = stable or name == "squeezed"
+        assert NAMES[int(found[0])] == (name if kept else "unstable")
+    scene = warmed(under_a_cylinder(depth="2 mm"))
+    skin = DrivenSkin.of(
+        Structure(scene, wall=True), plan_for(scene, "shell", (8,)), inputs_of(scene), ()
+    )
+    zero, one = jnp.zeros(1), jnp.ones(1)
+    problem = skin.problem({}, skin.no_travels)
+    y = BorderedVector(problem.mechanics.rest(), zero)
+    count = jnp.zeros(1, jnp.int32)
+    lost = Found(y, zero, count + index_of("no_convergence"), count, one, count)
+    monkeypatch.setattr(steps, "settled", lambda *_: lost._replace(result=count))
+    monkeypatch.setattr(steps, "follow", lambda *_, **__: lost)
+    assert NAMES[int(steps._unloaded(problem, one)[1][0])] == "unstable"
 
 
 def test_first_contact_of_a_history_is_told_as_a_curve_s(

@@ -54,6 +54,7 @@ def _found(tables: Mapping[str, Any]) -> Contradictions:
         if solve is not None:
             yield from _of_another_dimension(geometry, solve)
         yield from _off_a_section(geometry, loads or ())
+    yield from _in_one_another(loads or ())
     if solve is not None and solve.oil_pressure is not None:
         yield from _unreachable_pressure(oil, loads)
     if geometry is not None and geometry.mounting_axial is not None and geometry.dimension == 2:
@@ -161,6 +162,21 @@ def _unreachable_pressure(oil: Any, loads: Sequence[LoadSpec | None] | None) -> 
                 key,
                 f"{have}, and loads are scaled to reach this pressure; add a [[load]] that is "
                 f"not zero, or take oil_pressure out",
+            )
+
+
+def _in_one_another(loads: Sequence[LoadSpec | None]) -> Contradictions:
+    """Bodies that forces press at one place: what each carries hangs on next to nothing."""
+    taken: dict[Any, int] = {}
+    for index, load in enumerate(loads):
+        if load is None or load.kind != "body" or not load.force or any(load.dragged):
+            continue
+        first = taken.setdefault((load.angle, load.arc, load.axial), index)
+        if first != index:
+            yield (
+                f"load.{index}.force",
+                f"load.{first} is pressed by a force at the same place, where only one rigid "
+                "body is; press one with the sum of both forces, or move one aside",
             )
 
 

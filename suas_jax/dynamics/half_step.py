@@ -39,7 +39,7 @@ from suas_jax.skin.geometry import SkinGeometry
 _MOST_CORRECTIONS = 30
 _EXACT = 1e-12  # correction of the volume that does not count, over the film's
 _EXACT_FORCE = 3e-9  # relative error of a body's force that does not count
-_OTHER_STEP = 0.2  # difference of steps that an inverse serves
+_OTHER_STEP = 0.02  # difference of steps that an inverse serves
 _SLOW = 0.5  # ratio of corrections from which on an inverse is made anew
 # In thicknesses: how deep a body that touches nothing is moved in, and how far off the skin one
 # without a force stays.

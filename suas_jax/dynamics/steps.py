@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from suas_jax.constitutive.relaxation import Past, Response
@@ -36,7 +37,7 @@ from suas_jax.equilibrium.balance import Problem, State, verify, volume_residual
 from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.equilibrium import Equilibrium
 from suas_jax.equilibrium.load_path import follow, settled
-from suas_jax.equilibrium.outcomes import index_of
+from suas_jax.equilibrium.outcomes import PATH_ENDS, index_of
 from suas_jax.equilibrium.validity import validity
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.mechanics.pad.pad import Pad
@@ -52,6 +53,8 @@ _LONGER, _SHORTER = 2.0, 0.2  # of the next step, at most
 # Error of a state between rows, relative to its displacement, over that of a step's stress.
 _ROUGH = 1e-2
 _RUNAWAY = 1e-9  # step that is still too long, over a row and the shortest relaxation time
+# Outcomes that a state which no membrane stays in explains.
+_ENDS = np.array([index_of(name) for name in ("converged", *PATH_ENDS, "max_steps")])
 _SHORTEST = 1e-4  # step over a row, or share of a jump, at which the path counts as ended
 
 
@@ -159,9 +162,9 @@ def _unloaded(problem: Problem, level: Array) -> tuple[State, Array]:
     if free.prestressed and free.mechanics.touches:
         start = rest.y, rest.level, rest.level
         rest = follow(free, *start, LoadStepping(), near=True, rest=rest.y)
-        result = jnp.where(result != 0, result, rest.result)
+        result = jnp.where((result != 0) | (rest.result != 0), index_of("unstable"), 0)
     state = Equilibrium.of(free, rest).state
-    return state._replace(factor=level), result
+    return state._replace(factor=level), result.astype(rest.result.dtype)
 
 
 @eqx.filter_jit
@@ -284,6 +287,8 @@ def observed_at(
     strains = report["stretch_min"], report["strain_energy_J"], report.pop("in_domain")
     judged = validity(settled, now.state, (jnp.zeros(1), jnp.zeros(1)), *strains)
     result = jnp.where(now.result == 0, judged.astype(now.result.dtype), now.result)
+    if settled.prestressed:
+        result = _unless_buckled(result, report["stable"])
     unknowns = settled.mechanics.unknowns() + int(settled.oil.trapped)
     touched = touched_by_bodies(settled, now.state)
     outcome = {
@@ -297,6 +302,14 @@ def observed_at(
         "shown": shown.q,
     }
     return report, outcome
+
+
+def _unless_buckled(
+    result: Int[Array, " lane"], stable: Bool[Array, " lane"]
+) -> Int[Array, " lane"]:
+    """The outcome of a skin with stress at rest: `unstable`, as of a solve, if it buckles."""
+    left = ~stable & jnp.isin(result, _ENDS)
+    return jnp.where(left, index_of("unstable"), result).astype(result.dtype)
 
 
 def attempt(skin: AbstractDriven, now: Moment, row: Rows, tolerance: Array) -> Moment:
