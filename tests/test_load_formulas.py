@@ -1740,14 +1740,14 @@ def test_gaps_that_all_differ_are_no_taxel_s_own() -> None:
 
 @pytest.mark.parametrize("quantity", [0, 1])
 def test_what_a_fit_leaves_out_is_the_mean_over_lines_and_other_contacts(quantity: int) -> None:
-    """Against the density of u, p(r | u) sum_k odds_k N(u; 0, sigma_k), integrated."""
+    """Against the density of u, p(r | u) sum_k N(u; 0, sigma_k), integrated."""
     little, usual = ((0.05, 0.3), (25e-6, 225e-6))[quantity]
     left, pull = 1.0 / little**2, 1.7 / little  # u is 1.7 +- 1 of the little by readings alone
     u = np.linspace(-8 * usual, 8 * usual, 400001)
     likelihood = np.exp(pull * u - left * u**2 / 2)
     narrow, wide = (likelihood * stats.norm.pdf(u, 0, s) for s in (little, usual))
-    weights = np.array([1.0, *(np.trapezoid(x, u) for x in (narrow, 2 * wide))])
-    density = (narrow + 2 * wide) / weights.sum()
+    weights = np.array([1.0, *(np.trapezoid(x, u) for x in (narrow, wide))])
+    density = (narrow + wide) / weights.sum()
     mean = np.trapezoid(density * u, u)
     variance = np.trapezoid(density * u**2, u) - mean**2
     lefts, pulls = np.zeros((1, 2, 2)), np.zeros((1, 2))
@@ -1808,10 +1808,8 @@ def test_likelihoods_at_a_mode_are_those_of_friction_integrated() -> None:
     residual = np.array([0.1, 0.3, 9.0])
     tau = np.linspace(-4, 4, 400001)
     chi2 = (weight[:, None] * (residual[:, None] - slopes[:, None] * tau) ** 2).sum(0)
-    for prior, odds, (along, rare) in zip(
-        (0.05, 0.3), (1.0, 2.0), Friction(slopes).of_mode(known), strict=True
-    ):
-        whole = np.trapezoid(odds * stats.norm.pdf(tau, 0, prior) * np.exp(-chi2 / 2), tau)
+    for prior, (along, rare) in zip((0.05, 0.3), Friction(slopes).of_mode(known), strict=True):
+        whole = np.trapezoid(stats.norm.pdf(tau, 0, prior) * np.exp(-chi2 / 2), tau)
         expected = np.log(whole) + (weight * residual**2).sum() / 2
         found = ((along @ (weight * residual)) ** 2).sum() / 2 - rare
         assert found == pytest.approx(expected, rel=1e-6)

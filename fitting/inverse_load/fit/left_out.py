@@ -1,13 +1,13 @@
 """What a fit of radial lines on a section leaves out of contacts: friction and width.
 
 The tangential force of a contact is tau of the inward one, and it presses an arc of length l.
-One contact in four is a radial line, one nearly so, two are not: tau and l^2 are normal around
-zero with deviations of zero, `_LITTLE` or `_USUAL`. With s what they do to readings, s' what
+With even odds it is a radial line, nearly one, or neither: tau and l^2 are normal around zero
+with deviations of zero, `_LITTLE` or `_USUAL`. With s what they do to readings, s' what
 place and force leave of it, G what it does to them and r the residuals of lines (`systematic`),
 for u = (tau, l^2) with a prior's variances V_k, to first order::
 
     P_k = (V_k^-1 + s'^T W s')^-1,  u_k = P_k s'^T W r
-    w_k ~ odds_k det(P_k V_k^-1)^1/2 exp(u_k^T P_k^-1 u_k / 2)
+    w_k ~ det(P_k V_k^-1)^1/2 exp(u_k^T P_k^-1 u_k / 2)
     u = sum_k w_k u_k,     dx = -G u,
     <du du^T> = sum_k w_k (P_k + u_k u_k^T) - u u^T
 
@@ -29,7 +29,7 @@ _LINE = 2  # parameters of a contact: angle and force
 # Deviations of the tangential force over the inward one and of the square of the arc [m^2].
 _LITTLE = (0.05, 5e-3**2)
 _USUAL = (PRIOR_OF_TANGENT, 15e-3**2)
-_PRIORS = ((_LITTLE, 1.0), (_USUAL, 2.0))  # and their odds to a radial line
+_PRIORS = (_LITTLE, _USUAL)
 _RARE = 0.05  # probability of radial lines below which tangential forces are told
 
 
@@ -96,16 +96,15 @@ class LeftOutOfContacts(AbstractSystematicErrors):
         """What log(likelihood) of other contacts is above that of radial lines, at a mode.
 
         With r residuals and W their inverse variances it is |E W r|^2 / 2 - h. Returns, prior
-        by prior, E [quantity, taxel], to first order that at the mode, and h, odds included.
+        by prior, E [quantity, taxel], to first order that at the mode, and h.
         """
         count = int(mode.contacts[0])
         slopes = np.where(mode.weight > 0, self.slopes(mode, _LINE, count)[0], 0.0)
         found = []
-        for prior, odds in _PRIORS:
+        for prior in _PRIORS:
             own = np.repeat(prior, count)[:, None] * slopes
             root = np.linalg.cholesky(np.eye(len(own)) + (own * mode.weight) @ own.T)
-            rare = np.log(np.diag(root)).sum() - np.log(odds)
-            found.append((np.linalg.solve(root, own), float(rare)))
+            found.append((np.linalg.solve(root, own), float(np.log(np.diag(root)).sum())))
         return found
 
 
@@ -116,14 +115,14 @@ def _mean(left: Floats, pull: Floats, settled: Flags) -> tuple[Floats, Floats, F
     """
     frames, size = pull.shape
     log, means, spreads = [np.zeros(frames)], [np.zeros(pull.shape)], [np.zeros(left.shape)]
-    for prior, odds in _PRIORS:
+    for prior in _PRIORS:
         own = np.repeat(prior, size // len(prior))
         # In terms of the prior's deviations, which differ by their units.
         scaled = np.eye(size) + left * np.outer(own, own)
         spread = np.outer(own, own) * np.linalg.inv(scaled)
         mean = (spread @ pull[..., None])[..., 0]
         rare = np.linalg.slogdet(scaled)[1]
-        log.append(np.asarray(((pull * mean).sum(1) - rare) / 2 + np.log(odds), float))
+        log.append(np.asarray(((pull * mean).sum(1) - rare) / 2, float))
         means.append(mean)
         spreads.append(np.asarray(spread, float))
     weight = np.exp(np.array(log) - np.max(log, 0))
