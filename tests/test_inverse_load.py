@@ -193,6 +193,15 @@ def test_contacts_of_free_direction_lie_in_the_stated_regions(
     assert inside[far].mean() > 0.8  # 0.5 by the tangent alone
 
 
+def test_a_reading_that_is_a_little_off_is_no_touch(estimator: LoadEstimator) -> None:
+    """Seven deviations are too little for the gaps of the other taxels to tell."""
+    random, noise = np.random.default_rng(0), estimator.reading_noise
+    so = estimator.model_rest + noise * random.normal(size=(200, estimator.taxels))
+    so[np.arange(200), random.integers(0, estimator.taxels, 200)] += 7 * noise
+    found = estimator.estimate(np.round(so))
+    assert sum(e.contact is not False for e in found) < 20
+
+
 def test_false_alarms_come_at_the_stated_rate(
     study: ModuleType, estimator: LoadEstimator
 ) -> None:
