@@ -15,7 +15,7 @@ from fitting.sensor.fit.calibrate import fit_sensor
 from fitting.sensor.fit.input_noise import InputErrors, InputNoise, noise_sentences, settled
 from fitting.sensor.fit.residuals import SensorResiduals
 from fitting.sensor.fit.result import SensorFit
-from fitting.sensor.fit.suspects import OFFSET, ZeroOff, sentence
+from fitting.sensor.fit.suspects import OFFSET, WIDTH, ZeroOff, sentence
 from fitting.sensor.logs.data import SensorData, _means, load_sensor_data
 from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.logs.shared_errors import SharedErrors, apart
@@ -159,6 +159,24 @@ def test_known_loads_without_what_is_off() -> None:
     np.testing.assert_allclose(more.force[0, :2], [0, 5.005])
 
 
+def test_what_else_is_told_of_line_loads_has_columns_of_its_own() -> None:
+    force = np.array([[0.0, 5.0, 5.0]])
+    loads = KnownLoads.pushes(np.array([[0.1, 0.1, -0.1]]), force)
+    told = loads.told(4)  # amounts, places, directions, widths
+    np.testing.assert_array_equal(told["force"][:, 1], [1, 0, 0, 0])
+    np.testing.assert_array_equal(told["place"][:, 1], [0, 1, 0, 0])
+    np.testing.assert_array_equal(told["direction"], [[0] * 3, [0] * 3, [0, 1, 1], [0] * 3])
+    assert "place" not in loads.told(1)
+    moved, step = loads.turned(0, "place")
+    assert step[0] == 0
+    assert (np.sign(step[1:]) == [-1, 1]).all()
+    np.testing.assert_allclose(moved.angle[0] - loads.angle[0], step)
+    one, other, square = loads.beside(0)
+    # Both press along the radial of the middle, and have the variance of an even pressure.
+    np.testing.assert_allclose(one.turn - one.angle, loads.turn - loads.angle)
+    np.testing.assert_allclose(((one.angle - other.angle)[0] / 2) ** 2, square / 12)
+
+
 def test_zeros_that_shapes_lack_already_are_not_counted_twice() -> None:
     # The derivative by a touch of 0.1 mm was taken where no equilibrium is, and zero there.
     moving = Moving.of({"thickness": 2e-3, TOUCH: 1e-4, FORCE_ZERO: 0.3})
@@ -192,24 +210,31 @@ def test_errors_that_neighbours_share_are_called_no_noise() -> None:
         (text,) = noise_sentences(own, np.ones(1), pushed, told)
         assert "0.2 N (standard deviation)" in text
         assert words in text
+    turned = told._replace(slopes=np.ones((4, 3, 40)), noise=InputNoise({"direction": 0.05}))
+    here.shared = lambda r: np.pad(0.02 + 0.05 * white, ((2, 1), (0, 0)))
+    (text,) = noise_sentences(own, np.ones(1), pushed, turned)
+    assert "known directions are off those that the counts show by 2.9 deg" in text
+    assert "in the mean, as of friction" in text
     stated = told._replace(noise=InputNoise({"force": 0.2}, True))
     assert not noise_sentences(own, np.ones(1), pushed, stated)
 
 
 def test_zeros_that_are_off_are_named_with_what_finds_them() -> None:
     family = SensorFamily((named(SPEC, "permittivity"), named(SPEC, "gap")))
-    model: Any = type("Model", (), {"inputs": {"electrodes.lsb": 3.05e-16}})()
+    model: Any = type("Model", (), {"inputs": {"electrodes.lsb": 3.05e-16}, "spec": SPEC})()
     problem: Any = type("Problem", (), {"family": family, "model": model})()
     zeros = [
         ZeroOff(TOUCH, 1e-4, 1e-5, 100.0, 0.0),
         ZeroOff(FORCE_ZERO, -0.3, 0.02, 101.0, 0.0),
         ZeroOff(OFFSET, 20.0, 2.0, 102.0, 0.0),
+        ZeroOff(WIDTH, (9 / 58.25) ** 2, 2 * 9 / 58.25**2, 103.0, 0.0),
     ]
     text = sentence(zeros, problem)
     assert "displacements are 0.1 +- 0.01 mm too large" in text
     assert "--fit relative_permittivity,oil_gap,touch" in text
     assert "forces are 0.3 +- 0.02 N too small" in text
     assert "--fit relative_permittivity,oil_gap,force_zero" in text
+    assert "press an arc of about 9 +- 1 mm each" in text
     assert "20 +- 2 counts too many, an offset, or stray capacitance of 6.1 fF: --off" in text
 
 
@@ -240,10 +265,17 @@ FORCE = np.concatenate([np.zeros(12), np.linspace(0, 8, 28), np.linspace(8, 0, 2
 @pytest.fixture(scope="module")
 def truth() -> tuple[np.ndarray, np.ndarray]:
     """Counts of the shell under known forces [taxel, frame], and displacements [frame]."""
+    return counts_under(0 * FORCE)
+
+
+def counts_under(turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same of forces that are turned [frame] [rad]."""
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(SPEC).items()}
     geometry, law, oil, _ = parts_of(SPEC, inputs)
     force = FORCE[None]
-    shape = deform(KnownLoads.pushes(np.deg2rad(ANGLE) + 0 * force, force), geometry, law, oil)
+    loads = KnownLoads.pushes(np.deg2rad(ANGLE) + 0 * force, force)
+    loads = dataclasses.replace(loads, turn=turn[None])
+    shape = deform(loads, geometry, law, oil)
     family = SensorFamily((named(SPEC, "permittivity"), named(SPEC, "gap")))
     at, none = jnp.array([PERMITTIVITY, GAP]), jnp.full(len(FORCE), jnp.nan)
     model = SensorModel(inputs, shape.face, None, at, none, None, SPEC, family)
@@ -287,6 +319,17 @@ def test_a_load_cell_s_noise_is_found_and_counts(
         tmp_path / "a.csv", truth[0], "load_0_force_N", told, input_noise={"force": 0.1}
     )
     assert any("--force-noise states 0.1 N" in w for w in stated.warnings)
+
+
+def test_friction_of_known_forces_is_found_and_counts(tmp_path: Path) -> None:
+    """Forces 3 degrees off the radial counted as a load cell's noise, which they are not."""
+    turn = np.deg2rad(3.0) * np.random.default_rng(5).standard_normal(len(FORCE))
+    fit = fitted(tmp_path / "a.csv", counts_under(turn)[0], "load_0_force_N", FORCE)
+    found = fit.input_errors.noise.deviation
+    assert found["direction"] == pytest.approx(np.deg2rad(3.0), rel=0.3)
+    assert not found["force"]
+    assert np.abs(pulls(fit)).max() < 2.0
+    assert any("as of friction" in w for w in fit.warnings)
 
 
 def test_a_touch_that_is_off_is_named(

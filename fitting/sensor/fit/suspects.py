@@ -1,8 +1,9 @@
-"""Zeros that are off: which one explains what a fit leaves of the counts.
+"""Zeros that are off, or wide contacts: which one explains what a fit leaves of the counts.
 
 A touch that is not where displacements were told zero, a load cell that shows a force at no
 load, and an offset of all counts leave little of themselves in the residuals, as permittivity
-and gap follow them: 0.1 mm of touch makes the gap of the paper's skin 5 % larger. The fit is
+and gap follow them: 0.1 mm of touch makes the gap of the paper's skin 5 % larger.
+Line loads that press an arc each make both larger, too. The fit is
 repeated without each of them; one is named if what remains is noise.
 """
 
@@ -22,8 +23,9 @@ from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.model.constants import FORCE_ZERO, SCALE, STRAY, TOUCH
 from fitting.sensor.shapes.shapes import ShapeSolver
 from fitting.statistics.residuals import sensitivity
+from suas_jax.skin.plain import plain_geometry
 
-OFFSET = "offset"
+OFFSET, WIDTH = "offset", "width"
 _SHOWN, _WORTH = 25.0, 9.0  # chi-square of a zero that is named, and of one that is tried
 _LEFT = 16.0  # chi-square of another one beside it: what remains is no noise
 _ALIKE = 9.0  # difference in chi-square of zeros that explain the counts alike
@@ -33,8 +35,8 @@ _ROUNDS, _SAME = 4, 0.1  # of its standard error
 class ZeroOff(NamedTuple):
     """A zero that is off, and the fit without it."""
 
-    kind: str  # TOUCH, FORCE_ZERO or OFFSET
-    amount: float  # [m], [N] or counts
+    kind: str  # TOUCH, FORCE_ZERO, OFFSET or WIDTH
+    amount: float  # [m], [N], counts or [rad^2]
     error: float  # its standard error
     chi_square: float  # of all residuals without it
     left: float  # of the largest of the others beside it
@@ -52,7 +54,7 @@ class Suspects:
         solver: ShapeSolver,
     ) -> None:
         self._problem, self._constants, self._solver = problem, constants, solver
-        state, slopes = problem.readings.state, inputs.slopes
+        state, slopes = problem.readings.state, inputs.slopes[: len(loads.angle)]
         by = {TOUCH: loads.zeros(1.0, 0.0), FORCE_ZERO: loads.zeros(0.0, 1.0)}
         names = problem.family.names
         # Readings that are more by this lack the zero [taxel, frame].
@@ -61,6 +63,8 @@ class Suspects:
             for kind, own in by.items()
             if own.any() and kind not in names
         }
+        if len(inputs.slopes) > len(slopes) and inputs.slopes[3 * len(slopes) :].any():
+            self._changes[WIDTH] = -inputs.slopes[3 * len(slopes) :].sum(0)[:, state]
         if not (problem.readings.offsets or STRAY in names):
             self._changes[OFFSET] = -np.ones_like(problem.readings.so)
         self._loads = loads
@@ -73,6 +77,7 @@ class Suspects:
         tried = [self._without(kind) for kind, gain in first.items() if gain > _WORTH]
         good = sorted((z for z in tried if z is not None), key=lambda z: z.chi_square)
         good = [z for z in good if z.left < _LEFT and abs(z.amount) > 3 * z.error]
+        good = [z for z in good if z.kind != WIDTH or z.amount > 0]
         return [z for z in good if z.chi_square < good[0].chi_square + _ALIKE]
 
     def _without(self, kind: str) -> ZeroOff | None:
@@ -95,8 +100,9 @@ class Suspects:
 
     def _moved(self, kind: str, amount: float, constants: np.ndarray) -> SensorProblem:
         problem = self._problem
-        if kind == OFFSET:
-            here = replace(problem.readings, so=problem.readings.so - amount)
+        if kind in (OFFSET, WIDTH):
+            so = problem.readings.so + amount * self._changes[kind]
+            here = replace(problem.readings, so=so)
             return problem.replace(readings=here)
         error = self._loads.zeros(amount * (kind == TOUCH), amount * (kind == FORCE_ZERO))
         model = self._solver.less(constants, error).model
@@ -170,6 +176,13 @@ def sentence(zeros: Sequence[ZeroOff], problem: SensorProblem) -> str:
             text = (
                 f"known forces are {size:.2g} +- {error:.1g} N too {large}, the load cell's "
                 f"zero: --fit {fitted},{FORCE_ZERO} finds it"
+            )
+        elif zero.kind == WIDTH:
+            arc = np.sqrt(size) * np.array([1, error / size / 2])
+            arc *= 1e3 * float(plain_geometry(problem.model.spec.geometry).section.size[0])
+            text = (
+                f"known line loads press an arc of about {arc[0]:.2g} +- {arc[1]:.1g} mm each: "
+                "press with an edge, or a body of known travel (load_0_depth_mm)"
             )
         else:
             stray = f", or stray capacitance of {1e15 * size * scale:.2g} fF" if scale else ""

@@ -7,7 +7,11 @@ import numpy as np
 
 AMOUNTS = "force", "displacement", "depth"
 """What a load is known by."""
+WHERE = {"place": "angle", "direction": "turn"}
+"""What else is told of a line load [rad], and where it stands."""
 _STEP = 1e-3  # of the largest one, over which derivatives are taken
+_TURNED = 5e-3  # the same of a place or direction [rad]
+_BESIDE = 0.04  # of lines that stand for a wide press, from its middle [rad]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,6 +97,43 @@ class KnownLoads:
             changed[name] = values
             step += own
         return dataclasses.replace(self, **changed), step
+
+    def turned(self, load: int, name: str) -> tuple["KnownLoads", np.ndarray]:
+        """The same with a load's place or direction changed, and by how much [state] [rad]."""
+        values = getattr(self, WHERE[name]).copy()
+        # Towards the middle, as none is beyond the clamps.
+        step = np.where(self.pressed[load], np.where(self.angle[load] > 0, -1, 1), 0) * _TURNED
+        values[load] += step
+        return dataclasses.replace(self, **{WHERE[name]: values}), step
+
+    def beside(self, load: int) -> tuple["KnownLoads", "KnownLoads", np.ndarray]:
+        """A load to either side, one direction kept, and the arc's square l^2 of both [state].
+
+        Half of it on each has the variance l^2 / 12 of a pressure that is even over an arc l
+        [rad]; the mean of both shapes has its pattern, and up to a third more of it.
+        """
+        by = np.zeros_like(self.angle)
+        by[load] = np.where(self.known_by["force"][load], _BESIDE, 0.0)
+        one, other = (
+            dataclasses.replace(self, angle=self.angle + x, turn=self.turn + x)
+            for x in (by, -by)
+        )
+        return one, other, 12 * by[load] ** 2
+
+    def told(self, columns: int) -> dict[str, np.ndarray]:
+        """What is told of the loads and may be wrong, where it counts [column, state].
+
+        The columns are amounts, load after load, and then, if there are more, places,
+        directions and squares of the arcs that are pressed, of which nothing is told.
+        """
+        loads = len(self.angle)
+        masks = {name: (0, mask) for name, mask in self.known_by.items()}
+        if columns > loads:
+            masks |= {name: (k, self.pressed) for k, name in enumerate(WHERE, 1)}
+        return {
+            name: np.pad(mask, ((k * loads, columns - (k + 1) * loads), (0, 0)))
+            for name, (k, mask) in masks.items()
+        }
 
     def zeros(self, travel: float, force: float) -> np.ndarray:
         """Errors of what was told where gauges show this at no load [load, state]."""
