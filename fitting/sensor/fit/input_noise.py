@@ -288,7 +288,7 @@ def noise_sentences(
         if name in _KINDS:
             why += f"; --{_KINDS[name][0]} states it"
         else:
-            why = f"{_text(name, e[own].mean())} in the mean, {why}"
+            why = f"which are more by {_text(name, -e[own].mean())} in the mean, {why}"
         found.append(
             f"known {name}s are off those that the counts show by {_text(name, deviation)} "
             f"(standard deviation), {why}"
