@@ -159,6 +159,20 @@ def test_known_loads_without_what_is_off() -> None:
     np.testing.assert_allclose(more.force[0, :2], [0, 5.005])
 
 
+def test_what_else_is_told_of_line_loads_has_columns_of_its_own() -> None:
+    force = np.array([[0.0, 5.0, 5.0]])
+    loads = KnownLoads.pushes(np.array([[0.1, 0.1, -0.1]]), force)
+    told = loads.told(3)  # amounts, places, directions
+    np.testing.assert_array_equal(told["force"][:, 1], [1, 0, 0])
+    np.testing.assert_array_equal(told["place"][:, 1], [0, 1, 0])
+    np.testing.assert_array_equal(told["direction"], [[0] * 3, [0] * 3, [0, 1, 1]])
+    assert "place" not in loads.told(1)
+    moved, step = loads.turned(0, "place")
+    assert step[0] == 0
+    assert (np.sign(step[1:]) == [-1, 1]).all()
+    np.testing.assert_allclose(moved.angle[0] - loads.angle[0], step)
+
+
 def test_zeros_that_shapes_lack_already_are_not_counted_twice() -> None:
     # The derivative by a touch of 0.1 mm was taken where no equilibrium is, and zero there.
     moving = Moving.of({"thickness": 2e-3, TOUCH: 1e-4, FORCE_ZERO: 0.3})
@@ -192,6 +206,11 @@ def test_errors_that_neighbours_share_are_called_no_noise() -> None:
         (text,) = noise_sentences(own, np.ones(1), pushed, told)
         assert "0.2 N (standard deviation)" in text
         assert words in text
+    turned = told._replace(slopes=np.ones((3, 3, 40)), noise=InputNoise({"direction": 0.05}))
+    here.shared = lambda r: np.pad(0.02 + 0.05 * white, ((2, 0), (0, 0)))
+    (text,) = noise_sentences(own, np.ones(1), pushed, turned)
+    assert "known directions are off those that the counts show by 2.9 deg" in text
+    assert "in the mean, as of friction" in text
     stated = told._replace(noise=InputNoise({"force": 0.2}, True))
     assert not noise_sentences(own, np.ones(1), pushed, stated)
 
@@ -240,10 +259,17 @@ FORCE = np.concatenate([np.zeros(12), np.linspace(0, 8, 28), np.linspace(8, 0, 2
 @pytest.fixture(scope="module")
 def truth() -> tuple[np.ndarray, np.ndarray]:
     """Counts of the shell under known forces [taxel, frame], and displacements [frame]."""
+    return counts_under(0 * FORCE)
+
+
+def counts_under(turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same of forces that are turned [frame] [rad]."""
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(SPEC).items()}
     geometry, law, oil, _ = parts_of(SPEC, inputs)
     force = FORCE[None]
-    shape = deform(KnownLoads.pushes(np.deg2rad(ANGLE) + 0 * force, force), geometry, law, oil)
+    loads = KnownLoads.pushes(np.deg2rad(ANGLE) + 0 * force, force)
+    loads = dataclasses.replace(loads, turn=turn[None])
+    shape = deform(loads, geometry, law, oil)
     family = SensorFamily((named(SPEC, "permittivity"), named(SPEC, "gap")))
     at, none = jnp.array([PERMITTIVITY, GAP]), jnp.full(len(FORCE), jnp.nan)
     model = SensorModel(inputs, shape.face, None, at, none, None, SPEC, family)
@@ -287,6 +313,17 @@ def test_a_load_cell_s_noise_is_found_and_counts(
         tmp_path / "a.csv", truth[0], "load_0_force_N", told, input_noise={"force": 0.1}
     )
     assert any("--force-noise states 0.1 N" in w for w in stated.warnings)
+
+
+def test_friction_of_known_forces_is_found_and_counts(tmp_path: Path) -> None:
+    """Forces 3 degrees off the radial counted as a load cell's noise, which they are not."""
+    turn = np.deg2rad(3.0) * np.random.default_rng(5).standard_normal(len(FORCE))
+    fit = fitted(tmp_path / "a.csv", counts_under(turn)[0], "load_0_force_N", FORCE)
+    found = fit.input_errors.noise.deviation
+    assert found["direction"] == pytest.approx(np.deg2rad(3.0), rel=0.3)
+    assert not found["force"]
+    assert np.abs(pulls(fit)).max() < 2.0
+    assert any("as of friction" in w for w in fit.warnings)
 
 
 def test_a_touch_that_is_off_is_named(

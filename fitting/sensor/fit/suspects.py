@@ -52,7 +52,7 @@ class Suspects:
         solver: ShapeSolver,
     ) -> None:
         self._problem, self._constants, self._solver = problem, constants, solver
-        state, slopes = problem.readings.state, inputs.slopes
+        state, slopes = problem.readings.state, inputs.slopes[: len(loads.angle)]
         by = {TOUCH: loads.zeros(1.0, 0.0), FORCE_ZERO: loads.zeros(0.0, 1.0)}
         names = problem.family.names
         # Readings that are more by this lack the zero [taxel, frame].

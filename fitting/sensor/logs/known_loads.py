@@ -7,7 +7,10 @@ import numpy as np
 
 AMOUNTS = "force", "displacement", "depth"
 """What a load is known by."""
+WHERE = {"place": "angle", "direction": "turn"}
+"""What else is told of a line load [rad], and where it stands."""
 _STEP = 1e-3  # of the largest one, over which derivatives are taken
+_TURNED = 5e-3  # the same of a place or direction [rad]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,6 +96,29 @@ class KnownLoads:
             changed[name] = values
             step += own
         return dataclasses.replace(self, **changed), step
+
+    def turned(self, load: int, name: str) -> tuple["KnownLoads", np.ndarray]:
+        """The same with a load's place or direction changed, and by how much [state] [rad]."""
+        values = getattr(self, WHERE[name]).copy()
+        # Towards the middle, as none is beyond the clamps.
+        step = np.where(self.pressed[load], np.where(self.angle[load] > 0, -1, 1), 0) * _TURNED
+        values[load] += step
+        return dataclasses.replace(self, **{WHERE[name]: values}), step
+
+    def told(self, columns: int) -> dict[str, np.ndarray]:
+        """What is told of the loads and may be wrong, where it counts [column, state].
+
+        The columns are amounts, load after load, and then, if there are more, places and
+        directions.
+        """
+        loads = len(self.angle)
+        masks = {name: (0, mask) for name, mask in self.known_by.items()}
+        if columns > loads:
+            masks |= {name: (k, self.pressed) for k, name in enumerate(WHERE, 1)}
+        return {
+            name: np.pad(mask, ((k * loads, columns - (k + 1) * loads), (0, 0)))
+            for name, (k, mask) in masks.items()
+        }
 
     def zeros(self, travel: float, force: float) -> np.ndarray:
         """Errors of what was told where gauges show this at no load [load, state]."""

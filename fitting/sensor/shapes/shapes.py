@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array
 
 from fitting.sensor.logs.data import NoCalibration, SensorData
-from fitting.sensor.logs.known_loads import KnownLoads
+from fitting.sensor.logs.known_loads import WHERE, KnownLoads
 from fitting.sensor.model.constants import (
     FILL,
     FORCE_ZERO,
@@ -205,30 +205,35 @@ class ShapeSolver:
         )
 
     def by_inputs(self, shapes: Shapes) -> np.ndarray:
-        """Counts by what is told of each load, SI [load, taxel, state].
+        """Counts by what is told of each load, SI [column, taxel, state]; zero at rest.
 
-        By its force, displacement or depth, whichever is known; zero at rest.
+        By its force, displacement or depth, whichever is known; line loads then by places,
+        load after load, and by directions.
         """
-        at = np.asarray(shapes.model.at)
-        found = []
-        for load in range(len(self._loads.angle)):
-            loads, step = self._loads.stepped(load)
-            other = self.at(at, loads, slopes=False)
-            found.append(shapes.slopes_by(other, step))
+        at, loads = np.asarray(shapes.model.at), range(len(self._loads.angle))
+        steps = [self._loads.stepped(load) for load in loads]
+        found = [shapes.slopes_by(self.at(at, *x, slopes=False), s) for *x, s in steps]
+        if self._states is None:
+            # The solid corrects told places alone.
+            shell, self._shell = self._shell, True
+            first = shapes if shell else self.at(at, slopes=False)
+            steps = [self._loads.turned(load, name) for name in WHERE for load in loads]
+            found += [first.slopes_by(self.at(at, *x, slopes=False), s) for *x, s in steps]
+            self._shell = shell
         return np.array(found)
 
     def moved(
         self, constants: np.ndarray, loads: KnownLoads, error: np.ndarray
     ) -> tuple[Shapes, np.ndarray]:
-        """Shapes under other loads, from now on, and counts by these [load, taxel, state].
+        """Shapes under other loads, from now on, and counts by these [column, taxel, state].
 
-        What was told of the loads is more by an error [load, state]: the model's counts are
+        What was told of their amounts is more by an error [load, state]: the model's counts are
         those under the told ones, to first order.
         """
         self._loads, self._beyond = loads, None
         shapes = self.at(constants)
         slopes = self.by_inputs(shapes)
-        self._beyond = jnp.asarray(np.einsum("kts,ks->ts", slopes, error))
+        self._beyond = jnp.asarray(np.einsum("kts,ks->ts", slopes[: len(error)], error))
         model = dataclasses.replace(shapes.model, beyond=self._beyond)
         return dataclasses.replace(shapes, model=model), slopes
 
