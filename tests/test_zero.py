@@ -166,6 +166,9 @@ def test_presses_in_columns_are_read_as_those_in_words(pad: bool) -> None:
     own = [angle[[10, 30]], *([axial[[10, 30]]] if pad else []), force[[10, 30]]]
     np.testing.assert_allclose(found, np.array(own).T, rtol=1e-8)
     assert [press.diameter for press in presses] == ([8e-3] * 2 if pad else [0.0] * 2)
+    columns[0, "direction"] = np.where(force > 5, 0.1, 0.0)
+    with pytest.raises(ValueError, match=r"load_0_direction_deg is 5\.73 deg; a zero takes"):
+        from_log._told_in_columns(spec, log, None)
     columns[1, "force"] = force
     with pytest.raises(ValueError, match="found beside it: load 1: force"):
         from_log._told_in_columns(spec, log, None)

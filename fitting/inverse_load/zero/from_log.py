@@ -119,6 +119,13 @@ def _told_in_columns(
             + (f"; found beside it: {', '.join(others)}" if others else "")
         )
     force, place = np.nan_to_num(known[0, "force"]), np.nan_to_num(known[0, kind])
+    turned = np.nan_to_num(known.get((0, "direction"), 0 * force))
+    if turned.any():
+        raise ValueError(
+            f"{log.path}: load_0_direction_deg is {np.rad2deg(turned[turned != 0][0]):.3g} deg; "
+            "a zero takes forces straight inwards (0 deg): a weight at the crown, or presses "
+            "along the normal"
+        )
     axial = np.nan_to_num(known[0, "axial"]) if pad else 0 * place
     same = _SAME * np.abs(force).max(initial=0.0)
     loaded = force > same
