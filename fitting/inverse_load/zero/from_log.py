@@ -121,8 +121,9 @@ def _told_in_columns(
     force, place = np.nan_to_num(known[0, "force"]), np.nan_to_num(known[0, kind])
     turned = np.nan_to_num(known.get((0, "direction"), 0 * force))
     if turned.any():
+        degrees = np.rad2deg(turned[turned != 0][0])
         raise ValueError(
-            f"{log.path}: load_0_direction_deg is {np.rad2deg(turned[turned != 0][0]):.3g} deg; "
+            f"{log.path}: load_0_direction_deg is {degrees:.3g} deg; "
             "a zero takes forces straight inwards (0 deg): a weight at the crown, or presses "
             "along the normal"
         )
