@@ -48,7 +48,7 @@ class LeftOutOfContacts(AbstractSystematicErrors):
             for k in range(contacts)
         ]
         found = np.stack(rows, 2)  # [frame, quantity, contact, taxel]
-        # What the fit itself found is not left out.
+        # What the fit itself found of a single contact is not left out.
         known = np.isfinite(best.beside[:, :1, [-1, 0], 1]).swapaxes(1, 2)
         found = np.where(known[..., None], 0.0, found)
         return found.reshape(len(found), 2 * contacts, -1)
@@ -63,13 +63,9 @@ class LeftOutOfContacts(AbstractSystematicErrors):
         """
         best = best.rows(np.arange(len(best)))
         total = no_covariance(best, _LINE)
-        # Others were free in the fit, or there is none.
-        radial_fits = np.isfinite(best.chi2) & ~np.isfinite(best.beside[:, 0, -1, 1])
-        for count in np.unique(best.contacts[radial_fits]).tolist():
-            frames, width = (
-                np.flatnonzero(radial_fits & (best.contacts == count)),
-                _LINE * count,
-            )
+        known = np.isfinite(best.chi2)
+        for count in np.unique(best.contacts[known]).tolist():
+            frames, width = np.flatnonzero(known & (best.contacts == count)), _LINE * count
             own = best.rows(frames)
             found = self.of(own, y[frames] - own.so, _LINE)
             settled = own.p_value(_LINE) >= SUSPECT
@@ -88,8 +84,9 @@ class LeftOutOfContacts(AbstractSystematicErrors):
             told = (line < _RARE)[:, None] & (deviation < TOLD * PRIOR_OF_TANGENT)
             shown = np.where(told, force * mean[:, tangent], np.nan)
             shown = np.stack([shown, np.abs(force) * deviation], -1)
-            known = np.isfinite(own.beside[:, :count, -1, 1:])
-            best.beside[frames, :count, -1] = np.where(known, own.beside[:, :count, -1], shown)
+            fitted = own.beside[:, :count, -1]
+            shown = np.where(np.isfinite(fitted[..., 1:]), fitted, shown)
+            best.beside[frames, :count, -1] = shown
         return best, total
 
     def of_mode(self, mode: Explanations) -> list[tuple[Floats, float]]:
