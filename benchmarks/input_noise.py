@@ -26,16 +26,17 @@ SKIN = Path(__file__).parent.parent / "configs/skins/suas.toml"
 TRUTH = np.array([2.35, 5.2e-3])  # permittivity, gap [m]
 ANGLE, NOISE = np.deg2rad(20.0), 2.0
 FORCE = np.concatenate([np.zeros(24), np.linspace(0, 8, 48), np.linspace(8, 0, 48)])
-ERRORS = ("force", 0.2), ("force", 0.5), ("displacement", 5e-5)
+# [N], [m] and [rad]; the last are of forces that are told as radial
+ERRORS = ("force", 0.2), ("force", 0.5), ("displacement", 5e-5), ("direction", np.deg2rad(3.0))
 
 
-def truth() -> tuple[np.ndarray, np.ndarray]:
-    """Counts [taxel, frame] and displacements [frame] under the forces."""
+def truth(turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Counts [taxel, frame] and displacements [frame] under forces that are turned [rad]."""
     spec = load_skin(SKIN)
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(spec).items()}
     geometry, law, oil, _ = parts_of(spec, inputs)
-    force = FORCE[None]
-    shape = deform(KnownLoads.pushes(ANGLE + 0 * force, force), geometry, law, oil)
+    loads = KnownLoads.pushes(ANGLE + 0 * FORCE[None], FORCE[None])
+    shape = deform(dataclasses.replace(loads, turn=turn[None]), geometry, law, oil)
     family = SensorFamily((named(spec, "permittivity"), named(spec, "gap")))
     at, none = jnp.asarray(TRUTH), jnp.full(FORCE.size, jnp.nan)
     model = SensorModel(inputs, shape.face, None, at, none, None, spec, family)
@@ -50,7 +51,7 @@ def told_log(
     counts = np.rint(so + NOISE * random.standard_normal(so.shape))
     error = deviation * random.standard_normal(FORCE.size)
     none = np.full((1, FORCE.size), np.nan)
-    told = np.where(FORCE > 0, FORCE + error, 0.0)[None]
+    told = np.where(FORCE > 0, FORCE + error * (kind == "force"), 0.0)[None]
     loads = KnownLoads.pushes(ANGLE + 0 * told, told)
     if kind == "displacement":
         moved = np.where(travel > 0, travel + error, 0.0)[None]
@@ -66,11 +67,15 @@ def main() -> None:
     """Fit each log with its errors as the counts show them, and with exact inputs."""
     configure()
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 12
-    so, travel = truth()
+    so, travel = truth(0 * FORCE)
     for kind, deviation in ERRORS:
-        for name, stated in (("exact", {kind: 0.0}), ("as the counts show", None)):
+        exact = {"displacement" if kind == "displacement" else "force": 0.0}
+        for name, stated in (("exact", exact), ("as the counts show", None)):
             errors, pulls, shown = [], [], []
             for seed in range(count):
+                if kind == "direction":
+                    turn = deviation * np.random.default_rng(seed).standard_normal(FORCE.size)
+                    so, _ = truth(turn)
                 data = told_log(so, travel, kind, deviation, seed)
                 fit = fit_sensor(data, model="shell", input_noise=stated)
                 off = fit.constants - TRUTH

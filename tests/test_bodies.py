@@ -950,7 +950,7 @@ def _searched(
 
     spec = scene(_by_force(20, 2.0))
     report, *_, outcome = under_forces(spec, inputs, START, run, **options)
-    return report, NAMES[int(outcome["result"][0])].name, runs
+    return report, NAMES[int(outcome["result"][0])], runs
 
 
 @pytest.mark.parametrize("force", [0.3, 1e-4, 0.0])
