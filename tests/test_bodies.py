@@ -820,7 +820,7 @@ def test_derivatives_under_friction_know_that_its_bound_changes(key: str) -> Non
 def _answer(
     start: Any,
     *,
-    failed: str = "converged",
+    result: str = "converged",
     ends: tuple[float, float] = (-1.0, 1.0),  # of the contact [m]
     pressure: float = 1.0,
     error: float = np.nan,
@@ -838,7 +838,7 @@ def _answer(
         "wall_contact": np.zeros(1, bool),
         "stable": np.ones(1, bool),
     }
-    outcome = {"result": np.array([index_of(failed)]), "level": one}
+    outcome = {"result": np.array([index_of(result)]), "level": one}
     return report, start, start, start, outcome
 
 
@@ -850,7 +850,7 @@ def test_an_error_whose_comparison_fails_is_not_stated(
 
     def run(static: Any, meshes: Any, inputs: Any, start: Any, **options: Any) -> Any:
         del static, meshes, inputs
-        return _answer(start, failed="no_convergence" if options.get(lost) else "converged")
+        return _answer(start, result="no_convergence" if options.get(lost) else "converged")
 
     monkeypatch.setattr(choice, "run_program", run)
     load = _by_force(20, 2.0) if lost == "travels_given" else body(20, 2.0)

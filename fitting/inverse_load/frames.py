@@ -143,6 +143,8 @@ class FrameEstimator:
         measured: Floats | None = None,
         # what explains them, where that has been sought already
         found: tuple[Explanations, list[Alternative | None]] | None = None,
+        *,
+        still: bool = True,  # whether readings are not means over a motion
     ) -> tuple[Explanations, list[LoadEstimate]]:
         """Estimates of frames that are not at rest, all of one kind."""
         discrepancy, left = self.discrepancy if kind == "pressed" else None, None
@@ -158,9 +160,8 @@ class FrameEstimator:
             best, others = selection.explain(y, weight)
         if kind == "pressed" and selection.coarse:
             return best, [self.parts.assessment.so_far(best)]
-        # Apart from frames as they come, readings are means over a motion.
-        still = kind == "pressed" and selection is not self._of_changes[0]
-        best, own = selection.fitter.over_directions(best, y, still=still)
+        still = still and kind == "pressed"
+        best, own = selection.fitter.with_left_out(best, y, still=still)
         per_contact = self.parts.fitter.per_contact
         parts = []
         if systematic is not None:
@@ -244,5 +245,7 @@ class FrameEstimator:
         if self.discrepancy is None:
             found = yield from of_one.steps(y, weight)
         frame = y, weight, np.zeros((1, len(self.parts.rest)), bool), None
-        best, told = self._explained(of_one, errors, *frame, "pressed", found=found)
+        best, told = self._explained(
+            of_one, errors, *frame, "pressed", found=found, still=False
+        )
         return told[0], best.parameters[0]

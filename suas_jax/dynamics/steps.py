@@ -53,7 +53,7 @@ _LONGER, _SHORTER = 2.0, 0.2  # of the next step, at most
 # Error of a state between rows, relative to its displacement, over that of a step's stress.
 _ROUGH = 1e-2
 _RUNAWAY = 1e-9  # step that is still too long, over a row and the shortest relaxation time
-# Outcomes that a state which no membrane stays in explains.
+# Outcomes that an unstable state explains.
 _ENDS = np.array([index_of(name) for name in ("converged", *PATH_ENDS, "max_steps")])
 _SHORTEST = 1e-4  # step over a row, or share of a jump, at which the path counts as ended
 

@@ -236,14 +236,14 @@ class AbstractLoadFitter(abc.ABC):
         """Frames whose tangential force was free where that of most is not [frame]."""
         return np.zeros(len(best), bool)
 
-    def over_directions(
+    def with_left_out(
         self, best: Explanations, y: Floats, *, still: bool
     ) -> tuple[Explanations, Floats | None]:
-        """Explanations of readings [frame, taxel], and what directions add to covariances.
+        """Explanations of readings [frame, taxel] with what their fit left out of contacts.
 
-        That is what no fit holds: directions that are held, or readings that bend over free
-        ones; padded as the information is [frame, parameter, parameter], None where nothing.
-        `still`: whether the skin is in equilibrium.
+        Second are the covariances of the parameters by that, and by readings that bend over
+        what is free; padded as the information is, None where there are none. `still`: whether
+        the skin is in equilibrium.
         """
         del y, still
         return best, None

@@ -101,7 +101,7 @@ class SectionFitter(AbstractLoadFitter):
         """See the base class: they have a deviation of it, told or not."""
         return np.isfinite(best.beside[:, 0, -1, 1])
 
-    def over_directions(
+    def with_left_out(
         self, best: Explanations, y: Floats, *, still: bool
     ) -> tuple[Explanations, Floats | None]:
         """See the base class."""

@@ -22,7 +22,7 @@ _SAME = np.deg2rad(1.0)
 class SectionPosterior(AbstractLoadPosterior):
     """The posterior of line loads in plane strain: even over angle, force and direction.
 
-    Where directions are not free, contacts are radial or inclined (`HeldDirections`).
+    Where directions are not free, friction and width are integrated out (`LeftOutOfContacts`).
     """
 
     def __init__(self, fitter: SectionFitter, nodes: AbstractNodeSearch) -> None:
