@@ -1113,11 +1113,15 @@ def test_a_travel_is_found_where_the_wall_takes_the_force() -> None:
     assert len(runs) < 25, runs
 
 
-@pytest.mark.parametrize("turn", [0.0, 0.5], ids=["at the crown", "on a slope"])
-def test_drags_are_found_from_tangential_forces(turn: float) -> None:
+@pytest.mark.parametrize(
+    ("turn", "grip", "lean"),
+    [(0.0, 8.0, 0.0), (0.5, 8.0, 0.0), (1.5, 40.0, 0.0), (0.5, 40.0, 0.5)],
+    ids=["at the crown", "on a slope", "slid there", "softer as it is dragged"],
+)
+def test_drags_are_found_from_tangential_forces(turn: float, grip: float, lean: float) -> None:
     """By a stand-in that sticks and then slides; more than it holds has a name.
 
-    On a slope the travel itself drags.
+    On a slope the travel itself drags, until all points slide: a little drag changes nothing.
     """
 
     def solved(across: float) -> Any:
@@ -1126,8 +1130,9 @@ def test_drags_are_found_from_tangential_forces(turn: float) -> None:
 
         def run(inputs: Any, start: Any) -> Any:
             depth, drag = (1e3 * float(inputs[f"load.0.{key}"]) for key in ("depth", "drag"))
-            force = 2 * depth**1.7
-            along = 0.3 * force * np.tanh(8 * (drag + turn * (depth - 1)))
+            share = 0.3 * np.tanh(grip * (drag + turn * (depth - 1)))
+            force = 2 * depth**1.7 * (1 - lean * share)
+            along = share * force
             values = {"force_N": force, "tangential_force_N": along}
             values |= {"depth_m": depth / 1e3, "drag_m": drag / 1e3}
             load = {key: np.array([x]) for key, x in values.items()}
@@ -1136,11 +1141,12 @@ def test_drags_are_found_from_tangential_forces(turn: float) -> None:
         inputs = {k: np.asarray(v) for k, v in continuous_inputs(spec).items()}
         return under_forces(spec, inputs, None, run)
 
-    report, *_, outcome = solved(-1.2)
-    assert outcome["result"][0] == 0
-    (load,) = report["loads"]
-    assert abs(load["force_N"][0] / 5 - 1) < 1e-9
-    assert abs(load["tangential_force_N"][0] / -1.2 - 1) < 1e-9
+    for wanted in (-1.2, -0.3):
+        report, *_, outcome = solved(wanted)
+        assert outcome["result"][0] == 0
+        (load,) = report["loads"]
+        assert abs(load["force_N"][0] / 5 - 1) < 1e-9
+        assert abs(load["tangential_force_N"][0] / wanted - 1) < 1e-9
     outcome = solved(2.0)[-1]
     assert outcome["result"][0] == index_of("sliding")
 

@@ -35,6 +35,7 @@ _MOST_TOGETHER, _HALVINGS, _FARTHEST, _PROBED = 30, 6, 1.0, 1e-3
 # to where they are dragged one by one, which differences of far runs do not tell.
 _FINER, _NEAR, _LEAST_FORCE = 1e-2, 0.1, 1e-300
 _PATIENCE = 12  # runs without progress after which a body slides, or goes no further
+_CLOSER = 0.9  # of the span between two drags, which is progress, too
 
 
 def shares_of_travel(depths: Mapping[str, float]) -> dict[str, float]:
@@ -243,7 +244,7 @@ def under_forces(
         settled = missed[~across].max(initial=0.0) <= _SETTLED * missed[across].max(initial=0.0)
         # Forces across grow with the drag, in a straight line until points slide; that of one
         # body grows with its travel, at once much faster where the wall is reached.
-        grows = (across & settled) | (len(x) == 1)
+        grows, span = (across & settled) | (len(x) == 1), high - low
         low = np.where(grows & (y < 0), x, low)
         high = np.where(grows & (y > 0), x, high)
         # A force that falls with the travel for a while says which end holds no longer. One
@@ -251,13 +252,15 @@ def under_forces(
         crossed = ~across & (low >= high)
         low = np.where(crossed & (y > 0), -np.inf, low)
         high = np.where(crossed & (y < 0), np.inf, high)
+        if (high - low < _CLOSER * span)[across].any():
+            idle = 0
         free = ~across | settled
-        if slope[np.diag_indices(len(x))][free].all():
+        if not (probed := [k for k in unknown if free[k] and slope[k, k] == 0]):
             unbounded = across & ~(np.isfinite(low) & np.isfinite(high))
             x = search.stepped(x, _step(slope, y, free, unbounded), (low, high), halve)
         else:  # what a drag does is not known yet
-            (k, *_) = (k for k in unknown if slope[k, k] == 0)
-            x = x + _PROBE * np.eye(len(x))[k]
+            unknown.remove(probed[0])
+            x = x - np.sign(y[probed[0]]) * _PROBE * np.eye(len(x))[probed[0]]
     if best is None:
         return found
     fixed = {**inputs, **none}
@@ -333,8 +336,15 @@ def _step(
     free: np.ndarray,  # whether a travel may change
     unbounded: np.ndarray,  # whether it is a drag whose ends are not known, which has to rise
 ) -> np.ndarray:
-    """Newton's step."""
+    """Newton's step; a drag whose ends are not known goes where its force has to change."""
     rising = np.where(unbounded, np.maximum(slope.diagonal(), _LEVEL), slope.diagonal())
-    matrix, step = slope + np.diag(rising - slope.diagonal()), np.zeros(len(y))
+    matrix = slope + np.diag(rising - slope.diagonal())
+    step = np.zeros(len(y))
     step[free] = np.linalg.solve(matrix[np.ix_(free, free)], -y[free])
+    # Where points slide, a little drag changes nothing: derivatives are those of other travels.
+    slides = unbounded & (step * y > 0)
+    if slides.any():
+        matrix[slides] = matrix[:, slides] = 0.0
+        matrix[slides, slides] = rising[slides]
+        step[free] = np.linalg.solve(matrix[np.ix_(free, free)], -y[free])
     return step
