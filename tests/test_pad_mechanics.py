@@ -30,12 +30,10 @@ from suas_jax.mesh.pad_load_points import pad_load_points
 from suas_jax.mesh.pad_plan import PadPlan, footprint, mirror_planes, plan_pad
 from suas_jax.numerics.bspline import SplineAxis
 from suas_jax.scene.parts import skin_parts
-from suas_jax.skin.along import Sheet
 from suas_jax.skin.body import Body
-from suas_jax.skin.geometry import SkinGeometry
-from suas_jax.skin.loads import LoadPoints
+from suas_jax.skin.geometry import Sheet, SkinGeometry
+from suas_jax.skin.loads import LoadPoints, PadLoad, PadLoadPoints
 from suas_jax.skin.oils.incompressible import IncompressibleOil
-from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.wall import RigidLimit, Wall
 

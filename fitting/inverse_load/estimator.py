@@ -57,7 +57,7 @@ from suas_jax.config.input_errors import as_assembled
 
 if TYPE_CHECKING:
     from fitting.inverse_load.field.fallback import FieldFallback
-    from fitting.inverse_load.memory.base import AbstractMemoryFollower
+    from fitting.inverse_load.memory.series import AbstractMemoryFollower
     from suas_jax.scene.skin import Skin
 
 __all__ = ["FULL_SCALE", "STATUS", "Contact", "LoadEstimate", "LoadEstimator"]

@@ -8,7 +8,7 @@ import numpy as np
 
 from fitting.arrays import Floats
 from fitting.inverse_load.estimate.estimate import Contact
-from fitting.view.grid import Grid
+from fitting.view.picture import Grid
 from suas_jax.config import SceneSpec
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import inputs_of

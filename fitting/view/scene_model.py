@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array
 
 from fitting.arrays import Floats
-from fitting.view.grid import Grid
+from fitting.view.picture import Grid
 from suas_jax.config import SceneSpec, with_inputs, with_solve
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.correction import corrected
@@ -31,11 +31,10 @@ from suas_jax.numerics.lanes import number
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.assessment import under_bodies
 from suas_jax.scene.body_errors import touched_by_bodies
-from suas_jax.scene.build import decay_angle, problem_of
+from suas_jax.scene.build import Inputs, Structure, decay_angle, problem_of
 from suas_jax.scene.observables import load_observables
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import at_rest, inputs_of, structure_of
-from suas_jax.scene.structure import Inputs, Structure
 from suas_jax.scene.travel import driven_by_force, travels_of, under_forces
 
 _ELEMENTS = {2: (32,), 3: (16, 12)}

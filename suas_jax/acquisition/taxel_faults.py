@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from suas_jax.acquisition.log.format import MAX_COUNT
+from suas_jax.acquisition.log.data import MAX_COUNT
 
 STUCK_AFTER = 100
 """Frames in which a taxel keeps its count while others move, where chance says nothing."""

@@ -14,7 +14,6 @@ from jaxtyping import Array
 from suas_jax.dynamics.driven import DrivenSkin, Step, Values, membrane_of
 from suas_jax.dynamics.half_step import Inverse
 from suas_jax.dynamics.motion import free_unknowns
-from suas_jax.dynamics.moving_skin import MovingSkin
 from suas_jax.dynamics.steps import (
     Moment,
     Rows,
@@ -25,11 +24,11 @@ from suas_jax.dynamics.steps import (
     observed_at,
     read_where_told,
 )
-from suas_jax.dynamics.tr_bdf2 import Moving, tried
+from suas_jax.dynamics.tr_bdf2 import Moving, MovingSkin, tried
 from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.model import AbstractPlan
-from suas_jax.scene.structure import Inputs, Structure
+from suas_jax.scene.build import Inputs, Structure
 from suas_jax.skin.prestress import is_prestressed
 
 _LONGER, _WORTH, _SHORTER = 4.0, 2.5, 0.2  # of the next step

@@ -11,7 +11,7 @@ from suas_jax.mesh.pad_plan import PadPlan
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.polynomials import gauss_legendre
 from suas_jax.skin.geometry import SkinGeometry
-from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
+from suas_jax.skin.loads import PadLoad, PadLoadPoints
 
 # Points in a clipped element: exact for cubic displacement.
 _LOAD_GAUSS = 2

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 from suas_jax.mesh.grading import rounded
 from suas_jax.numerics.bspline import End, SplineAxis
 from suas_jax.skin.geometry import SkinGeometry
-from suas_jax.skin.pad_loads import PadLoad
+from suas_jax.skin.loads import PadLoad
 
 Ends = Literal["clamped", "sliding"]
 

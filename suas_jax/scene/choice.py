@@ -20,8 +20,7 @@ from suas_jax.scene.program import (
     run_program,
     structure_of,
 )
-from suas_jax.scene.stress_last import stressed_last
-from suas_jax.scene.sway import can_sway, shifted, stable_factor
+from suas_jax.scene.sway import can_sway, shifted, stable_factor, stressed_last
 from suas_jax.scene.travel import driven_by_force, travels_of
 
 # Error of the finer of two meshes over their difference, twice what order two leaves.

@@ -83,7 +83,7 @@ def body_observables(
     force = -jnp.sum(contact.force, (1, 2)) * width
     out, along = body.frame[-1], body.along
     centre = body.origin + factor * body.way + body.shape.centre * out
-    lever = contact.position - _over(centre)
+    lever = contact.position - centre[:, None, None]
     moment = jnp.sum(lever[0] * contact.force[1] - lever[1] * contact.force[0], (0, 1))
     touched = jnp.any(contact.gap < 0, (0, 1))
     found = {
@@ -168,10 +168,6 @@ def _parts(gap: Float[Array, "along lane"], geometry: SkinGeometry) -> Int[Array
 def _along_arc(x: Float[Array, "point element lane"]) -> Grid:
     """Points of a section one after the other."""
     return jnp.moveaxis(x, 1, 0).reshape(-1, 1, x.shape[-1])
-
-
-def _over(x: Float[Array, "component lane"]) -> Float[Array, "component 1 1 lane"]:
-    return x[:, None, None]
 
 
 @functools.partial(jax.jit, inline=True)

@@ -20,7 +20,7 @@ from suas_jax.scene.choice import carried, choose, difference
 from suas_jax.scene.curve import contact_of, first_touch
 from suas_jax.scene.program import at_rest, prepared, run_program, structure_of
 from suas_jax.scene.report import plain, report_of
-from suas_jax.scene.stress_last import stressed_last
+from suas_jax.scene.sway import stressed_last
 from suas_jax.scene.travel import on_the_way
 from suas_jax.skin.prestress import is_prestressed
 

@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float
 
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.polynomials import polynomial, power_coefficients, with_derivatives
-from suas_jax.skin.along import Along
+from suas_jax.skin.geometry import Along
 from suas_jax.skin.section import INVERSE_STEPS, AbstractSection, Frame, outward, tangent
 
 # Newton steps from a material point to the foot of a place near it, whose angle changes by

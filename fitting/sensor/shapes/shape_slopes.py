@@ -21,8 +21,8 @@ from fitting.sensor.shapes.press import Press, first_only
 from suas_jax.config import SkinSpec
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import State, equilibrium
-from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.section import section_of
+from suas_jax.mechanics.shape import AbstractFace
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.skin.oil import AbstractOil
 

@@ -37,7 +37,7 @@ from suas_jax.config import UncertainQuantity, continuous_inputs
 from suas_jax.config.inputs import given_inputs
 from suas_jax.config.tolerance import deviation_of
 from suas_jax.constitutive import AbstractLaw
-from suas_jax.mechanics.face import AbstractFace
+from suas_jax.mechanics.shape import AbstractFace
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil

@@ -13,12 +13,11 @@ from fitting.sensor.shapes.shape_slopes import Moving, slopes_of
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.correction import Corrected, corrected
 from suas_jax.equilibrium.equilibrium import equilibrium
-from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.model import AbstractPlan
-from suas_jax.scene.build import problem_of
+from suas_jax.mechanics.shape import AbstractFace
+from suas_jax.scene.build import Structure, problem_of
 from suas_jax.scene.observables import load_observables
 from suas_jax.scene.parts import SceneParts, scene_parts
-from suas_jax.scene.structure import Structure
 from suas_jax.sensing.electrodes import Electrodes
 from suas_jax.sensing.taxels import DISC
 from suas_jax.skin.geometry import SkinGeometry

@@ -22,7 +22,7 @@ from suas_jax.mechanics.pad.stiffness import (
     upper_of,
 )
 from suas_jax.numerics.bspline import bernstein
-from suas_jax.skin.pad_loads import PadLoadPoints
+from suas_jax.skin.loads import PadLoadPoints
 from suas_jax.skin.section import AbstractSection, Frame
 
 

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from suas_jax.mechanics.pad.points import skew
+from suas_jax.mechanics.pad.lane import skew
 from suas_jax.skin.section import AbstractSection
 
 

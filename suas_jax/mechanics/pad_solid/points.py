@@ -32,7 +32,7 @@ from suas_jax.constitutive.deformation_gradient import (
     green,
 )
 from suas_jax.mechanics.pad.mid_surface import total
-from suas_jax.numerics.staging import staged
+from suas_jax.numerics.jet import staged
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
 

@@ -28,12 +28,10 @@ from jaxtyping import Array, Float
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.base import Assembly, Displacements, Profile, largest
-from suas_jax.mechanics.contact.face import ContactState, Strip
-from suas_jax.mechanics.contact.term import by_travel
+from suas_jax.mechanics.contact.face import ContactState, Strip, by_travel
 from suas_jax.mechanics.section import AbstractPlaneStrain
 from suas_jax.mechanics.shell.contact import ContactFace
 from suas_jax.mechanics.shell.elements import Elements, full_blocks
-from suas_jax.mechanics.shell.fibres import Fibres
 from suas_jax.mechanics.shell.loads import Loaded, load_terms, load_work, places, under
 from suas_jax.mechanics.shell.omitted import (
     LinesOverElements,
@@ -46,6 +44,7 @@ from suas_jax.mechanics.shell.omitted import (
     thinning,
 )
 from suas_jax.mechanics.shell.points import (
+    Fibres,
     Moments,
     Points,
     Tables,

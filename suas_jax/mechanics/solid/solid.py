@@ -22,12 +22,10 @@ from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import PlaneStrain
 from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.base import Assembly, Displacements, Profile, largest
-from suas_jax.mechanics.contact.face import ContactState
-from suas_jax.mechanics.contact.term import by_travel
+from suas_jax.mechanics.contact.face import ContactState, by_travel
 from suas_jax.mechanics.section import AbstractPlaneStrain
-from suas_jax.mechanics.solid.element import TABLES, mixed
 from suas_jax.mechanics.solid.faces import ContactFace, enclosed_volume, follower, load_vector
-from suas_jax.mechanics.solid.layout import FaceValues, Layout, NodeValues
+from suas_jax.mechanics.solid.layout import TABLES, FaceValues, Layout, NodeValues, mixed
 from suas_jax.mechanics.solid.points import (
     Grid,
     Kinematics,
