@@ -52,14 +52,15 @@ from suas_jax.mesh.section import measures
 from suas_jax.numerics.lanes import number
 from suas_jax.scene import build, choice
 from suas_jax.scene.assessment import _SHARPEST
-from suas_jax.scene.body_errors import (
+from suas_jax.scene.build import plan_for
+from suas_jax.scene.contact_zone import (
+    _resolved,
+    body_observables,
     error_by_bodies,
     error_by_penetration,
     error_by_squeezing,
     touched_by_bodies,
 )
-from suas_jax.scene.build import plan_for
-from suas_jax.scene.contact_zone import _resolved, body_observables
 from suas_jax.scene.indentation import IndentationCurve, Point
 from suas_jax.scene.loads import loads_of
 from suas_jax.scene.parts import scene_parts, skin_parts

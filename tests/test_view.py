@@ -34,12 +34,11 @@ from fitting.inverse_load.readings import readings_of
 from fitting.inverse_load.report.text import contact_text
 from fitting.view.history_source import HistorySource
 from fitting.view.hub import Hub, Player, understood
-from fitting.view.known_loads import known_contacts, surfaces_of
 from fitting.view.live_source import LiveSource
 from fitting.view.log_source import LogSource
 from fitting.view.picture import Grid, arrow
 from fitting.view.readings_picture import InterpolatedMembrane, ReadingsPictures
-from fitting.view.scene_model import SceneModel
+from fitting.view.scene_model import SceneModel, known_contacts, surfaces_of
 from fitting.view.scene_source import SceneSource, all_stated, inputs_by, sliders_of
 from fitting.view.server import ViewServer
 from suas_jax.acquisition.device.device import Device

@@ -9,9 +9,8 @@ from jaxtyping import Array
 
 from fitting.arrays import Floats
 from fitting.view.hub import Hub, Player
-from fitting.view.known_loads import body_rows, known_contacts
 from fitting.view.picture import Grid, Picture, arrow, describe, taxel_states
-from fitting.view.scene_model import moved
+from fitting.view.scene_model import body_rows, known_contacts, moved
 from suas_jax.equilibrium.outcomes import advice
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.runtime.compiled import COMPILED

@@ -8,9 +8,15 @@ import numpy as np
 
 from fitting.inverse_load.estimate.estimate import Contact
 from fitting.view.hub import Hub
-from fitting.view.known_loads import body_rows, known_contacts, placed, surfaces_of
 from fitting.view.picture import Grid, Picture, arrow, describe, taxel_states
-from fitting.view.scene_model import SceneModel, Solved
+from fitting.view.scene_model import (
+    SceneModel,
+    Solved,
+    body_rows,
+    known_contacts,
+    placed,
+    surfaces_of,
+)
 from suas_jax.config import LineLoadSpec, LoadSpec, PatchLoadSpec, SceneSpec, with_solve
 from suas_jax.config.input_errors import stresses_of
 from suas_jax.equilibrium.outcomes import advice

@@ -156,7 +156,8 @@ def _step(moving: MovingSkin, now: Moving, row: Rows, tolerance: Array) -> Movin
     # A step of another length needs another inverse, so that few are worth it; and one that a
     # row cut short says little of the next.
     longer = jnp.where(ratio > _WORTH, jnp.minimum(ratio, _LONGER) * step, wanted)
-    longer = jnp.where(now.step > left, jnp.maximum(longer, _finite(now.step)), longer)
+    known = jnp.nan_to_num(now.step, posinf=0.0)
+    longer = jnp.where(now.step > left, jnp.maximum(longer, known), longer)
     shorter = jnp.where(trial.good, jnp.maximum(ratio, _SHORTER) * step, _SHORTER * step)
     ended = ~good & (shorter < _SMALLEST * (row.end - row.begin))
     result = jnp.where(ended, index_of("no_convergence"), now.result)
@@ -190,7 +191,3 @@ def _step(moving: MovingSkin, now: Moving, row: Rows, tolerance: Array) -> Movin
         now.result,
     )
     return jax.tree.map(lambda a, b: jnp.where(good, a, b), taken, missed)
-
-
-def _finite(x: Array) -> Array:
-    return jnp.where(jnp.isfinite(x), x, 0.0)

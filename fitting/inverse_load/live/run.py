@@ -130,14 +130,12 @@ class JsonLines(LiveWatcher):
         say(json_line(frame))
 
 
-def _nobody(estimator: LoadEstimator, stack: contextlib.ExitStack) -> Sequence[LiveWatcher]:
-    return ()
-
-
 def run_live(
     prepare: Callable[[], LoadEstimator],
     options: LiveOptions,
-    watchers: Callable[[LoadEstimator, contextlib.ExitStack], Sequence[LiveWatcher]] = _nobody,
+    watchers: Callable[
+        [LoadEstimator, contextlib.ExitStack], Sequence[LiveWatcher]
+    ] = lambda estimator, stack: (),
 ) -> None:
     """`suas invert --live`: until Ctrl-C, SIGTERM or the end of the duration.
 

@@ -19,8 +19,13 @@ from fitting.arrays import Floats
 from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.model.constants import PUSH, with_constants
 from fitting.sensor.shapes.deformations import NoDeformation, place_text
-from fitting.sensor.shapes.shape_slopes import Moving
-from fitting.sensor.shapes.state_programs import Inputs, SolvedState, solve_state, state_slopes
+from fitting.sensor.shapes.state_programs import (
+    Inputs,
+    Moving,
+    SolvedState,
+    solve_state,
+    state_slopes,
+)
 from suas_jax.config import (
     BodyLoadSpec,
     LineLoadSpec,

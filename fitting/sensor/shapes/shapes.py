@@ -26,13 +26,13 @@ from fitting.sensor.model.constants import (
 from fitting.sensor.model.counts import SensorModel, counts_at, parts_of
 from fitting.sensor.shapes.deformations import Deformed, NoDeformation, deform
 from fitting.sensor.shapes.scene_states import SceneStates, Solved
-from fitting.sensor.shapes.shape_slopes import shape_slopes
 from fitting.sensor.shapes.solid_correction import (
     MOST_PLACES,
     SolidCorrection,
     corrected,
     corrections,
 )
+from fitting.sensor.shapes.state_programs import shape_slopes
 from suas_jax.config import UncertainQuantity, continuous_inputs
 from suas_jax.config.inputs import given_inputs
 from suas_jax.config.tolerance import deviation_of

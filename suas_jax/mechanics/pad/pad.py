@@ -23,6 +23,7 @@ from suas_jax.mechanics.contact.face import BodyContact, ContactState
 from suas_jax.mechanics.pad.contact import ContactFace
 from suas_jax.mechanics.pad.faces import SAMPLES, Faces, PadShape, unbent
 from suas_jax.mechanics.pad.lane import PadLane
+from suas_jax.mechanics.pad.loads import pad_load_points
 from suas_jax.mechanics.pad.net import Net, NetTopology
 from suas_jax.mechanics.pad.net_lane import AbstractLane, LaneParts
 from suas_jax.mechanics.pad.refinement import (
@@ -33,7 +34,6 @@ from suas_jax.mechanics.pad.refinement import (
     values_on_both_sides,
 )
 from suas_jax.mechanics.shape import AbstractFace
-from suas_jax.mesh.pad_load_points import pad_load_points
 from suas_jax.mesh.pad_plan import PadPlan
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_banded import BlockBanded

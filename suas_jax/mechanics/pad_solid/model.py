@@ -21,7 +21,7 @@ from suas_jax.mechanics.model import Counts
 from suas_jax.mechanics.pad.model import PadModel, planned
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mechanics.pad_solid.lane import SolidLane
-from suas_jax.mechanics.pad_solid.thickness import levels, shapes_at
+from suas_jax.mechanics.pad_solid.points import levels, shapes_at
 from suas_jax.mesh.pad_plan import ElementSizes, PadPlan
 from suas_jax.numerics.array_types import Lanes, StationVector
 
