@@ -45,11 +45,6 @@ class Hole:
     """Stands for an array in what a program returns."""
 
 
-def count_holes(frame: Any) -> int:
-    """Number of arrays that a frame has room for."""
-    return sum(isinstance(x, Hole) for x in jax.tree.leaves(frame))
-
-
 def filled_by(call: Callable[..., Any], frame: Any) -> Callable[..., Any]:
     """The program that puts the arrays of a call in the places of the `Hole`s of a frame."""
     leaves, structure = jax.tree.flatten(frame)
@@ -166,7 +161,8 @@ class ProgramStore:
             (size,) = _LENGTH.unpack_from(content)
             frame = frame_from_json(json.loads(content[begin : begin + size]))
             exported = jax.export.deserialize(bytearray(content[begin + size :]))
-            if count_holes(frame) == len(exported.out_avals):
+            holes = sum(isinstance(x, Hole) for x in jax.tree.leaves(frame))
+            if holes == len(exported.out_avals):
                 return KeptProgram(exported, frame)
         self._folder.discard(name)
         return None

@@ -24,9 +24,9 @@ from suas_jax.mechanics.contact.face import (
     contact_pressure,
     contact_terms,
 )
-from suas_jax.mechanics.shell.points import mix
 from suas_jax.mechanics.shell.shape import carried, reach, turn
 from suas_jax.numerics.jet import second_order
+from suas_jax.numerics.lanes import mix
 from suas_jax.numerics.polynomials import hermite
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection

@@ -64,12 +64,6 @@ def element_tables(gauss: int) -> Tables:
     return Tables(xi, weights, d.reshape(-1, 4), force, stiffness, (product.T - product) / 2)
 
 
-def mix(matrix: np.ndarray, x: Array) -> Array:
-    """Apply a constant matrix to the leading axis: one product for all elements and lanes."""
-    flat = jnp.asarray(matrix) @ x.reshape(x.shape[0], -1)
-    return flat.reshape(matrix.shape[0], *x.shape[1:])
-
-
 class Points(NamedTuple):
     """Kinematics: r' and r'' of the current mid-line r(s), and the two strains."""
 

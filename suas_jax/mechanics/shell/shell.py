@@ -50,7 +50,6 @@ from suas_jax.mechanics.shell.points import (
     Tables,
     element_tables,
     kinematics,
-    mix,
     point_stress,
     point_terms,
 )
@@ -65,6 +64,7 @@ from suas_jax.mechanics.shell.shape import (
 )
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_tridiagonal import BlockTridiagonal
+from suas_jax.numerics.lanes import mix
 from suas_jax.skin.body import Body, PlacedBody
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints

@@ -57,12 +57,6 @@ def node_weights(element: np.ndarray, xi: np.ndarray, elements: int) -> np.ndarr
     return weights
 
 
-def mixed(table: Float[np.ndarray, "row column"], x: Array) -> Array:
-    """Apply a constant matrix to the leading axis: one product for all elements."""
-    flat = jnp.asarray(table) @ x.reshape(table.shape[1], -1)
-    return flat.reshape(table.shape[0], *x.shape[1:])
-
-
 def gradients(
     xi: Float[np.ndarray, " point"], eta: Float[np.ndarray, " point"]
 ) -> Float[np.ndarray, "point 2 9"]:
