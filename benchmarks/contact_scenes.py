@@ -33,11 +33,10 @@ from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.bordered_solve import BorderedVector
 from suas_jax.runtime.compiled import OPTIONS
 from suas_jax.runtime.settings import configure
-from suas_jax.scene.build import problem_of
+from suas_jax.scene.build import Structure, problem_of
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import SceneParts, scene_parts
 from suas_jax.scene.report import plain
-from suas_jax.scene.structure import Structure
 
 # Of a step of the load, relative to the displacement: first contact is met that closely.
 _STRIDE = 0.2

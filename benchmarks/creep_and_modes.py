@@ -19,8 +19,8 @@ from suas_jax.config import SceneSpec, load_scene
 from suas_jax.config.inelastic import RelaxationSpec
 from suas_jax.config.laws.neo_hookean import NeoHookeanSpec
 from suas_jax.config.schema_load import LineLoadSpec
+from suas_jax.dynamics.course import History
 from suas_jax.dynamics.history import history_sweep
-from suas_jax.dynamics.history_table import History
 from suas_jax.dynamics.modes import modes
 
 SCENE = Path(__file__).parent.parent / "configs/scenes/film.toml"

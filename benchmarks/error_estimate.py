@@ -35,12 +35,11 @@ from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.runtime.compiled import COMPILED, OPTIONS
-from suas_jax.scene.build import plan_for, problem_of
+from suas_jax.scene.build import Inputs, Structure, plan_for, problem_of
 from suas_jax.scene.error_estimate import key_quantities
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import inputs_of
 from suas_jax.scene.solve import solve
-from suas_jax.scene.structure import Inputs, Structure
 
 Found = TypeVar("Found")
 NEO_HOOKEAN, YEOH, RUBBER = (LAWS[name] for name in ("neo-hookean", "yeoh", "ogden"))

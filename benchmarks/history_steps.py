@@ -13,8 +13,8 @@ import numpy as np
 
 from suas_jax import configure
 from suas_jax.config import SceneSpec, load_scene
+from suas_jax.dynamics.course import history_of
 from suas_jax.dynamics.history import history_sweep
-from suas_jax.dynamics.history_table import history_of
 
 SCENES = Path(__file__).parent.parent / "configs/scenes"
 

@@ -18,8 +18,7 @@ import numpy as np
 
 from benchmarks.pages import write_section
 from fitting.inverse_load.estimator import LoadEstimator
-from fitting.inverse_load.log.log_estimator import LogEstimator
-from fitting.inverse_load.log.skin_states import SkinStates, skin_states
+from fitting.inverse_load.log.log_estimator import LogEstimator, SkinStates, skin_states
 from fitting.inverse_load.readings import LogReadings, readings_of
 from fitting.inverse_load.zero.from_log import zero_from_log
 from fitting.inverse_load.zero.skin_estimator import estimator_of

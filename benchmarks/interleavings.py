@@ -30,9 +30,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from suas_jax.acquisition.log.log_file import LogFileError, LogWriter, log_header, read_log
-from suas_jax.files.cache_folder import CacheFolder
+from suas_jax.files.cache_folder import CacheFolder, kept_arrays
 from suas_jax.files.command import command_files
-from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.files.line_file import LineFile
 from suas_jax.files.ownership import OwnedError, owned
 from suas_jax.files.writing import check_output, write_text

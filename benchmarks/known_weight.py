@@ -15,9 +15,9 @@ import numpy as np
 
 from fitting.inverse_load.drift import ROUNDING
 from fitting.inverse_load.settings import MODEL_ERROR, PAD_MODEL_ERROR
-from fitting.inverse_load.zero.gaussian import Gaussian, conditioned
 from fitting.inverse_load.zero.presses import known_press
 from fitting.inverse_load.zero.update import PressModel, PressReadings, zero_of
+from fitting.inverse_load.zero.zero import Gaussian, conditioned
 from suas_jax import configure
 from suas_jax.config import input_errors, load_skin
 from suas_jax.config.input_errors import as_assembled

@@ -32,7 +32,7 @@ from fitting.inverse_load.estimator import LoadEstimator
 from suas_jax import configure
 from suas_jax.config import load_scene, load_skin, with_solve
 from suas_jax.files.writing import write_text
-from suas_jax.mechanics.face import AbstractFace
+from suas_jax.mechanics.shape import AbstractFace
 from suas_jax.scene.skin import skin_of
 from suas_jax.scene.solve import solve
 

@@ -28,10 +28,9 @@ from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.mechanics.pad.model import PadMesh
 from suas_jax.runtime.compiled import OPTIONS
 from suas_jax.runtime.settings import configure
-from suas_jax.scene.build import plan_for
+from suas_jax.scene.build import Structure, plan_for
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.report import plain
-from suas_jax.scene.structure import Structure
 
 ELEMENTS = (16, 14)
 BEYOND = 1.1  # times the load of first contact

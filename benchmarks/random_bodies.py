@@ -32,10 +32,9 @@ from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.outcomes import NAMES
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.numerics.lanes import number
-from suas_jax.scene.build import problem_of
+from suas_jax.scene.build import Inputs, Structure, problem_of
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import Prepared, prepared, run_program, structure_of
-from suas_jax.scene.structure import Inputs, Structure
 
 ELEMENTS = (64,)
 NAMED = ("body_on_clamp", "squeezed")

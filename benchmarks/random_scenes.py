@@ -35,11 +35,10 @@ from suas_jax.equilibrium.outcomes import NAMES
 from suas_jax.mechanics.base import largest
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.numerics.bordered_solve import BorderedVector
-from suas_jax.scene.build import plan_for, problem_of
+from suas_jax.scene.build import Structure, plan_for, problem_of
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.report import plain
-from suas_jax.scene.structure import Structure
 from suas_jax.skin.plain import plain_geometry
 
 ELEMENTS = 32

@@ -29,12 +29,11 @@ from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.runtime.compiled import OPTIONS
-from suas_jax.scene.build import plan_for, problem_of
+from suas_jax.scene.build import Inputs, Structure, plan_for, problem_of
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.report import plain
 from suas_jax.scene.solve import solve
-from suas_jax.scene.structure import Inputs, Structure
 
 ELEMENTS = 64
 TRUTH = (512, 6)

@@ -30,11 +30,10 @@ from suas_jax.mechanics.base import largest
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.numerics.bordered_solve import BorderedVector
 from suas_jax.runtime.compiled import OPTIONS
-from suas_jax.scene.build import build_problem, plan_for, problem_of
+from suas_jax.scene.build import Structure, build_problem, plan_for, problem_of
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.report import plain
-from suas_jax.scene.structure import Structure
 
 EPDM = {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"}
 FORCE_AT_10_KPA = 24.4  # N, the paper's case A

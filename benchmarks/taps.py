@@ -17,8 +17,8 @@ from fitting.inverse_load.estimate.estimate import LoadEstimate, Tap
 from fitting.inverse_load.estimator import LoadEstimator
 from suas_jax import configure
 from suas_jax.config import load_scene, load_skin
+from suas_jax.dynamics.course import history_of
 from suas_jax.dynamics.history import history_sweep
-from suas_jax.dynamics.history_table import history_of
 
 _PEAK = 5.0  # [N]
 _TAPS = (0.01, 0.03, 0.1, 0.3)  # lengths [s]

@@ -19,10 +19,9 @@ import numpy as np
 
 from fitting.arrays import Floats
 from suas_jax.config import SkinSpec, UncertainQuantity
-from suas_jax.config.csv_table import number_in
+from suas_jax.config.csv_table import DEPTH, SURROUNDINGS, TEMPERATURE, number_in
 from suas_jax.config.quantities import ZERO_CELSIUS
 from suas_jax.config.schema_load import EnvironmentSpec
-from suas_jax.config.surrounding_columns import DEPTH, SURROUNDINGS, TEMPERATURE
 from suas_jax.config.tolerance import deviation_of
 
 _PLAIN = {TEMPERATURE: ZERO_CELSIUS, "temperature_K": 0.0}

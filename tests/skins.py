@@ -19,9 +19,8 @@ from suas_jax.equilibrium.outcomes import NAMES
 from suas_jax.mechanics.model import AbstractPlan, Counts
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.mechanics.solid.solid import Solid
-from suas_jax.scene.build import build_problem, plan_for
+from suas_jax.scene.build import Structure, build_problem, plan_for
 from suas_jax.scene.program import _program, prepared
-from suas_jax.scene.structure import Structure
 from suas_jax.skin.circle import Circle
 from suas_jax.skin.geometry import SkinGeometry
 

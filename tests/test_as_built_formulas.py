@@ -35,11 +35,13 @@ from fitting.sensor.model.as_built import (
     GAIN_ERROR,
     MODEL_ERROR,
     Alike,
+    PlaceErrors,
     as_built,
     as_built_deviations,
     as_built_names,
     is_gain,
     press_errors,
+    shift_of_loads,
 )
 from fitting.sensor.model.constants import (
     STIFFNESS,
@@ -49,7 +51,6 @@ from fitting.sensor.model.constants import (
     with_constants,
 )
 from fitting.sensor.model.counts import SensorModel, parts_of
-from fitting.sensor.model.place_errors import PlaceErrors, shift_of_loads
 from fitting.sensor.report.skin_file import _set_as_built
 from fitting.sensor.shapes.scene_states import SceneStates
 from fitting.sensor.shapes.state_programs import TaxelFace

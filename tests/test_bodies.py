@@ -50,21 +50,22 @@ from suas_jax.mechanics.contact.face import BodyContact
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.mesh.section import measures
 from suas_jax.numerics.lanes import number
-from suas_jax.scene import build, choice, clamps
+from suas_jax.scene import build, choice
 from suas_jax.scene.assessment import _SHARPEST
-from suas_jax.scene.body_errors import (
+from suas_jax.scene.build import plan_for
+from suas_jax.scene.contact_zone import (
+    _resolved,
+    body_observables,
     error_by_bodies,
     error_by_penetration,
     error_by_squeezing,
     touched_by_bodies,
 )
-from suas_jax.scene.build import plan_for
-from suas_jax.scene.contact_zone import _resolved, body_observables
 from suas_jax.scene.indentation import IndentationCurve, Point
 from suas_jax.scene.loads import loads_of
 from suas_jax.scene.parts import scene_parts, skin_parts
 from suas_jax.scene.program import prepared, run_program, structure_of
-from suas_jax.scene.solve import Solution, report_with, solve
+from suas_jax.scene.solve import Solution, check_bodies, report_with, solve
 from suas_jax.scene.sweep import SweepError, sweep
 from suas_jax.scene.travel import shares_of_travel, under_forces
 from suas_jax.skin.body import Grip
@@ -297,12 +298,12 @@ def _room(load: dict[str, Any], *, pad: bool = False) -> float:
     deep = load | {"depth": "30 mm"}
     spec = pad_scene(deep) if pad else scene(deep)
     with pytest.raises(ConfigError, match="clamped edge") as refused:
-        clamps.check_bodies(spec)
+        check_bodies(spec)
     (mistake,) = refused.value.mistakes
     assert mistake.key == "load.0.depth"
     size, unit = mistake.advice.split("less than ")[1].split()[:2]
     most = float(size) * {"mm": 1.0, "um": 1e-3}[unit]
-    clamps.check_bodies(with_inputs(spec, {"load.0.depth": 0.99e-3 * most}))
+    check_bodies(with_inputs(spec, {"load.0.depth": 0.99e-3 * most}))
     with pytest.raises(ConfigError, match="clamped edge"):
         solve(with_inputs(spec, {"load.0.depth": 1.02e-3 * most}))
     return most

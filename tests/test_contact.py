@@ -29,8 +29,7 @@ from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.correction import corrected_contact
 from suas_jax.equilibrium.equilibrium import equilibrium, smallest_gap
 from suas_jax.equilibrium.equilibrium_path import path
-from suas_jax.mechanics.contact.face import ContactState
-from suas_jax.mechanics.contact.term import contact_pressure
+from suas_jax.mechanics.contact.face import ContactState, contact_pressure
 from suas_jax.scene import assessment
 from suas_jax.scene.contact_zone import contact_zone
 from suas_jax.scene.forward import forward

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from fitting.inverse_load.drift import Drift, DriftCovariance, DriftDensities, DriftFollower
-from fitting.inverse_load.estimate.at_rest import drifting
 from fitting.inverse_load.estimate.estimate import STATUS, LoadEstimate
 from fitting.inverse_load.fit.detection import ArcDetector, Detection
+from fitting.inverse_load.frames import drifting
 
 TAXELS, NOISE = 40, 2.0
 PLACES = np.linspace(-1.3, 1.3, 150)

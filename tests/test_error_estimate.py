@@ -12,14 +12,13 @@ from benchmarks.error_estimate import true_error
 from suas_jax.config import SceneSpec, continuous_inputs, with_solve
 from suas_jax.equilibrium.balance import State
 from suas_jax.mechanics.model import AbstractPlan
-from suas_jax.scene.build import problem_of
+from suas_jax.scene.build import Structure, problem_of
 from suas_jax.scene.gradient import gradient, gradient_error_estimate
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import inputs_of
 from suas_jax.scene.report import plain
 from suas_jax.scene.solve import solve
-from suas_jax.scene.structure import Structure
 from suas_jax.scene.sweep import sweep
 from tests.skins import line, quick, scene
 

@@ -30,7 +30,7 @@ from suas_jax.config import (
 from suas_jax.config.inelastic import RelaxationSpec, SofteningSpec
 from suas_jax.constitutive import ArrudaBoyce, build_law, uniaxial
 from suas_jax.constitutive.deformation import LogStretches
-from suas_jax.constitutive.inelastic import OgdenRoxburgh
+from suas_jax.constitutive.relaxation import OgdenRoxburgh
 
 TABLE_1 = OgdenSpec(mu=(6.3e5, 0.012e5, -0.1e5), alpha=(1.3, 5.0, -2.0), convention="mu/alpha")
 LAWS: dict[str, LawSpec] = {

@@ -18,7 +18,7 @@ from fitting.calibration.html_report import Verification, _drawing
 from fitting.calibration.next_press import _places
 from fitting.calibration.plan import Press, Step, press_of, usual_presses
 from fitting.calibration.recording import REST_FRAMES, Rest, SteadyWindow, StepRecorder
-from fitting.calibration.session import _known
+from fitting.calibration.run import _known
 from fitting.cli.app import app
 from suas_jax.acquisition.baseline import Baseline
 from suas_jax.acquisition.device.device import Device

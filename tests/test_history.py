@@ -23,21 +23,19 @@ from suas_jax.config import BodyLoadSpec, SceneSpec
 from suas_jax.config.schema_load import EnvironmentSpec
 from suas_jax.constitutive.relaxation import Past, PronySeries, Response
 from suas_jax.dynamics import history, steps
-from suas_jax.dynamics.course import Course
+from suas_jax.dynamics.course import Course, history_of, read_history
 from suas_jax.dynamics.driven import DrivenSkin, Travels, _under_forces, answering
 from suas_jax.dynamics.film import Film
 from suas_jax.dynamics.history import history_sweep
 from suas_jax.dynamics.history_gradient import point_asked, require_derivatives
-from suas_jax.dynamics.history_table import history_of, read_history
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.equilibrium import Equilibrium
 from suas_jax.equilibrium.load_path import Found
 from suas_jax.equilibrium.outcomes import NAMES, index_of
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.numerics.bordered_solve import BorderedVector
-from suas_jax.scene.build import plan_for
+from suas_jax.scene.build import Structure, plan_for
 from suas_jax.scene.program import inputs_of
-from suas_jax.scene.structure import Structure
 from suas_jax.scene.sweep import SweepError
 from suas_jax.scene.travel import POWER
 

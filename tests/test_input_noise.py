@@ -24,7 +24,7 @@ from fitting.sensor.model.counts import SensorModel, parts_of
 from fitting.sensor.report.skin_file import calibrated_skin
 from fitting.sensor.report.summary import sensor_report
 from fitting.sensor.shapes.deformations import deform
-from fitting.sensor.shapes.shape_slopes import Moving
+from fitting.sensor.shapes.state_programs import Moving
 from suas_jax.config import continuous_inputs, load_skin
 
 SKIN = Path(__file__).parent.parent / "configs/skins/suas.toml"

@@ -13,9 +13,14 @@ from fitting.arrays import Floats
 from fitting.inverse_load.estimate.place import ContactPlaces, PlaceShift
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.field.fallback import FieldFallback
-from fitting.inverse_load.field.fitter import FieldFitter
+from fitting.inverse_load.field.fitter import (
+    FieldFitter,
+    FieldPosterior,
+    LinearReadings,
+    Scale,
+    Scales,
+)
 from fitting.inverse_load.field.forward import FieldForward, even_nodes
-from fitting.inverse_load.field.posterior import FieldPosterior, LinearReadings, Scale, Scales
 from fitting.inverse_load.fit.section_errors import SectionErrors
 from fitting.steps import Budget
 from suas_jax.config.schema_calibration import PlaceShiftSpec

@@ -39,11 +39,15 @@ from fitting.inverse_load.fit.explanation import (
     Attempt,
     widened,
 )
-from fitting.inverse_load.fit.left_out import LeftOutOfContacts
+from fitting.inverse_load.fit.left_out import (
+    LeftOutOfContacts,
+    TabulatedChanges,
+    _filled,
+    most_alike,
+)
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors, _best
 from fitting.inverse_load.fit.lone_taxels import LoneTaxels
 from fitting.inverse_load.fit.other_stiffness import beyond_first_order, less_told
-from fitting.inverse_load.fit.pulls import Pulls
 from fitting.inverse_load.fit.section_errors import (
     SectionErrors,
     changed_skin,
@@ -57,12 +61,12 @@ from fitting.inverse_load.fit.section_least_squares import (
     _step,
 )
 from fitting.inverse_load.fit.selection import Selection
+from fitting.inverse_load.fit.several_contacts import Pulls
 from fitting.inverse_load.fit.systematic import (
     AbstractSystematicErrors,
     ErrorsOfFrames,
     of_shared_places,
 )
-from fitting.inverse_load.fit.tabulated_changes import TabulatedChanges, _filled, most_alike
 from fitting.inverse_load.fit.wide_contact import WideContactFitter
 from fitting.inverse_load.model.contact_parameters import SECTION, SECTION_WITH_DIRECTION
 from fitting.inverse_load.model.evaluation import Evaluation

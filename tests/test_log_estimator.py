@@ -11,8 +11,7 @@ import pytest
 from fitting.inverse_load.drift import PastOfFrames
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.estimator import FULL_SCALE, LoadEstimator
-from fitting.inverse_load.log.log_estimator import LogEstimator, between
-from fitting.inverse_load.log.skin_states import skin_states
+from fitting.inverse_load.log.log_estimator import LogEstimator, between, skin_states
 from fitting.inverse_load.model.evaluation import NoRestError
 from fitting.inverse_load.readings import LogReadings, readings_of
 from fitting.surroundings import LogColumn, Surroundings

@@ -25,8 +25,12 @@ from fitting.material.fit.comparison import choose_prony_terms
 from fitting.material.fit.fit import _THIN_HISTORY, fit_material
 from suas_jax.config import ConfigError, scene_from_dict
 from suas_jax.constitutive import MooneyRivlin, NeoHookean, build_law
-from suas_jax.constitutive.inelastic import Inelastic, OgdenRoxburgh, largest_before
-from suas_jax.constitutive.relaxation import PronySeries
+from suas_jax.constitutive.relaxation import (
+    Inelastic,
+    OgdenRoxburgh,
+    PronySeries,
+    largest_before,
+)
 
 G, TAU = np.array([0.2, 0.15]), np.array([0.5, 20.0])
 SERIES = PronySeries(jnp.asarray(G), jnp.asarray(TAU))

@@ -15,15 +15,14 @@ import numpy as np
 import pytest
 
 from benchmarks.interleavings import SCENARIOS
-from fitting.calibration.session import CalibrationFolder
+from fitting.calibration.run import CalibrationFolder
 from fitting.material.many import calibrate_all, finished
 from fitting.statistics.log_probability import Gaussian, NumpyBatch
 from fitting.statistics.posterior import Settings, sample
 from suas_jax.acquisition.log import writer as log_writer
 from suas_jax.acquisition.log.log_file import LineWriteError, LogWriter, log_header, read_log
-from suas_jax.files.cache_folder import CacheFolder
+from suas_jax.files.cache_folder import CacheFolder, kept_arrays
 from suas_jax.files.command import command_files
-from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.files.line_file import LineFile
 from suas_jax.files.ownership import OwnedError
 from suas_jax.files.writing import check_output, write_text

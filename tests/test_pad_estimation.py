@@ -30,12 +30,11 @@ from fitting.inverse_load.pad import parts as pad_parts
 from fitting.inverse_load.pad.columns import ACROSS, LEVELS, Column, Columns, largest_forces
 from fitting.inverse_load.pad.fitter import PadFitter
 from fitting.inverse_load.pad.interpolant import PadInterpolant
-from fitting.inverse_load.pad.kept_table import pad_table_of
-from fitting.inverse_load.pad.mirror import mirror_images
-from fitting.inverse_load.pad.solved_patch import patch_points
+from fitting.inverse_load.pad.parts import pad_table_of
+from fitting.inverse_load.pad.solved import patch_points
 from fitting.inverse_load.pad.spline import TensorSpline
 from fitting.inverse_load.pad.table import PadResolution, PadTable
-from fitting.inverse_load.pad.table_build import force_surplus
+from fitting.inverse_load.pad.table_build import force_surplus, mirror_images
 from fitting.inverse_load.report.text import posterior_json
 from fitting.sensor.fit.calibrate import fit_sensor
 from fitting.sensor.logs.data import load_sensor_data

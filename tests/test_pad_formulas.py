@@ -12,22 +12,25 @@ from scipy.optimize import least_squares
 from fitting.inverse_load.check.changed_input import ElectricalFit
 from fitting.inverse_load.pad import stiffening
 from fitting.inverse_load.pad.columns import Column, _reach, largest_forces
-from fitting.inverse_load.pad.effects import effects_of
+from fitting.inverse_load.pad.facts import PadShape
 from fitting.inverse_load.pad.fitter import AskewFitter, PadFitter
 from fitting.inverse_load.pad.input_errors import InputEffects, PadErrors, Stiffening
 from fitting.inverse_load.pad.interpolant import Correction, PadInterpolant, extents
-from fitting.inverse_load.pad.kept_table import pad_table_of
 from fitting.inverse_load.pad.marginal import Told, beside
-from fitting.inverse_load.pad.mirror import mirror_images, mirrored
 from fitting.inverse_load.pad.pad_least_squares import PRIOR, PadFit, PadLeastSquares, step_of
-from fitting.inverse_load.pad.parts import PadNodeSearch
+from fitting.inverse_load.pad.parts import PadNodeSearch, pad_table_of
 from fitting.inverse_load.pad.rest import GapLine, gap_line
-from fitting.inverse_load.pad.shape import PadShape
-from fitting.inverse_load.pad.solved import near
-from fitting.inverse_load.pad.solved_patch import SolvedPatch, patch_points
+from fitting.inverse_load.pad.solved import SolvedContacts, near, patch_points
 from fitting.inverse_load.pad.spline import SplineBasis, TensorSpline
+from fitting.inverse_load.pad.stiffening import effects_of
 from fitting.inverse_load.pad.table import LEVELS, PadTable, grid, reciprocal
-from fitting.inverse_load.pad.table_build import _between, _mended, force_surplus
+from fitting.inverse_load.pad.table_build import (
+    _between,
+    _mended,
+    force_surplus,
+    mirror_images,
+    mirrored,
+)
 from fitting.inverse_load.pad.uneven import (
     PROBES,
     _by_reach,
@@ -941,7 +944,7 @@ def test_a_strip_is_one_contact_of_its_length_and_force(
     spec: SkinSpec, turn: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # The table is made up: no pad has these dents.
-    monkeypatch.setattr(SolvedPatch, "correction", lambda *_: None)
+    monkeypatch.setattr(SolvedContacts, "correction_of_wide", lambda *_: None)
     skin = skin_of(spec, elements=(8, 8), contact=False)
     interpolant, told = PadInterpolant(dent_table(), RADIUS), Told(False, False)
     kinds = [
@@ -997,7 +1000,7 @@ def test_a_live_frame_does_not_wait_for_a_wide_contact_to_be_solved(
     spec: SkinSpec, monkeypatch: pytest.MonkeyPatch, *, live: bool
 ) -> None:
     solved = []
-    monkeypatch.setattr(SolvedPatch, "correction", lambda *_: solved.append(1))
+    monkeypatch.setattr(SolvedContacts, "correction_of_wide", lambda *_: solved.append(1))
     skin = skin_of(spec, elements=(8, 8), contact=False)
     fitter = PadFitter(
         lambda: skin,
@@ -1016,7 +1019,7 @@ def test_a_live_frame_does_not_wait_for_a_wide_contact_to_be_solved(
 def test_two_fingers_stand_beside_one_wide_contact(
     spec: SkinSpec, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(SolvedPatch, "correction", lambda *_: None)  # likewise
+    monkeypatch.setattr(SolvedContacts, "correction_of_wide", lambda *_: None)  # likewise
     skin = skin_of(spec, elements=(8, 8), contact=False)
     interpolant, told = PadInterpolant(dent_table(), RADIUS), Told(False, False)
     own = lambda: skin, PadShape.of(skin), interpolant, told

@@ -22,20 +22,18 @@ from suas_jax.equilibrium.equilibrium import differentiable
 from suas_jax.figures.vtu import _pad_grid
 from suas_jax.mechanics.pad.faces import Faces, face_displacement, unbent
 from suas_jax.mechanics.pad.fibres import energy_density, layers, resultants
+from suas_jax.mechanics.pad.loads import pad_load_points
 from suas_jax.mechanics.pad.mid_surface import Rest, Surface, components, surface
 from suas_jax.mechanics.pad.net import Net, NetTopology
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mechanics.shell.shell import Shell
-from suas_jax.mesh.pad_load_points import pad_load_points
 from suas_jax.mesh.pad_plan import PadPlan, footprint, mirror_planes, plan_pad
 from suas_jax.numerics.bspline import SplineAxis
 from suas_jax.scene.parts import skin_parts
-from suas_jax.skin.along import Sheet
 from suas_jax.skin.body import Body
-from suas_jax.skin.geometry import SkinGeometry
-from suas_jax.skin.loads import LoadPoints
+from suas_jax.skin.geometry import Sheet, SkinGeometry
+from suas_jax.skin.loads import LoadPoints, PadLoad, PadLoadPoints
 from suas_jax.skin.oils.incompressible import IncompressibleOil
-from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.wall import RigidLimit, Wall
 

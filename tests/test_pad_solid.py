@@ -15,17 +15,14 @@ from suas_jax.constitutive.laws.ogden import Ogden
 from suas_jax.equilibrium.balance import Problem
 from suas_jax.mechanics.pad.model import PadMesh
 from suas_jax.mechanics.pad.net import Net, NetTopology
-from suas_jax.mechanics.pad_solid.model import PAD_SOLID
-from suas_jax.mechanics.pad_solid.points import dilatation
-from suas_jax.mechanics.pad_solid.solid import PadSolid
-from suas_jax.mechanics.pad_solid.thickness import levels, shapes_at, thickness
+from suas_jax.mechanics.pad_solid.model import PAD_SOLID, PadSolid
+from suas_jax.mechanics.pad_solid.points import dilatation, levels, shapes_at, thickness
 from suas_jax.mechanics.solid.solid import Solid
 from suas_jax.mesh.pad_plan import PadPlan, plan_pad
 from suas_jax.numerics.bspline import SplineAxis
 from suas_jax.skin.geometry import SkinGeometry
-from suas_jax.skin.loads import LoadPoints
+from suas_jax.skin.loads import LoadPoints, PadLoadPoints
 from suas_jax.skin.oils.incompressible import IncompressibleOil
-from suas_jax.skin.pad_loads import PadLoadPoints
 from suas_jax.skin.prestress import Growth
 
 ONE = jnp.ones(1)

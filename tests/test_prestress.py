@@ -36,7 +36,7 @@ from suas_jax.scene.gradient import gradient
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import prepared
 from suas_jax.scene.solve import report_with, solve
-from suas_jax.scene.stress_last import stressed_last
+from suas_jax.scene.sway import stressed_last
 from suas_jax.scene.sweep import sweep
 from suas_jax.skin.prestress import ContainedOil, Growth, Prestress, is_prestressed
 from suas_jax.skin.registry import build_oil

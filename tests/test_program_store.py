@@ -19,8 +19,7 @@ from suas_jax.runtime import content_key as keys
 from suas_jax.runtime.compiled import Compiled
 from suas_jax.runtime.compiling import listening
 from suas_jax.runtime.content_key import Keyed, NoContentKeyError, content_key
-from suas_jax.runtime.frame import Hole, frame_from_json, frame_to_json
-from suas_jax.runtime.program_store import ProgramStore
+from suas_jax.runtime.program_store import Hole, ProgramStore, frame_from_json, frame_to_json
 
 
 class Term(Keyed):
@@ -178,7 +177,7 @@ def test_frames_are_data() -> None:
     assert again == frame
     for kind in ("named", "module"):
         foreign = ("os:system", "subprocess:Popen", "builtins:dict", "suas_jaxx:Pair")
-        ours = ("suas_jax.runtime.frame:importlib", "suas_jax.config.load:Path")
+        ours = ("suas_jax.runtime.program_store:importlib", "suas_jax.config.load:Path")
         for name in foreign + ours:
             with pytest.raises(ValueError, match="not a class of this project"):
                 frame_from_json({kind: name, "fields": []})

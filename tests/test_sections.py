@@ -25,7 +25,7 @@ from suas_jax.scene.curve import contact_of
 from suas_jax.scene.parts import scene_parts
 from suas_jax.skin.charted import ChartedSection
 from suas_jax.skin.geometry import SkinGeometry
-from suas_jax.skin.pad_loads import PadLoad
+from suas_jax.skin.loads import PadLoad
 from suas_jax.skin.registry import CURVES, build_geometry
 from suas_jax.skin.section import AbstractSection, outward
 

@@ -28,7 +28,7 @@ from suas_jax.config import (
 )
 from suas_jax.config.sections.circle import CircleSpec
 from suas_jax.mechanics.base import Profile
-from suas_jax.mechanics.section_face import INTERVALS, NormalFace, height_at, normal_face
+from suas_jax.mechanics.section import INTERVALS, NormalFace, height_at, normal_face
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.scene.forward import forward
 from suas_jax.scene.gradient import gradient

@@ -14,14 +14,12 @@ from suas_jax import load_scene, scene_from_dict, solve, with_inputs, with_solve
 from suas_jax.config import SceneSpec
 from suas_jax.config.schema_load import EnvironmentSpec
 from suas_jax.dynamics import history
-from suas_jax.dynamics.course import Course
+from suas_jax.dynamics.course import Course, history_of
 from suas_jax.dynamics.driven import FACTOR
 from suas_jax.dynamics.film import Film, film_of
 from suas_jax.dynamics.history import history_sweep
-from suas_jax.dynamics.history_table import history_of
 from suas_jax.dynamics.inertia import densities_of, inertia_of
-from suas_jax.dynamics.motion import Sampling, free_unknowns, motion_of
-from suas_jax.dynamics.moving_section import MovingSection
+from suas_jax.dynamics.motion import MovingSection, Sampling, free_unknowns, motion_of
 from suas_jax.dynamics.pad import pad_inertia, pad_motion
 from suas_jax.scene.build import plan_for
 from suas_jax.scene.parts import scene_parts

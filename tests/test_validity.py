@@ -18,8 +18,7 @@ from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.outcomes import NAMES, advice, index_of
 from suas_jax.equilibrium.validity import force_balance, validity
 from suas_jax.mechanics.base import Profile
-from suas_jax.mechanics.pad.faces import Faces
-from suas_jax.mechanics.pad.shape import PadShape
+from suas_jax.mechanics.pad.faces import Faces, PadShape
 from suas_jax.mechanics.section import SectionShape
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.solve import solve

@@ -32,20 +32,15 @@ from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.live.run import LiveOptions, run_live
 from fitting.inverse_load.readings import readings_of
 from fitting.inverse_load.report.text import contact_text
-from fitting.view.grid import Grid
 from fitting.view.history_source import HistorySource
-from fitting.view.hub import Hub, understood
-from fitting.view.known_loads import known_contacts, surfaces_of
+from fitting.view.hub import Hub, Player, understood
 from fitting.view.live_source import LiveSource
 from fitting.view.log_source import LogSource
-from fitting.view.membrane import InterpolatedMembrane
-from fitting.view.picture import arrow
-from fitting.view.player import Player
-from fitting.view.readings_picture import ReadingsPictures
-from fitting.view.scene_model import SceneModel
-from fitting.view.scene_source import SceneSource
+from fitting.view.picture import Grid, arrow
+from fitting.view.readings_picture import InterpolatedMembrane, ReadingsPictures
+from fitting.view.scene_model import SceneModel, known_contacts, surfaces_of
+from fitting.view.scene_source import SceneSource, all_stated, inputs_by, sliders_of
 from fitting.view.server import ViewServer
-from fitting.view.sliders import all_stated, inputs_by, sliders_of
 from suas_jax.acquisition.device.device import Device
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.log.log_file import LogWriter, log_header, read_log
@@ -59,8 +54,8 @@ from suas_jax.config import (
     with_solve,
 )
 from suas_jax.config.geometry import AlongSpec
+from suas_jax.dynamics.course import history_of
 from suas_jax.dynamics.history import history_sweep
-from suas_jax.dynamics.history_table import history_of
 from suas_jax.scene.solve import solve
 from suas_jax.scene.taxel_film import TaxelFilm
 
@@ -231,7 +226,7 @@ def test_a_history_is_shown_as_it_was_solved() -> None:
 
 def test_a_timeline_is_played_stopped_and_sought(monkeypatch: pytest.MonkeyPatch) -> None:
     now, shown = [0.0], []
-    monkeypatch.setattr("fitting.view.player.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("fitting.view.hub.time.monotonic", lambda: now[0])
     wishes = [{}, {}, {"play": False}, {"seek": 0.5}, {}, {"speed": 0.1, "play": True}, {}, {}]
     player = Player(np.array([0.0, 1.0, 2.0, 4.0]), seconds=2.0)
 

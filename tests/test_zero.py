@@ -12,7 +12,6 @@ from fitting.inverse_load.readings import _scale_note
 from fitting.inverse_load.zero import from_log, update
 from fitting.inverse_load.zero import zero as zero_module
 from fitting.inverse_load.zero.from_log import zero_from_log
-from fitting.inverse_load.zero.gaussian import Gaussian, conditioned
 from fitting.inverse_load.zero.presses import (
     FORCE_ERROR,
     PLACE_ERROR,
@@ -20,7 +19,7 @@ from fitting.inverse_load.zero.presses import (
     frames_of_presses,
     known_press,
 )
-from fitting.inverse_load.zero.zero import Zero
+from fitting.inverse_load.zero.zero import Gaussian, Zero, conditioned
 from fitting.inverse_load.zero.zero_file import (
     aged,
     read_zero,

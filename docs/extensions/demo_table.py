@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-from suas_jax.files.kept_arrays import kept_arrays
+from suas_jax.files.cache_folder import kept_arrays
 from suas_jax.runtime.content_key import content_key, source_digest
 
 ROOT = Path(__file__).parents[2]

@@ -17,7 +17,7 @@ from fitting.report.page import page
 from suas_jax.acquisition.baseline import Baseline
 from suas_jax.acquisition.health import FAULTS, Health
 from suas_jax.acquisition.log.log_file import read_log
-from suas_jax.acquisition.missing import mean
+from suas_jax.acquisition.taxel_faults import mean
 from suas_jax.config import SkinSpec
 from suas_jax.skin.plain import angles_at, plain_geometry
 

@@ -11,9 +11,8 @@ from fitting.arrays import Floats
 from fitting.inverse_load.live.stream import FrameBuilder
 from fitting.inverse_load.readings import Layout
 from suas_jax.acquisition.health import MIN_FRAMES
-from suas_jax.acquisition.missing import mean
 from suas_jax.acquisition.stream import Judged, Stream
-from suas_jax.acquisition.taxel_faults import noise_by_taxel
+from suas_jax.acquisition.taxel_faults import mean, noise_by_taxel
 
 _TOUCHED = 8.0  # standard errors of a mean, and counts beside them
 _LEAST_CHANGE = 3.0

@@ -1,6 +1,6 @@
 """The commands of `suas`, put together, with examples of each."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from typing import Annotated, NamedTuple
 
@@ -92,23 +92,6 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
 They run as they stand: `suas examples` puts the files they name into the folder `configs`.
 """
 
-PANELS = {
-    "Start": ("tour", "examples", "new"),
-    "The model": (
-        "solve",
-        "sweep",
-        "modes",
-        "range",
-        "datasheet",
-        "design",
-        "simulate",
-        "view",
-    ),
-    "Measurements": ("log", "health", "baseline", "data", "convert", "export"),
-    "Fits": ("calibrate", "fit", "zero", "invert"),
-}
-"""Headings of the overview, and the commands below each; others stand under `Commands`."""
-
 
 class Command(NamedTuple):
     """A command of the program."""
@@ -128,21 +111,50 @@ def commands_of(app: typer.Typer, group: str = "") -> Iterator[Command]:
         yield from commands_of(part.typer_instance, f"{group} {part.name}".strip())
 
 
-def add_examples(app: typer.Typer) -> None:
-    """Show the examples below the help of each command, and the headings in the overview."""
-    for command in commands_of(app):
-        lines = EXAMPLES.get(command.words, ())
-        if lines:
-            title = "Example:" if len(lines) == 1 else "Examples:"
-            # An empty line parts paragraphs; a single end of line would be taken out.
-            command.registered.epilog = "\n\n".join([title, *lines])
-    panels = {name: panel for panel, names in PANELS.items() for name in names}
-    parts: list[typer.models.CommandInfo | typer.models.TyperInfo]
-    parts = [*app.registered_commands, *app.registered_groups]
-    for part in parts:
-        if part.name in panels:
-            part.rich_help_panel = panels[part.name]
+def _group(text: str, **commands: Callable[..., None]) -> typer.Typer:
+    found = typer.Typer(help=text, no_args_is_help=True)
+    for name, command in commands.items():
+        found.command(name)(command)
+    return found
 
+
+_PANELS: dict[str, dict[str, Callable[..., None] | typer.Typer]] = {
+    "Start": {
+        "tour": tour.tour,
+        "examples": new.examples,
+        "new": _group("Write a commented file to start from.", skin=new.skin, scene=new.scene),
+    },
+    "The model": {
+        "solve": solve.solve,
+        "sweep": sweep.sweep,
+        "modes": modes.modes,
+        "simulate": simulate.simulate,
+        "range": force_range.find_range,
+        "datasheet": datasheet.datasheet,
+        "design": design.design,
+        "view": view.view,
+    },
+    "Measurements": {
+        "convert": simulate.convert,
+        "log": log.log,
+        "baseline": log.baseline,
+        "data": data.data,
+        "health": health.health,
+        "export": _group("Convert logs for other programs.", mcap=export.mcap),
+    },
+    "Fits": {
+        "calibrate": calibrate.calibrate,
+        "zero": zero.zero,
+        "invert": invert.invert,
+        "fit": _group(
+            "Fit the model to measurements.",
+            material=fit_material.material,
+            sensor=fit_sensor.sensor,
+            materials=fit_materials.materials,
+        ),
+    },
+}
+"""Headings of the overview, with the commands below each."""
 
 app = typer.Typer(
     help="Model of a soft underwater artificial skin: loads, oil pressure, sensor output.",
@@ -150,38 +162,17 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
-new_files = typer.Typer(help="Write a commented file to start from.", no_args_is_help=True)
-new_files.command("skin")(new.skin)
-new_files.command("scene")(new.scene)
-app.add_typer(new_files, name="new")
-app.command("tour")(tour.tour)
-app.command("examples")(new.examples)
-app.command("solve")(solve.solve)
-app.command("sweep")(sweep.sweep)
-app.command("modes")(modes.modes)
-app.command("simulate")(simulate.simulate)
-app.command("convert")(simulate.convert)
-app.command("log")(log.log)
-app.command("baseline")(log.baseline)
-app.command("data")(data.data)
-app.command("health")(health.health)
-app.command("calibrate")(calibrate.calibrate)
-# `suas fit` holds every command that fits the model to measurements.
-fit = typer.Typer(help="Fit the model to measurements.", no_args_is_help=True)
-fit.command("material")(fit_material.material)
-fit.command("sensor")(fit_sensor.sensor)
-fit.command("materials")(fit_materials.materials)
-app.add_typer(fit, name="fit")
-app.command("zero")(zero.zero)
-app.command("invert")(invert.invert)
-exports = typer.Typer(help="Convert logs for other programs.", no_args_is_help=True)
-exports.command("mcap")(export.mcap)
-app.add_typer(exports, name="export")
-app.command("range")(force_range.find_range)
-app.command("datasheet")(datasheet.datasheet)
-app.command("design")(design.design)
-app.command("view")(view.view)
-add_examples(app)
+for panel, parts in _PANELS.items():
+    for name, part in parts.items():
+        if isinstance(part, typer.Typer):
+            app.add_typer(part, name=name, rich_help_panel=panel)
+        else:
+            app.command(name, rich_help_panel=panel)(part)
+for command in commands_of(app):
+    lines = EXAMPLES.get(command.words, ())
+    title = "Example:" if len(lines) == 1 else "Examples:"
+    # An empty line parts paragraphs; a single end of line would be taken out.
+    command.registered.epilog = "\n\n".join([title, *lines]) if lines else None
 
 
 def _print_version(wanted: bool) -> None:

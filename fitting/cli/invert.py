@@ -180,8 +180,7 @@ def invert(
             return
         assert log is not None
         from fitting.cli.invert_log import invert_log, read_for
-        from fitting.inverse_load.log.log_estimator import LogEstimator
-        from fitting.inverse_load.log.skin_states import skin_states
+        from fitting.inverse_load.log.log_estimator import LogEstimator, skin_states
 
         readings = read_for(spec, log, noise, as_json=as_json, plot=plot, posterior=posterior)
         settings["noise"] = readings.noise

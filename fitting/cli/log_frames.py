@@ -39,8 +39,7 @@ def log_frames(
     """Read a log. Raises ValueError: it names no skin, or options contradict each other."""
     if loads is not None and taxels_only:
         raise ValueError("--loads and --taxels-only: give one of them")
-    from fitting.inverse_load.log.log_estimator import LogEstimator
-    from fitting.inverse_load.log.skin_states import skin_states
+    from fitting.inverse_load.log.log_estimator import LogEstimator, skin_states
     from fitting.inverse_load.readings import readings_of
     from fitting.inverse_load.report.read_back import read_estimates
     from fitting.inverse_load.zero.skin_estimator import estimator_of, rest_of

@@ -103,7 +103,7 @@ def _complete(solution: "Solution", errors: "InputErrors", quantity: str | None)
 
 def _draw(solution: "Solution", plot: Path | None, pad: Path | None, vtu: Path | None) -> None:
     if plot is not None:
-        from suas_jax.figures.solution import plot_solution
+        from suas_jax.figures.section import plot_solution
 
         plot_solution(solution, plot)
     if pad is not None:

@@ -94,8 +94,8 @@ def sweep(
         }
         with computing("sweeping"):
             if history is not None:
+                from suas_jax.dynamics.course import read_history
                 from suas_jax.dynamics.history import history_sweep
-                from suas_jax.dynamics.history_table import read_history
 
                 curve = history_sweep(spec, read_history(history), gradient)
             else:

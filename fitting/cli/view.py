@@ -166,8 +166,8 @@ def _live(
 def _history_source(scene: Path, history: Path) -> "HistorySource":
     from fitting.view.history_source import HistorySource
     from suas_jax.config import load_scene
+    from suas_jax.dynamics.course import read_history
     from suas_jax.dynamics.history import history_sweep
-    from suas_jax.dynamics.history_table import read_history
 
     spec, rows = load_scene(scene), read_history(history)
     with spinner("following the history"):

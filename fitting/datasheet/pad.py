@@ -15,12 +15,11 @@ from fitting.datasheet.readings import Readings, far_taxels
 from fitting.datasheet.variants import DEEPER, STEP, WARMER, Variants, why_constant
 from fitting.force_range.bound import rated_force
 from fitting.inverse_load.estimate.place import ContactPlaces
-from fitting.inverse_load.pad.effects import effects_of
+from fitting.inverse_load.pad.facts import PadShape
 from fitting.inverse_load.pad.input_errors import PadErrors
 from fitting.inverse_load.pad.interpolant import MOST, PadInterpolant
-from fitting.inverse_load.pad.kept_table import pad_table_of
-from fitting.inverse_load.pad.shape import PadShape
-from fitting.inverse_load.pad.stiffening import solved_contact
+from fitting.inverse_load.pad.parts import pad_table_of
+from fitting.inverse_load.pad.stiffening import effects_of, solved_contact
 from fitting.inverse_load.pad.table import PadResolution, PadTable, grid
 from fitting.inverse_load.settings import DIAMETER, PAD_MODEL_ERROR
 from suas_jax.config import InputErrors, SkinSpec

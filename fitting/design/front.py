@@ -17,7 +17,7 @@ from fitting.arrays import Floats
 from fitting.datasheet.words import WORDS
 from fitting.design.problem import Problem
 from fitting.design.search import Found, Kept, Trial, best_first, keeping, worst
-from fitting.design.want import Limit, Want
+from fitting.design.want import Limit
 
 _GIVEN = 1e-3  # share of the second figure's best that the last point gives up
 
@@ -61,7 +61,8 @@ def front(
     values[-1] = far.goal * (1 - np.sign(far.goal - known[0].other) * _GIVEN)
     last = far.x
     for value in values:
-        limited = _limited(want, Limit(key, float(value), least))
+        limits = *want.limits, Limit(key, float(value), least)
+        limited = dataclasses.replace(want, limits=limits)
         trials = best_first(problem, limited, [known[-1].x, last], kept=kept)
         calls += sum(t.calls for t in trials)
         if np.isfinite(trials[0].goal):
@@ -79,7 +80,3 @@ def undominated(points: list[FrontPoint], *, maximise: bool) -> list[FrontPoint]
     goals = np.array([point.goal for point in points]) * (-1 if maximise else 1)
     best = np.minimum.accumulate(goals[::-1])[::-1]  # from each point on
     return [p for k, p in enumerate(points) if k == 0 or goals[k] <= best[k]]
-
-
-def _limited(want: Want, limit: Limit) -> Want:
-    return dataclasses.replace(want, limits=(*want.limits, limit))

@@ -26,10 +26,10 @@ from fitting.datasheet.words import PLACED
 from fitting.design.problem import STEP, Outcome, Problem, without_crosstalk
 from fitting.design.want import Want
 from fitting.force_range.bound import rated_force
-from fitting.inverse_load.pad.mirror import mirror_images
+from fitting.inverse_load.pad.facts import PadShape
 from fitting.inverse_load.pad.rest import film_readings
-from fitting.inverse_load.pad.shape import PadShape
 from fitting.inverse_load.pad.table import grid
+from fitting.inverse_load.pad.table_build import mirror_images
 from fitting.inverse_load.settings import DIAMETER, PAD_MODEL_ERROR
 from suas_jax import Loads, Skin, forward, skin_of
 from suas_jax.equilibrium.balance import State

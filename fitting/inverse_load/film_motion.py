@@ -26,7 +26,7 @@ from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.model.kept_key import kept_key
 from fitting.inverse_load.taps import TapFinder
 from suas_jax.config import SkinSpec
-from suas_jax.files.kept_arrays import kept_arrays
+from suas_jax.files.cache_folder import kept_arrays
 from suas_jax.runtime.start import before_computing
 
 MATTERS = 0.05

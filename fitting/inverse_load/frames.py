@@ -12,11 +12,10 @@ from scipy.special import chdtrc
 from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.drift import Drift, ReadingWeights
 from fitting.inverse_load.estimate.assessment import POOR
-from fitting.inverse_load.estimate.at_rest import chi2_at_rest, drifting, untouched
-from fitting.inverse_load.estimate.estimate import LoadEstimate
-from fitting.inverse_load.estimate.measured_pressure import with_doubts
+from fitting.inverse_load.estimate.estimate import LoadEstimate, with_doubts
 from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.film_motion import covariance_by_motion, mostly_motion, told_moving
+from fitting.inverse_load.fit.detection import without_errors
 from fitting.inverse_load.fit.doubts import OUTLIER, inliers, most_left_out
 from fitting.inverse_load.fit.explanation import Alternative, Explanations
 from fitting.inverse_load.fit.selection import Selection
@@ -26,17 +25,19 @@ from fitting.inverse_load.fit.systematic import (
     of_shared_places,
 )
 from fitting.steps import Steps
-from suas_jax.acquisition.log.format import MAX_COUNT
+from suas_jax.acquisition.log.data import MAX_COUNT
+from suas_jax.acquisition.taxel_faults import saturated
 from suas_jax.config.schema_calibration import CalibrationSpec
 from suas_jax.runtime.compiling import COMPILE_TIME
 
 if TYPE_CHECKING:
     from fitting.inverse_load.discrepancy import ReadingDiscrepancy
     from fitting.inverse_load.field.fallback import FieldFallback
-    from fitting.inverse_load.memory.base import AbstractMemoryFollower
+    from fitting.inverse_load.memory.series import AbstractMemoryFollower
 
 FULL_SCALE = MAX_COUNT
 _FEWEST_TAXELS = 4
+_DRIFTING = 3.0  # counts of drift beyond which a status says so
 
 
 @dataclass
@@ -249,3 +250,34 @@ class FrameEstimator:
             of_one, errors, *frame, "pressed", found=found, still=False
         )
         return told[0], best.parameters[0]
+
+
+def chi2_at_rest(change: Any, weight: Any, errors: Floats | None) -> Floats:
+    """Weighted squares of the change from rest that no error of the inputs explains."""
+    left = change
+    if errors is not None and errors.any():
+        left, _ = without_errors(change, weight, errors)
+    return np.asarray((weight * left * change).sum(1))
+
+
+def drifting(estimate: LoadEstimate, mean: float, largest: float) -> LoadEstimate:
+    """An estimate with the drift that was taken off its readings."""
+    names = {"no_contact": "drifting", "ok": "ok_drifted"}
+    far = abs(largest) > _DRIFTING
+    status = names.get(estimate.status, estimate.status) if far else estimate.status
+    return replace(estimate, status=status, drift=(mean, largest))
+
+
+def untouched(so: Any, used: Any, enough: bool, ratio: float, pressure: float) -> LoadEstimate:
+    """The estimate of a frame that shows no contact, or has too few readings to show one.
+
+    Readings are [taxel] [counts]; the ratio is chi2 per degree of freedom, the
+    pressure that of the oil at rest [Pa].
+    """
+    missing = tuple(np.flatnonzero(~used).tolist())
+    if not enough:
+        present = so[np.isfinite(so)]
+        at_limits = present.size and saturated(present).all()
+        status = "saturated" if at_limits else "too_few_taxels"
+        return LoadEstimate(None, status=status, left_out=missing)
+    return LoadEstimate(False, (), pressure, False, ratio, "no_contact", missing)

@@ -19,7 +19,7 @@ from fitting.inverse_load.live.stream import FrameReadings, LiveFrame, LiveWatch
 from fitting.inverse_load.readings import LogReadings
 from fitting.robotics import messages
 from fitting.robotics.messages import DEFINITIONS
-from suas_jax.acquisition.log.format import MAX_COUNT
+from suas_jax.acquisition.log.data import MAX_COUNT
 from suas_jax.config import SkinSpec
 from suas_jax.files.reading import read_bytes
 from suas_jax.files.writing import written

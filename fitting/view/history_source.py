@@ -8,19 +8,15 @@ import numpy as np
 from jaxtyping import Array
 
 from fitting.arrays import Floats
-from fitting.view.grid import Grid
-from fitting.view.hub import Hub
-from fitting.view.known_loads import body_rows, known_contacts
-from fitting.view.picture import Picture, arrow, describe, taxel_states
-from fitting.view.player import Player
-from fitting.view.scene_model import moved
+from fitting.view.hub import Hub, Player
+from fitting.view.picture import Grid, Picture, arrow, describe, taxel_states
+from fitting.view.scene_model import body_rows, known_contacts, moved
 from suas_jax.equilibrium.outcomes import advice
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.build import build_problem
+from suas_jax.scene.build import Inputs, Structure, build_problem
 from suas_jax.scene.curve import total_force
 from suas_jax.scene.program import inputs_of, structure_of
-from suas_jax.scene.structure import Inputs, Structure
 from suas_jax.scene.sweep import Sweep
 from suas_jax.scene.taxel_film import TaxelFilm
 

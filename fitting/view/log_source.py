@@ -9,9 +9,8 @@ import numpy as np
 from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.log.log_estimator import LogEstimator
 from fitting.inverse_load.readings import LogReadings
-from fitting.view.hub import Hub
+from fitting.view.hub import Hub, Player
 from fitting.view.picture import total_force
-from fitting.view.player import Player
 from fitting.view.readings_picture import ReadingsPictures
 
 _BLOCK = 64  # frames estimated together

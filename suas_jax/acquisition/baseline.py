@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suas_jax.acquisition.log.log_file import Frames, SoLog, fluid_of, group_frames
-from suas_jax.acquisition.missing import deviation, mean
-from suas_jax.acquisition.taxel_faults import saturated
+from suas_jax.acquisition.taxel_faults import deviation, mean, saturated
 from suas_jax.files.reading import MEGABYTE, read_bytes
 from suas_jax.files.writing import write_text
 

@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suas_jax.acquisition.log.data import Frames, SoLog, flagged, group_frames, sequence_notes
-from suas_jax.acquisition.missing import deviation, mean, median
 from suas_jax.acquisition.taxel_faults import (
+    deviation,
     full_scale,
+    mean,
+    median,
     noise_by_taxel,
     saturated,
     stuck_taxels,

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from suas_jax.acquisition.log.format import MAX_COUNT
+from suas_jax.acquisition.log.data import MAX_COUNT
 
 STUCK_AFTER = 100
 """Frames in which a taxel keeps its count while others move, where chance says nothing."""
@@ -118,3 +118,24 @@ class StuckWatch:
         self._sound |= so < MAX_COUNT
         needed = repeats_needed(self._noise / step, len(so))
         return (self._run >= needed) & ~((so >= MAX_COUNT) & self._sound)
+
+
+def mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean of what is present; NaN where nothing is, without a warning."""
+    present = np.isfinite(values).sum(axis=0)
+    return np.where(present > 0, np.nansum(values, axis=0) / np.maximum(present, 1), np.nan)
+
+
+def median(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Median of what is present; NaN where nothing is, without a warning."""
+    found = np.full(values.shape[1:], np.nan)
+    known = np.isfinite(values).any(0)
+    found[known] = np.nanmedian(values[:, known], axis=0)
+    return found
+
+
+def deviation(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Standard deviation of what is present; NaN where fewer than two values are."""
+    present = np.isfinite(values).sum(axis=0)
+    squares = np.nansum((values - mean(values)) ** 2, axis=0)
+    return np.where(present > 1, np.sqrt(squares / np.maximum(present - 1, 1)), np.nan)

@@ -5,10 +5,11 @@ import re
 from pathlib import Path
 from typing import NamedTuple
 
-from suas_jax.config.quantities import parse_quantity
+from suas_jax.config.quantities import ZERO_CELSIUS, parse_quantity
 from suas_jax.files.reading import MEGABYTE, read_bytes, split_fields
 
 _MOST_BYTES = 64 * MEGABYTE
+TEMPERATURE, DEPTH = "temperature_degC", "water_depth_m"
 
 
 class CsvTable(NamedTuple):
@@ -90,3 +91,23 @@ def read_points(file: Path) -> list[tuple[str, str]]:
                 raise ValueError(f"line {line}: {error}") from None
         points.append((texts[0], texts[1]))
     return points
+
+
+class SurroundingColumn(NamedTuple):
+    """A column that changes one number of [environment]."""
+
+    key: str  # of [environment]
+    zero: float  # of the column's scale [SI]
+    low: float  # smallest value that a skin meets, in the column's unit
+    high: float  # largest
+
+    def beyond(self, *ends: float) -> float | None:
+        """The value of some that is farthest beyond what a skin meets; None where none is."""
+        worst = max(ends, key=lambda x: abs(x - (self.low + self.high) / 2))
+        return None if self.low <= worst <= self.high else worst
+
+
+SURROUNDINGS = {
+    TEMPERATURE: SurroundingColumn("temperature", ZERO_CELSIUS, -40.0, 120.0),
+    DEPTH: SurroundingColumn("depth", 0.0, 0.0, 11e3),
+}

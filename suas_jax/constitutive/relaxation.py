@@ -1,15 +1,26 @@
-"""Stress relaxation of a rubber: the generalised Maxwell model beside an elastic law.
+"""Stress relaxation and softening of a rubber beside an elastic law.
 
-The second Piola-Kirchhoff stress S of the instantaneous law, its deviator pulled back, fades by
-a Prony series (Simo 1987), in every direction of the undeformed material alike::
+In the generalised Maxwell model the second Piola-Kirchhoff stress S of the instantaneous law,
+its deviator pulled back, fades by a Prony series (Simo 1987), in every direction of the
+undeformed material alike::
 
     S(t) = ∫ G(t − s) dS₀(s),   G(t) = 1 − Σ g_i (1 − exp(−t/τ_i))
 
 At a strain that is held, the stress is the elastic one times G; after a long time it is that of
 the law with all its stress constants times 1 − Σ g_i.
 
+Below its largest load before, a rubber's stress is that of the elastic law times (the Mullins
+effect; Ogden and Roxburgh 1999, width as in Abaqus)
+
+    η = 1 − erf((W_max − W)/(m + β W_max))/r
+
+with W the law's energy and W_max the largest of its past. On first loading η is one.
+
 J. C. Simo, On a fully three-dimensional finite-strain viscoelastic damage model, Computer
 Methods in Applied Mechanics and Engineering 60 (1987), 153-173.
+
+R. W. Ogden, D. G. Roxburgh, A pseudo-elastic model for the Mullins effect in filled rubber,
+Proceedings of the Royal Society A 455 (1999), 2861-2877.
 """
 
 from typing import NamedTuple
@@ -18,6 +29,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
+
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.constitutive.deformation import AbstractDeformation
 
 _SHORT = 1e-6
 
@@ -144,3 +158,55 @@ class Response(NamedTuple):
 def _over(terms: Array, parts: Array) -> Array:
     """A number a term, to multiply stresses with."""
     return terms.reshape(-1, *(1,) * (parts.ndim - 1))
+
+
+class OgdenRoxburgh(eqx.Module):
+    """Softening of Ogden and Roxburgh."""
+
+    r: Float[Array, ""]  # 1/r is the largest share of the stress that is lost; greater than one
+    m: Float[Array, ""]  # energy below W_max over which it is lost [J/m³]
+    beta: Float[Array, ""]  # how much that energy grows with W_max
+
+    def factor(
+        self, energy: Float[Array, "..."], largest: Float[Array, "..."]
+    ) -> Float[Array, "..."]:
+        """η for an energy and the largest one before [J/m³], any shape."""
+        width = self.m + self.beta * largest
+        return 1.0 - jax.lax.erf((largest - energy) / width) / self.r
+
+
+def largest_before(energy: Float[Array, " n"], begins: Bool[Array, " n"]) -> Float[Array, " n"]:
+    """Largest energy of each history up to and including a row.
+
+    `energy`: W in the order of time, histories one after the other, shape [n]. `begins`: where
+    another history begins, shape [n].
+    """
+
+    def later(before: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
+        now, begin = row
+        largest = jnp.where(begin, now, jnp.maximum(before, now))
+        return largest, largest
+
+    _, found = jax.lax.scan(later, jnp.zeros_like(energy[0]), (energy, begins))
+    return found
+
+
+class Inelastic(AbstractLaw):
+    """A law whose stress relaxes and softens.
+
+    As a law it is the long-term elastic one of the virgin material, the source of all stress:
+    relaxation starts from this law over 1 − Σ g_i.
+    """
+
+    elastic: AbstractLaw  # the long-term law
+    relaxation: PronySeries | None = None  # None where the stress does not relax
+    softening: OgdenRoxburgh | None = None  # None where it does not soften
+
+    def energy(self, deformation: AbstractDeformation) -> Float[Array, "..."]:
+        """Ψ of the long-term law of the virgin material [J/m³]."""
+        return self.elastic.energy(deformation)
+
+    @property
+    def shear_modulus(self) -> Float[Array, "..."]:
+        """Long-term small-strain shear modulus [Pa]."""
+        return self.elastic.shear_modulus

@@ -32,10 +32,9 @@ from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.mechanics.solid.solid import Solid
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.bordered_solve import BorderedVector
-from suas_jax.scene.build import problem_of
+from suas_jax.scene.build import Inputs, Structure, problem_of
 from suas_jax.scene.contact_zone import body_observables
 from suas_jax.scene.parts import SceneParts, scene_parts
-from suas_jax.scene.structure import Inputs, Structure
 from suas_jax.scene.travel import FIRST, LEAST, LONGEST, POWER, driven_by_force
 
 FACTOR = "factor"

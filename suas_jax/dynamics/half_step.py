@@ -4,7 +4,7 @@ The unknowns q of the membrane and the oil's mean pressure p obey ::
 
     g(dq/dt, q) + f(q, past) - p dV/dq - loads(t) - bodies(q, t) = 0,   V(q) = V_oil(p)
 
-where g is the force of what moves (`suas_jax.dynamics.moving_section`, `moving_pad`), and f is
+where g is the force of what moves (`suas_jax.dynamics.motion`, `moving_pad`), and f is
 the force of a membrane that may remember. Either half of a step (`suas_jax.dynamics.tr_bdf2`)
 is one kind of equation ::
 
@@ -26,9 +26,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from suas_jax.dynamics.inertia import Densities
-from suas_jax.dynamics.motion import Sampling, dense, free_unknowns
+from suas_jax.dynamics.motion import MovingSection, Sampling, dense, free_unknowns
 from suas_jax.dynamics.moving_pad import MovingPad
-from suas_jax.dynamics.moving_section import MovingSection
 from suas_jax.equilibrium.balance import Problem, State, border_of, imbalance
 from suas_jax.mechanics.pad.pad import Pad, parts_of
 from suas_jax.mechanics.shell.shell import Shell

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from suas_jax.config import SceneSpec, with_solve
-from suas_jax.dynamics.course import Course
+from suas_jax.dynamics.course import Course, History
 from suas_jax.dynamics.film import LEFT_OUT, Film, film_of
 from suas_jax.dynamics.history_gradient import (
     history_gradient,
@@ -17,7 +17,6 @@ from suas_jax.dynamics.history_gradient import (
     record,
     require_derivatives,
 )
-from suas_jax.dynamics.history_table import History
 from suas_jax.dynamics.pad import outside_of
 from suas_jax.dynamics.steps import Moment, at_rest, followed_part, through
 from suas_jax.dynamics.tr_bdf2 import Moving
@@ -27,12 +26,11 @@ from suas_jax.mechanics.pad.model import PadMesh
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.mesh.section import measures
 from suas_jax.runtime.compiled import COMPILED, require_float64
-from suas_jax.scene.build import plan_for
+from suas_jax.scene.build import Structure, plan_for
 from suas_jax.scene.curve import contact_of
 from suas_jax.scene.program import inputs_of
 from suas_jax.scene.report import plain, report_of
 from suas_jax.scene.solve import Solution, solve
-from suas_jax.scene.structure import Structure
 from suas_jax.scene.sweep import Sweep, SweepError
 
 # Rows that one call follows, so that histories of any length share one program.

@@ -34,10 +34,10 @@ from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import differentiable
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.runtime.compiled import COMPILED
+from suas_jax.scene.build import Inputs, Structure
 from suas_jax.scene.gradient import SingularTangentError, picked, quantities, require_known
 from suas_jax.scene.observables import observe
 from suas_jax.scene.report_keys import require_reported
-from suas_jax.scene.structure import Inputs, Structure
 from suas_jax.scene.sweep import SweepError
 from suas_jax.scene.travel import driven_by_force
 

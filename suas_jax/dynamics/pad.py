@@ -24,19 +24,17 @@ import numpy as np
 import scipy.special
 from jaxtyping import Array, Float
 
-from suas_jax.dynamics.film_grid import Links, areas_of
 from suas_jax.dynamics.inertia import THINNEST_FILM, Densities, Inertia, Matrix, Number
 from suas_jax.dynamics.motion import dense, free_unknowns
-from suas_jax.dynamics.moving_pad import BATCH, HARMONICS, SAMPLES, MovingPad
+from suas_jax.dynamics.moving_pad import BATCH, HARMONICS, SAMPLES, Links, MovingPad, areas_of
 from suas_jax.equilibrium.balance import State
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.build import problem_of
+from suas_jax.scene.build import Inputs, Structure, problem_of
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import inputs_of, structure_of
 from suas_jax.scene.solve import Solution
-from suas_jax.scene.structure import Inputs, Structure
 
 
 class Sheet(NamedTuple):

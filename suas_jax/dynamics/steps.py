@@ -42,9 +42,9 @@ from suas_jax.equilibrium.validity import validity
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.scene.assessment import under_bodies
-from suas_jax.scene.body_errors import touched_by_bodies
+from suas_jax.scene.build import Inputs, Structure
+from suas_jax.scene.contact_zone import touched_by_bodies
 from suas_jax.scene.observables import observe
-from suas_jax.scene.structure import Inputs, Structure
 
 MOST_STEPS = 5_000
 """Steps between two rows before the history is given up."""

@@ -14,7 +14,6 @@ from jaxtyping import Array
 from suas_jax.dynamics.driven import DrivenSkin, Step, Values, membrane_of
 from suas_jax.dynamics.half_step import Inverse
 from suas_jax.dynamics.motion import free_unknowns
-from suas_jax.dynamics.moving_skin import MovingSkin
 from suas_jax.dynamics.steps import (
     Moment,
     Rows,
@@ -25,11 +24,11 @@ from suas_jax.dynamics.steps import (
     observed_at,
     read_where_told,
 )
-from suas_jax.dynamics.tr_bdf2 import Moving, tried
+from suas_jax.dynamics.tr_bdf2 import Moving, MovingSkin, tried
 from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.model import AbstractPlan
-from suas_jax.scene.structure import Inputs, Structure
+from suas_jax.scene.build import Inputs, Structure
 from suas_jax.skin.prestress import is_prestressed
 
 _LONGER, _WORTH, _SHORTER = 4.0, 2.5, 0.2  # of the next step
@@ -157,7 +156,8 @@ def _step(moving: MovingSkin, now: Moving, row: Rows, tolerance: Array) -> Movin
     # A step of another length needs another inverse, so that few are worth it; and one that a
     # row cut short says little of the next.
     longer = jnp.where(ratio > _WORTH, jnp.minimum(ratio, _LONGER) * step, wanted)
-    longer = jnp.where(now.step > left, jnp.maximum(longer, _finite(now.step)), longer)
+    known = jnp.nan_to_num(now.step, posinf=0.0)
+    longer = jnp.where(now.step > left, jnp.maximum(longer, known), longer)
     shorter = jnp.where(trial.good, jnp.maximum(ratio, _SHORTER) * step, _SHORTER * step)
     ended = ~good & (shorter < _SMALLEST * (row.end - row.begin))
     result = jnp.where(ended, index_of("no_convergence"), now.result)
@@ -191,7 +191,3 @@ def _step(moving: MovingSkin, now: Moving, row: Rows, tolerance: Array) -> Movin
         now.result,
     )
     return jax.tree.map(lambda a, b: jnp.where(good, a, b), taken, missed)
-
-
-def _finite(x: Array) -> Array:
-    return jnp.where(jnp.isfinite(x), x, 0.0)

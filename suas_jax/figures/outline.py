@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 from suas_jax.config import SceneSpec, continuous_inputs
 from suas_jax.figures.style import BODY, CONTACT, WALL
 from suas_jax.runtime.compiled import COMPILED
+from suas_jax.scene.build import Inputs, Structure
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import inputs_of, structure_of
 from suas_jax.scene.solve import Solution
-from suas_jax.scene.structure import Inputs, Structure
 from suas_jax.skin.body import Body
 from suas_jax.skin.geometry import SkinGeometry
 

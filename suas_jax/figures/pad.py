@@ -18,13 +18,13 @@ from mpl_toolkits.mplot3d import Axes3D
 from suas_jax.config import SkinSpec, continuous_inputs
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.figures.style import CONTACT, SECOND, styled, written
+from suas_jax.mechanics.pad.faces import PadShape
 from suas_jax.mechanics.pad.pad import Pad
-from suas_jax.mechanics.pad.shape import PadShape
 from suas_jax.scene.parts import SceneParts, scene_parts, skin_parts
 from suas_jax.scene.solve import Solution
 from suas_jax.skin.body import Body
 from suas_jax.skin.geometry import thickness_beyond_mean
-from suas_jax.skin.pad_loads import PadLoad
+from suas_jax.skin.loads import PadLoad
 
 
 @styled

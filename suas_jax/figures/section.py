@@ -1,5 +1,7 @@
 """Figures of solved sections: of the shell, and of the solid with all that it resolves."""
 
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,11 +12,12 @@ from matplotlib.figure import Figure
 
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.figures.outline import Outline, draw_bodies, draw_loads, draw_wall, outline
-from suas_jax.figures.style import FILM, FIRST, SECOND, place_label, styled
+from suas_jax.figures.pad import plot_pad_surface
+from suas_jax.figures.style import FILM, FIRST, SECOND, place_label, styled, written
 from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.shell.shell import Shell
-from suas_jax.mechanics.solid.element import NODES
 from suas_jax.mechanics.solid.fields import Fields, nodal_fields
+from suas_jax.mechanics.solid.layout import NODES
 from suas_jax.mechanics.solid.solid import Solid
 from suas_jax.scene.solve import Solution
 
@@ -212,3 +215,15 @@ def _across(
     axes.locator_params(axis="x", nbins=4)
     axes.grid(alpha=0.3)
     axes.legend(title="at")
+
+
+FIGURES: dict[int, dict[str, Callable[[Solution], Figure]]] = {
+    2: {"shell": plot_section, "solid": plot_solid},
+    3: {"shell": plot_pad_surface, "solid": plot_pad_surface},
+}
+"""How solutions of each model are drawn, by dimension and by its name."""
+
+
+def plot_solution(solution: Solution, file: Path | None = None) -> Figure:
+    """Draw the deformed membrane; a file's ending chooses the format."""
+    return written(FIGURES[solution.plan.dimension][solution.plan.model](solution), file)

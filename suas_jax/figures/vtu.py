@@ -9,11 +9,10 @@ from jaxtyping import Array
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.figures.section import solid_fields
 from suas_jax.files.writing import written
-from suas_jax.mechanics.pad.faces import Faces, principal_stretches
+from suas_jax.mechanics.pad.faces import Faces, PadShape, principal_stretches
 from suas_jax.mechanics.pad.pad import Pad
-from suas_jax.mechanics.pad.shape import PadShape
-from suas_jax.mechanics.solid.element import NODES
 from suas_jax.mechanics.solid.fields import Fields
+from suas_jax.mechanics.solid.layout import NODES
 from suas_jax.scene.solve import Solution
 from suas_jax.skin.plain import plain_geometry
 

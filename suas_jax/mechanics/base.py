@@ -18,8 +18,7 @@ from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.mechanics.contact.face import BodyContact, ContactState, Strip
-from suas_jax.mechanics.face import AbstractFace
-from suas_jax.mechanics.shape import AbstractShape
+from suas_jax.mechanics.shape import AbstractFace, AbstractShape
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_tridiagonal import AbstractTangent
 from suas_jax.skin.body import Body, Grip, PlacedBody

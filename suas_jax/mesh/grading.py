@@ -17,13 +17,13 @@ _SHARES = (1.5, 1.0)
 _SHORT = 0.25
 
 
-def rounded(length: float) -> float:
-    """The nearest power of the fourth root of two.
+def rounded(length: float, steps: int = 4) -> float:
+    """The nearest power of a root of two, as many a doubling as there are steps.
 
     Grading by rounded lengths divides nearby scenes alike, so that the difference of two
     solves is what the gradient says and not the difference of two meshes.
     """
-    return float(2 ** (np.round(4 * np.log2(length)) / 4)) if length > 0 else length
+    return float(2 ** (np.round(steps * np.log2(length)) / steps)) if length > 0 else length
 
 
 class Density(NamedTuple):

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 from suas_jax.mesh.grading import rounded
 from suas_jax.numerics.bspline import End, SplineAxis
 from suas_jax.skin.geometry import SkinGeometry
-from suas_jax.skin.pad_loads import PadLoad
+from suas_jax.skin.loads import PadLoad
 
 Ends = Literal["clamped", "sliding"]
 
@@ -32,6 +32,7 @@ class ElementSizes(NamedTuple):
 
 
 SHELL_SIZES = ElementSizes(1.2, 0.32, 1.2, 0.2)
+_FINE = 32  # rounded lengths a doubling, two per cent apart
 # Places that loads may have between the middle and an edge, as far as the mesh knows.
 _PLACES = 48
 
@@ -223,13 +224,13 @@ def _breakpoints(
     """Breakpoints as fractions of half the extent, by a density of elements."""
     # Lengths in decay lengths, rounded: scenes that differ by little are divided alike, so
     # that the difference of two solves is what the gradient says.
-    extent = _stepped(half / decay)
+    extent = rounded(half / decay, _FINE)
     x = np.linspace(-extent, extent, 4001)
     size = np.full_like(x, sizes.largest)
     sources = [(-extent, 0.0, sizes.edge), (extent, 0.0, sizes.edge)] if clamped else []
     for centre, reach in marks:
         place = np.round(centre / half * _PLACES) / _PLACES
-        sources.append((place * extent, _stepped(reach / half) * extent, sizes.load))
+        sources.append((place * extent, rounded(reach / half, _FINE) * extent, sizes.load))
     for centre, reach, smallest in sources:
         distance = np.maximum(np.abs(x - centre) - reach, 0)
         size = np.minimum(size, smallest + sizes.growth * distance)
@@ -249,11 +250,6 @@ def _breakpoints(
     places = np.interp(np.arange(count + 1) / count, total / total[-1], x / extent)
     places[0], places[-1] = -1.0, 0.0 if mirrored else 1.0
     return places
-
-
-def _stepped(length: float) -> float:
-    """The nearest of lengths that follow one another by two per cent."""
-    return float(2 ** (np.round(32 * np.log2(length)) / 32)) if length > 0 else length
 
 
 def _halved(x: np.ndarray) -> np.ndarray:

@@ -6,10 +6,11 @@ full relative accuracy near it.
 """
 
 import math
-from collections.abc import Sequence
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
+
+from suas_jax.numerics.polynomials import polynomial
 
 # Four halvings of η bring any stretch below 20 to s < 0.036, where eleven terms suffice;
 # four of x bring |x| < 24 below 1.5, where ten terms of the cosine do.
@@ -33,7 +34,7 @@ def asinh_sqrt_squared(s: Float[Array, "..."]) -> Float[Array, "..."]:
     """
     for _ in range(_HALVINGS):
         s = 0.5 * s / (1.0 + jnp.sqrt(1.0 + s))
-    return 4.0**_HALVINGS * s * _polynomial(s, _ASINH_SERIES)
+    return 4.0**_HALVINGS * s * polynomial(_ASINH_SERIES, s)
 
 
 def cosh_sqrt_minus_1(z: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -44,7 +45,7 @@ def cosh_sqrt_minus_1(z: Float[Array, "..."]) -> Float[Array, "..."]:
     `z`: any shape; to rounding error up to √z = 24.
     """
     z = z / 4.0**_HALVINGS
-    c = z * _polynomial(z, _COSH_SERIES)
+    c = z * polynomial(_COSH_SERIES, z)
     for _ in range(_HALVINGS):
         c = 2.0 * c * (c + 2.0)
     return c
@@ -56,13 +57,5 @@ def exp_minus_1_minus_x(x: Float[Array, "..."]) -> Float[Array, "..."]:
     # The series must not overflow where it is not wanted: 0 times infinity would spoil
     # the derivative.
     bounded = jnp.where(small, x, 0.0)
-    series = bounded * bounded * _polynomial(bounded, _EXP_SERIES)
+    series = bounded * bounded * polynomial(_EXP_SERIES, bounded)
     return jnp.where(small, series, jnp.expm1(x) - x)
-
-
-def _polynomial(x: Array, coefficients: Sequence[float]) -> Array:
-    """Horner's rule, constant coefficient first."""
-    value = coefficients[-1] * jnp.ones_like(x)
-    for coefficient in reversed(coefficients[:-1]):
-        value = coefficient + x * value
-    return value

@@ -18,11 +18,6 @@ _SWEEP_BLOCK = 6
 Matrices = Float[Array, "*batch row column"]
 
 
-def transposed(a: Matrices) -> Matrices:
-    """Matrices with rows and columns exchanged."""
-    return jnp.swapaxes(a, -1, -2)
-
-
 def _leaf(a: Matrices) -> tuple[Matrices, Float[Array, "*batch row"]]:
     """Inverse and pivots of symmetric matrices of up to three rows, by LDL^T.
 
@@ -72,10 +67,10 @@ def symmetric_inverse(a: Matrices) -> tuple[Matrices, Float[Array, "*batch row"]
     p, b, d = a[..., :half, :half], a[..., :half, half:], a[..., half:, half:]
     inverse, first = symmetric_inverse(p)
     x = inverse @ b
-    complement, second = symmetric_inverse(d - transposed(b) @ x)
+    complement, second = symmetric_inverse(d - b.mT @ x)
     y = x @ complement
-    top = jnp.concatenate([inverse + y @ transposed(x), -y], -1)
-    bottom = jnp.concatenate([-transposed(y), complement], -1)
+    top = jnp.concatenate([inverse + y @ x.mT, -y], -1)
+    bottom = jnp.concatenate([-y.mT, complement], -1)
     return jnp.concatenate([top, bottom], -2), jnp.concatenate([first, second], -1)
 
 
@@ -138,14 +133,14 @@ def factorise(
     zero = jnp.zeros((), diagonal.dtype)
     chain = (
         _halves(diagonal[:half], diagonal[half + 1 :], jnp.eye(n, dtype=diagonal.dtype)),
-        _halves(upper[:half], transposed(upper[half:]), zero),
+        _halves(upper[:half], upper[half:].mT, zero),
     )
 
     def forward(update: Array, station: tuple[Array, Array]) -> Any:
         block, coupling = station
         block = block - update
         inverse, pivots = swept_inverse(block)
-        return transposed(coupling) @ (inverse @ coupling), (inverse, pivots)
+        return coupling.mT @ (inverse @ coupling), (inverse, pivots)
 
     start = jnp.zeros((2 * lanes, n, n), diagonal.dtype)
     update, (inverse, pivots) = jax.lax.scan(forward, start, chain)
@@ -165,7 +160,7 @@ def solve(
     def forward(update: Array, station: tuple[Array, ...]) -> Any:
         inverse, coupling, mine = station
         kept = inverse @ (mine - update)
-        return transposed(coupling) @ kept, kept
+        return coupling.mT @ kept, kept
 
     start = jnp.zeros((2 * lanes, n, columns), right.dtype)
     update, kept = jax.lax.scan(forward, start, (factors.inverse, factors.coupling, sides))

@@ -29,6 +29,12 @@ def number(lane: ArrayLike) -> float:
     return float(np.ravel(lane)[0])
 
 
+def mix(matrix: np.ndarray, x: Array) -> Array:
+    """Apply a constant matrix to the leading axis: one product for all elements and lanes."""
+    flat = jnp.asarray(matrix) @ x.reshape(x.shape[0], -1)
+    return flat.reshape(matrix.shape[0], *x.shape[1:])
+
+
 def in_chunks(solve: Callable[[Arguments], Result], arguments: Arguments, chunk: int) -> Result:
     """Call a function of lanes for all lanes, a chunk at a time.
 

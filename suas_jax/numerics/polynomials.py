@@ -69,7 +69,7 @@ def power_coefficients(
     return powers
 
 
-def polynomial(powers: Sequence[Array] | np.ndarray, t: _Numbers) -> _Numbers:
+def polynomial(powers: Sequence[Array | float] | np.ndarray, t: _Numbers) -> _Numbers:
     """Value of a polynomial by Horner's scheme.
 
     `powers`: coefficients in ascending powers. `t`: where.

@@ -15,8 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from suas_jax.runtime.compiling import COMPILE_TIME, compiling
-from suas_jax.runtime.frame import Hole, filled_by
-from suas_jax.runtime.program_store import KeptProgram, ProgramStore
+from suas_jax.runtime.program_store import Hole, KeptProgram, ProgramStore, filled_by
 
 
 def give_back_freed_memory() -> None:

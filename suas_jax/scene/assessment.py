@@ -15,13 +15,13 @@ from suas_jax.equilibrium.validity import force_balance, validity
 from suas_jax.mechanics.contact.face import BodyContact
 from suas_jax.mechanics.model import Meshes
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.scene.body_errors import (
+from suas_jax.scene.build import problem_of
+from suas_jax.scene.contact_zone import (
     error_by_bodies,
     error_by_penetration,
     error_by_squeezing,
     touched_by_bodies,
 )
-from suas_jax.scene.build import problem_of
 from suas_jax.scene.error_estimate import (
     BY_PENETRATION,
     Corrected,

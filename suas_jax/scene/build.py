@@ -1,4 +1,4 @@
-"""From a scene to the discrete problem that is solved: its mesh, and its mechanics there."""
+"""From a scene to the discrete problem that is solved: its program, its mesh, its mechanics."""
 
 import functools
 from collections.abc import Mapping
@@ -7,15 +7,26 @@ import jax
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from suas_jax.config import SceneSpec, continuous_inputs
+from suas_jax.config import SceneSpec, continuous_inputs, structure
 from suas_jax.equilibrium.balance import Problem
 from suas_jax.mechanics.model import AbstractPlan, Counts
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.mesh.section import measures
+from suas_jax.runtime.content_key import Keyed
 from suas_jax.scene.parts import SceneParts, law_of, scene_parts
-from suas_jax.scene.structure import Structure
 from suas_jax.sensing.taxels import check_taxels
 from suas_jax.skin.prestress import water_rise
+
+Inputs = Mapping[str, ArrayLike]
+
+
+class Structure(Keyed):
+    """A scene compared by what decides the compiled program, with its wall or without it."""
+
+    def __init__(self, scene: SceneSpec, *, wall: bool = False) -> None:
+        self.scene = scene
+        self.wall = wall
+        self.key = (structure(scene), wall)
 
 
 def plan_for(

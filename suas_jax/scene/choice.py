@@ -20,8 +20,7 @@ from suas_jax.scene.program import (
     run_program,
     structure_of,
 )
-from suas_jax.scene.stress_last import stressed_last
-from suas_jax.scene.sway import can_sway, shifted, stable_factor
+from suas_jax.scene.sway import can_sway, shifted, stable_factor, stressed_last
 from suas_jax.scene.travel import driven_by_force, travels_of
 
 # Error of the finer of two meshes over their difference, twice what order two leaves.
@@ -222,7 +221,9 @@ def _attempt(
     coarser: Attempt | None = None
     wanted: Counts | None = None
     last = 0.0  # error of the mesh before, times its elements to the power of the least order
-    wall = wall or (scene.wall.contact and _deeper_than_film(scene))
+    # A body that goes so far would go through the wall, were it not there.
+    deep = any((body.depth or 0.0) > scene.geometry.mean_gap for body in scene.bodies)
+    wall = wall or (scene.wall.contact and deep)
     if scene.bodies:  # whose error is that between two meshes
         wanted, counts = counts, model.coarser(counts)
     while True:
@@ -307,11 +308,6 @@ def _slid(scene: SceneSpec, found: Attempt | None) -> tuple[float, ...]:
                 return ()
             slid.append(step * round(sum(ends) / 2 / outer / step))
     return tuple(slid)
-
-
-def _deeper_than_film(scene: SceneSpec) -> bool:
-    """Whether a body goes so far that without the wall it would go through it."""
-    return any((body.depth or 0.0) > scene.geometry.mean_gap for body in scene.bodies)
 
 
 def _at_travels_of(

@@ -16,11 +16,10 @@ from suas_jax.equilibrium.validity import final_result
 from suas_jax.mechanics.model import Counts, Meshes
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.assessment import assess
-from suas_jax.scene.build import plan_for, problem_of
+from suas_jax.scene.build import Inputs, Structure, plan_for, problem_of
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import at_rest, inputs_of
 from suas_jax.scene.report import plain, report_of
-from suas_jax.scene.structure import Inputs, Structure
 from suas_jax.scene.sway import shifted
 from suas_jax.skin.prestress import is_prestressed
 

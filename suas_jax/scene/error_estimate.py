@@ -18,7 +18,7 @@ from suas_jax.equilibrium.equilibrium import smallest_gap
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.numerics.array_types import Lanes, StationVector
-from suas_jax.skin.pad_loads import DeadLoad
+from suas_jax.skin.loads import DeadLoad
 
 # The true error should rarely exceed the estimate; how often it does: docs/errors_method.md.
 _MESH_MARGIN = 2.0

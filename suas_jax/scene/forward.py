@@ -112,18 +112,15 @@ def _meshed(skin: Skin, loads: Loads) -> Skin:
 @eqx.filter_jit
 def _forward(skin: Skin, loads: Loads, start: State | None) -> SensorOutput:
     if skin.is_pad:
-        return by_lane(_with_lanes((skin, loads, start)), _without_lane)
+        # Each lane leads its own way to its equilibrium.
+        cases = _with_lanes((skin, loads, start))
+        return by_lane(cases, lambda case: jax.tree.map(lambda x: x[..., 0], _solve(*case)))
     return _section(skin, loads, start)
 
 
 def _with_lanes(case: tuple[Any, ...]) -> tuple[Any, ...]:
     """Every array with lanes, which come last."""
     return jax.tree.map(lambda x: jnp.atleast_1d(x) if eqx.is_array(x) else x, case)
-
-
-def _without_lane(case: tuple[Skin, Loads, State | None]) -> SensorOutput:
-    """A pad in one lane, which leads its own way to its equilibrium."""
-    return jax.tree.map(lambda x: x[..., 0], _solve(*case))
 
 
 def _solve(skin: Skin, loads: Loads, start: State | None) -> SensorOutput:

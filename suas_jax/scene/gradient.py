@@ -17,13 +17,12 @@ from suas_jax.equilibrium.balance import State, unknowns_of
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.runtime.compiled import COMPILED, require_float64
-from suas_jax.scene.build import problem_of
+from suas_jax.scene.build import Inputs, Structure, problem_of
 from suas_jax.scene.choice import FINER_SHARE
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import unloaded
 from suas_jax.scene.solve import Solution, report_with
-from suas_jax.scene.structure import Inputs, Structure
 from suas_jax.scene.travel import Driven, driven_by_force
 
 

@@ -20,7 +20,7 @@ from suas_jax.scene.choice import carried, choose, difference
 from suas_jax.scene.curve import contact_of, first_touch
 from suas_jax.scene.program import at_rest, prepared, run_program, structure_of
 from suas_jax.scene.report import plain, report_of
-from suas_jax.scene.stress_last import stressed_last
+from suas_jax.scene.sway import stressed_last
 from suas_jax.scene.travel import on_the_way
 from suas_jax.skin.prestress import is_prestressed
 
@@ -140,10 +140,12 @@ class IndentationCurve(NamedTuple):
         starts: Sequence[State | None] | None = None,
     ) -> list[Point]:
         """Solutions at given travels [m] on one mesh, each from those before."""
+        # Whether the skin is at rest where no body is pressed in.
+        alone = len(self.shares) == len(self.scene.loads) and not is_prestressed(self.scene)
 
         def solved(depth: float, start: State | None) -> Point:
             # From elsewhere Newton's method ends at rounding, forces that nothing balances.
-            near = None if depth <= 0 and self._alone else start
+            near = None if depth <= 0 and alone else start
             return self._solved(depth, counts, near, wall=self.wall)
 
         if starts is not None:
@@ -170,11 +172,6 @@ class IndentationCurve(NamedTuple):
             if np.sum(np.abs(weights)) < 2**count:  # as of even steps; never of equal travels
                 return _joined(weights, points[-count:])
         return self._near(points[-1].part, depths[-1], depth)
-
-    @property
-    def _alone(self) -> bool:
-        """Whether the skin is at rest where no body is pressed in."""
-        return len(self.shares) == len(self.scene.loads) and not is_prestressed(self.scene)
 
     def _near(self, state: State, before: float, depth: float) -> State:
         """A state at one travel as a start for another."""

@@ -15,8 +15,7 @@ from suas_jax.numerics.polynomials import gauss_legendre
 from suas_jax.runtime.compiled import require_float64
 from suas_jax.scene.parts import SceneParts, scene_parts
 from suas_jax.skin.geometry import SkinGeometry
-from suas_jax.skin.loads import LineLoad, LoadPoints
-from suas_jax.skin.pad_loads import PadLoad
+from suas_jax.skin.loads import LineLoad, LoadPoints, PadLoad
 
 SPREAD_POINTS = 8
 """Point loads that stand for one that is spread over an arc."""

@@ -14,8 +14,7 @@ from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.scene.contact_zone import body_observables, contact_zone
 from suas_jax.scene.parts import SceneParts
 from suas_jax.skin.body import Body
-from suas_jax.skin.loads import LineLoad
-from suas_jax.skin.pad_loads import DeadLoad
+from suas_jax.skin.loads import DeadLoad, LineLoad
 
 
 def place_of(parts: SceneParts, name: str, angle: Array) -> dict[str, Array]:

@@ -162,7 +162,9 @@ def readings_along(
     weights = jnp.concatenate([jnp.zeros((1, len(levels))), weights])
     if problem.prestressed:  # rest is another state to visit, and takes a dozen steps to find
         rest = jax.tree.map(lambda x: x[0], more)
-        rest = jax.lax.cond(ahead.known, lambda: rest, lambda: _settled(problem))
+        rest = jax.lax.cond(
+            ahead.known, lambda: rest, lambda: settled(problem, 1, LoadStepping()).y
+        )
         more = jax.tree.map(lambda x, first: x.at[0].set(first), more, rest)
     sensing = _Sensing.of(skin, problem)
     places = tuple(jnp.zeros((len(levels), x.size)) for x in sensing.rays)
@@ -193,10 +195,6 @@ def readings_along(
     path = jax.tree.map(lambda x: x[1:], path)
     _, (read, missed) = jax.lax.scan(visit, (history, places), path)
     return read, jax.tree.map(lambda x: jnp.concatenate([0 * x[:1], x]), missed)
-
-
-def _settled(problem: Problem) -> BorderedVector:
-    return settled(problem, 1, LoadStepping()).y
 
 
 class _Sensing(NamedTuple):

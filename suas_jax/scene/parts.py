@@ -18,9 +18,8 @@ from suas_jax.runtime.content_key import Keyed
 from suas_jax.sensing.electrodes import Electrodes, electrodes_of
 from suas_jax.skin.body import Body
 from suas_jax.skin.geometry import SkinGeometry
-from suas_jax.skin.loads import LineLoad, angle_of
+from suas_jax.skin.loads import DeadLoad, LineLoad, PadLoad, angle_of
 from suas_jax.skin.oil import AbstractOil
-from suas_jax.skin.pad_loads import DeadLoad, PadLoad
 from suas_jax.skin.plain import charted, shape_key
 from suas_jax.skin.prestress import Prestress, ambient_pressure
 from suas_jax.skin.registry import build_geometry, build_oil

@@ -21,10 +21,9 @@ from suas_jax.mechanics.model import AbstractPlan, Counts, Meshes
 from suas_jax.numerics.lanes import number
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.assessment import assess
-from suas_jax.scene.build import plan_for, problem_of
+from suas_jax.scene.build import Inputs, Structure, plan_for, problem_of
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts
-from suas_jax.scene.structure import Inputs, Structure
 from suas_jax.scene.travel import driven_by_force, under_forces
 from suas_jax.skin.prestress import is_prestressed
 
@@ -171,9 +170,6 @@ def inputs_of(scene: SceneSpec) -> dict[str, np.ndarray]:
 @functools.lru_cache(maxsize=32)
 def structure_of(scene: SceneSpec, *, wall: bool) -> Structure:
     """What decides the programs of a scene, with or without its wall."""
-    return Structure(_pattern(scene), wall=wall)
-
-
-def _pattern(scene: SceneSpec) -> SceneSpec:
-    """The scene without what decides which programs run, not what they are."""
-    return with_solve(scene, model="auto", rtol=None, elements=None, mesh=None)
+    # Without what decides which programs run, not what they are.
+    pattern = with_solve(scene, model="auto", rtol=None, elements=None, mesh=None)
+    return Structure(pattern, wall=wall)

@@ -14,7 +14,7 @@ from suas_jax.config import SceneSpec
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.numerics.lanes import number
-from suas_jax.scene.structure import Inputs
+from suas_jax.scene.build import Inputs
 
 _TOLERANCE = 1e-11  # of a force
 _LOOSE = 1e-9  # where rounding leaves no more

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 
 from suas_jax.config import SkinSpec
 from suas_jax.mechanics.base import AbstractMechanics
-from suas_jax.mechanics.face import AbstractFace
+from suas_jax.mechanics.shape import AbstractFace
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.runtime.registry import model_classes
 from suas_jax.sensing.capacitance import AbstractCapacitance, Dielectric

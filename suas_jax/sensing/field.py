@@ -21,8 +21,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from suas_jax.mechanics.base import AbstractMechanics
-from suas_jax.mechanics.section import section_of
-from suas_jax.mechanics.section_face import NormalFace, height_at
+from suas_jax.mechanics.section import NormalFace, height_at, section_of
 from suas_jax.numerics.array_types import StationVector
 from suas_jax.numerics.block_tridiagonal import BlockTridiagonal, at_stations
 from suas_jax.numerics.polynomials import gauss_legendre

@@ -33,9 +33,8 @@ from suas_jax.config import (
     load_scene,
     load_skin,
 )
-from suas_jax.config.csv_table import number_in, read_csv_table
+from suas_jax.config.csv_table import SURROUNDINGS, number_in, read_csv_table
 from suas_jax.config.schema_load import EnvironmentSpec
-from suas_jax.config.surrounding_columns import SURROUNDINGS
 
 _COLUMN = re.compile(r"loads\.(\d+)\.([a-z]+_[A-Za-z]+)")
 _LINE = ("force_N", "angle_deg", "arc_m", "direction_deg")

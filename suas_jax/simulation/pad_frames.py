@@ -15,7 +15,7 @@ from jaxtyping import Array
 from numpy.typing import NDArray
 
 from suas_jax.config import SceneSpec, with_inputs, with_solve
-from suas_jax.config.surrounding_columns import SURROUNDINGS
+from suas_jax.config.csv_table import SURROUNDINGS
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import equilibrium
@@ -24,10 +24,9 @@ from suas_jax.mechanics.model import Counts
 from suas_jax.mechanics.pad.model import PAD, PadMesh
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.build import plan_for, problem_of
+from suas_jax.scene.build import Inputs, Structure, plan_for, problem_of
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import at_rest, inputs_of, structure_of
-from suas_jax.scene.structure import Inputs, Structure
 from suas_jax.simulation.load_path import LoadPath
 
 # Frames below which a program isn't worth the compiler's own optimisation.
@@ -92,9 +91,10 @@ def pad_path(
 ) -> tuple[SceneSpec, dict[str, NDArray[np.float64]], list[PadMesh]]:
     """The scene with what a path moves stated in it, those inputs, and a mesh a frame."""
     scene, moved = _moving(path, time)
+    # No mesh depends on the electrodes, which take long to check.
+    bare = scene.model_copy(update={"electrodes": None})
     scenes = [
-        with_inputs(_bare(scene), {k: float(v[i]) for k, v in moved.items()})
-        for i in range(len(time))
+        with_inputs(bare, {k: float(v[i]) for k, v in moved.items()}) for i in range(len(time))
     ]
     counts = _counts(scenes, scene)
     return scene, moved, _alike([_plan(each, counts) for each in scenes])
@@ -128,11 +128,6 @@ def _moving(
         k = int(index)
         loads[k] = loads[k].model_copy(update={field: float(scale * values[0])})
     return path.scene.model_copy(update={"loads": tuple(loads)}), moved
-
-
-def _bare(scene: SceneSpec) -> SceneSpec:
-    """Without electrodes, which no mesh depends on and which take long to check."""
-    return scene.model_copy(update={"electrodes": None})
 
 
 def _counts(scenes: list[SceneSpec], scene: SceneSpec) -> Counts:

@@ -29,11 +29,11 @@ from suas_jax.dynamics.steps import Moment, Rows, begun, followed
 from suas_jax.equilibrium.balance import Problem
 from suas_jax.mechanics.pad.model import PadMesh
 from suas_jax.runtime.compiled import COMPILED
+from suas_jax.scene.build import Inputs, Structure
 from suas_jax.scene.loads import Loads
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import inputs_of
 from suas_jax.scene.skin import Skin
-from suas_jax.scene.structure import Inputs, Structure
 from suas_jax.sensing.electrodes import Electrodes
 from suas_jax.simulation.pad_frames import no_solution
 

@@ -12,7 +12,7 @@ from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.integrity import Flags, Integrity
 from suas_jax.acquisition.log.log_file import LogWriter, log_header
 from suas_jax.config import GeometrySpec, LoadSpec, SceneSpec, continuous_inputs, load_scene
-from suas_jax.config.surrounding_columns import SURROUNDINGS
+from suas_jax.config.csv_table import SURROUNDINGS
 from suas_jax.files.writing import written
 from suas_jax.sensing.converter import Converter, Sample
 from suas_jax.sensing.taxels import by_taxel

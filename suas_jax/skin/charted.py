@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float
 
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.polynomials import polynomial, power_coefficients, with_derivatives
-from suas_jax.skin.along import Along
+from suas_jax.skin.geometry import Along
 from suas_jax.skin.section import INVERSE_STEPS, AbstractSection, Frame, outward, tangent
 
 # Newton steps from a material point to the foot of a place near it, whose angle changes by
@@ -358,13 +358,12 @@ def _foot(section: ChartedSection, place: Array, near: Array) -> tuple[Array, Ar
         settled = jnp.all((jnp.abs(v) <= 1) & (jnp.abs(step) < _SETTLED * scale))
         return _Search(carry.looks + 1, settled, low + (v + 1) / scale, height)
 
-    def goes_on(carry: _Search) -> Array:
-        return (carry.looks < _LOOKS) & ~carry.settled
-
     shape = jnp.broadcast_shapes(place.shape[1:], section.ends.shape[-1:])
     begin, zero = jnp.broadcast_to(near, shape), jnp.zeros(shape)
     start = _Search(jnp.array(0), jnp.array(False), begin, zero)
-    *_, angle, height = jax.lax.while_loop(goes_on, look, start)
+    *_, angle, height = jax.lax.while_loop(
+        lambda carry: (carry.looks < _LOOKS) & ~carry.settled, look, start
+    )
     return angle, height
 
 

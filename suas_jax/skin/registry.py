@@ -10,10 +10,9 @@ from jaxtyping import Array
 from suas_jax.config.geometry import GeometrySpec, SheetSpec
 from suas_jax.config.oil import OilSpec
 from suas_jax.runtime.registry import model_classes
-from suas_jax.skin.along import Along, Sheet
 from suas_jax.skin.charted import AbstractCurve, ChartedSection
 from suas_jax.skin.circle import Circle
-from suas_jax.skin.geometry import SkinGeometry
+from suas_jax.skin.geometry import Along, Sheet, SkinGeometry
 from suas_jax.skin.oil import AbstractOil
 from suas_jax.skin.prestress import Prestress
 from suas_jax.skin.section import AbstractSection

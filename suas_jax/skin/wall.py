@@ -20,8 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.numerics.jet import Jet, second_order
-from suas_jax.numerics.staging import staged
+from suas_jax.numerics.jet import Jet, second_order, staged
 from suas_jax.skin.geometry import SkinGeometry
 
 # Stiffness of the rigid limit in shear moduli per membrane thickness. Its error falls with

@@ -23,7 +23,7 @@ from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import Skin
-from suas_jax.skin.pad_loads import PadLoadPoints
+from suas_jax.skin.loads import PadLoadPoints
 from suas_jax.skin.section import AbstractSection, outward
 
 _SPACING = 4e-3, 9e-3  # between nodes of a section and of a pad, at most [m]

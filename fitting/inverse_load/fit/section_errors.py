@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.fit.left_out import TabulatedChanges
 from fitting.inverse_load.fit.other_stiffness import AbstractSectionErrors
-from fitting.inverse_load.fit.tabulated_changes import TabulatedChanges
 from fitting.inverse_load.model.evaluation import at_rest, loads_from
 from fitting.inverse_load.search.table import LANES, LoadTable, table_key
 from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
 from suas_jax.config.input_errors import ELECTRICAL, value_of
 from suas_jax.equilibrium.equilibrium import State, differentiable
-from suas_jax.files.kept_arrays import kept_arrays
+from suas_jax.files.cache_folder import kept_arrays
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import content_key
 from suas_jax.scene.parts import SkinStructure, skin_parts

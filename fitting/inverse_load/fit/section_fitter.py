@@ -154,9 +154,6 @@ class SectionFitter(AbstractLoadFitter):
         known = np.minimum(self.table.first_contact, _NEVER)
         return np.interp(places[:, 0], self.table.angles, known)
 
-    def _lanes(self, contacts: int) -> int:
-        return 1 if self.live else (_LANES if contacts == 1 else _LANES // 4)
-
     def limits(self, contacts: int, lanes: int, pull: bool) -> Any:
         """Lower and upper bounds [side, parameter, lane]."""
         bounds = self._bounds.copy()
@@ -167,7 +164,8 @@ class SectionFitter(AbstractLoadFitter):
 
     def _batches(self, asked: Attempt, steps: int) -> Fit:
         """Fit frames, a batch of lanes after the other, the last one filled up."""
-        lanes, count = self._lanes(asked.contacts), len(asked.y)
+        lanes = 1 if self.live else (_LANES if asked.contacts == 1 else _LANES // 4)
+        count = len(asked.y)
         asked = asked._replace(state=jax.tree.map(np.asarray, asked.state))
 
         def batch(begin: int) -> Fit:

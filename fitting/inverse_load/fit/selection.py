@@ -27,8 +27,7 @@ from fitting.inverse_load.fit.explanation import (
     Explanations,
 )
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors
-from fitting.inverse_load.fit.pulls import Pulls
-from fitting.inverse_load.fit.several_contacts import SeveralContacts
+from fitting.inverse_load.fit.several_contacts import Pulls, SeveralContacts
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.search.base import AbstractNodeSearch
 from fitting.steps import Steps, finished

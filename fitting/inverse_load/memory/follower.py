@@ -13,7 +13,6 @@ from fitting.inverse_load.fit.other_stiffness import AbstractSectionErrors
 from fitting.inverse_load.fit.section_fitter import SectionFitter
 from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.fit.wide_contact import WideContactFitter
-from fitting.inverse_load.memory.base import AbstractMemoryFollower
 from fitting.inverse_load.memory.remembering import (
     AT_FIRST,
     EXPECTED,
@@ -22,7 +21,7 @@ from fitting.inverse_load.memory.remembering import (
     RememberingSkin,
     Series,
 )
-from fitting.inverse_load.memory.series import LoadMemory
+from fitting.inverse_load.memory.series import AbstractMemoryFollower, LoadMemory
 from fitting.inverse_load.search.section import NodeSearch
 from fitting.inverse_load.search.table import LoadTable
 from suas_jax.constitutive.relaxation import Past

@@ -7,13 +7,19 @@ relaxes is, from G(t) = 1 - sum g_i (1 - exp(-t/tau_i)) divided by its end G_end
 
 Over a step in which S changes linearly R is exact: R -> exp(-x) R + (1 - exp(-x))/x dS,
 x = dt/tau. The R_i do not depend on g.
+
+What estimates ask of a memory, on a section and on a pad, is `AbstractMemoryFollower`.
 """
 
+import abc
 from typing import NamedTuple, Self
 
 import numpy as np
 
 from fitting.arrays import Floats
+from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.fit.selection import Selection
+from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from suas_jax.config import SkinSpec
 from suas_jax.config.tolerance import deviation_of
 
@@ -80,3 +86,37 @@ def creeping_load(memory: LoadMemory, time: Floats) -> Floats:
     late = np.exp(values * np.asarray(time, float)[..., None])
     states = np.real((late * start) @ vectors.T)
     return np.asarray(1 - states @ memory.gamma)
+
+
+class AbstractMemoryFollower(abc.ABC):
+    """Follows what the membrane of one skin remembers, frame after frame."""
+
+    selection: Selection  # of what explains a frame, less what the past leaves of it
+    errors: AbstractSystematicErrors  # of the inputs and of the memory
+    pressure: float  # of the oil in the frame, if nothing presses [Pa]
+
+    @abc.abstractmethod
+    def forget(self) -> None:
+        """Begin with a membrane that has been at rest for long."""
+
+    @abc.abstractmethod
+    def before(self, time: float) -> Floats:
+        """Take the time of a frame [s]; return what the past leaves of its readings [channel].
+
+        A clock that goes backwards begins anew.
+        """
+
+    @abc.abstractmethod
+    def after(self, best: Explanations | None) -> None:
+        """Take what explains the frame; None: nothing does."""
+
+    @abc.abstractmethod
+    def untouched(self) -> None:
+        """Take a frame that nothing presses."""
+
+    def again(self) -> Floats | None:
+        """What the past leaves beside the loads that were found; None where that is the same.
+
+        The frame is then explained once more.
+        """
+        return None

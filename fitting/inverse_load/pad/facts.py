@@ -10,15 +10,36 @@ from fitting.inverse_load.estimate.place import ArcTable
 from fitting.inverse_load.model.kept_key import kept_key
 from fitting.inverse_load.pad.input_errors import InputEffects, Stiffening
 from fitting.inverse_load.pad.rest import GapLine, gap_line
-from fitting.inverse_load.pad.shape import PadShape
 from fitting.inverse_load.pad.table import PadTable
 from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
-from suas_jax.files.kept_arrays import kept_arrays
+from suas_jax.files.cache_folder import kept_arrays
 
 if TYPE_CHECKING:
     from suas_jax.scene.skin import Skin
 
 _STIFFENING = "stiffening_"
+
+
+class PadShape(NamedTuple):
+    """Dimensions of one pad; those that vary over it are the means."""
+
+    radius: float  # of the outer face; half its mean width where it is no circle [m]
+    thickness: float  # [m]
+    half_angle: float  # [rad]
+    width: float  # along the axis [m]
+    gap: float  # of the oil [m]
+
+    @classmethod
+    def of(cls, skin: "Skin") -> "PadShape":
+        """That of a pad's model."""
+        g = skin.geometry
+        sizes = g.outer_size, g.thickness, g.half_angle, g.width, g.oil_gap
+        return cls(*(float(x[0]) for x in sizes))
+
+    def edge(self, diameter: float) -> tuple[float, float]:
+        """Largest angle [rad] and axial position [m] of a contact that stays on the pad."""
+        margin = diameter / 2 + self.thickness / 4
+        return self.half_angle - margin / self.radius, self.width / 2 - margin
 
 
 class PadFacts(NamedTuple):
@@ -46,7 +67,7 @@ def facts_of(
     )
 
     def made() -> dict[str, Any]:
-        from fitting.inverse_load.pad.effects import effects_of
+        from fitting.inverse_load.pad.stiffening import effects_of
 
         model = skin()
         arc = ArcTable.of(spec.geometry, model.geometry)

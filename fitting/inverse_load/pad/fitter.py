@@ -20,6 +20,7 @@ from fitting.inverse_load.fit.explanation import (
     Explanations,
     widened,
 )
+from fitting.inverse_load.pad.facts import PadShape
 from fitting.inverse_load.pad.interpolant import (
     ASKEW,
     MOST,
@@ -37,9 +38,7 @@ from fitting.inverse_load.pad.pad_least_squares import (
     PadLeastSquares,
     step_of,
 )
-from fitting.inverse_load.pad.shape import PadShape
 from fitting.inverse_load.pad.solved import SolvedContacts, near
-from fitting.inverse_load.pad.solved_patch import SolvedPatch
 from fitting.steps import Steps, finished
 from suas_jax.equilibrium.state import State
 
@@ -86,8 +85,7 @@ class PadFitter(AbstractLoadFitter):
         # least squares on the interpolant alone
         self.squares = PadLeastSquares(interpolant, self.edge, direction=told.direction)
         self._radius, self._gap = shape.radius, shape.gap
-        self._solved = SolvedContacts(skin, interpolant, most_contacts)
-        self._patch = SolvedPatch(skin, interpolant, shape.radius)
+        self._solved = SolvedContacts(skin, interpolant, most_contacts, shape.radius)
         self._kept: dict[int, Correction] = {}
 
     def steps(self, asked: Attempt) -> Steps[Explanations]:
@@ -241,7 +239,7 @@ class PadFitter(AbstractLoadFitter):
     def _corrected(self, now: Floats, contacts: int) -> Steps[Correction | None]:
         def correction() -> Correction | None:
             if contacts == 1:
-                return self._patch.correction(now)
+                return self._solved.correction_of_wide(now)
             return self._solved.correction(now, contacts)
 
         if self._aside is None:

@@ -21,8 +21,7 @@ from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
-from fitting.inverse_load.memory.base import AbstractMemoryFollower
-from fitting.inverse_load.memory.series import LoadMemory
+from fitting.inverse_load.memory.series import AbstractMemoryFollower, LoadMemory
 from fitting.inverse_load.pad.interpolant import WHOLE, PadInterpolant
 
 _SAME = 2e-3  # distance within which loads press the same place [m]

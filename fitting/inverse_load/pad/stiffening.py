@@ -17,12 +17,13 @@ import numpy as np
 
 from fitting.arrays import Floats
 from fitting.inverse_load.model.kept_key import kept_key
-from fitting.inverse_load.pad.input_errors import Stiffening
+from fitting.inverse_load.pad.input_errors import InputEffects, Stiffening
+from fitting.inverse_load.pad.rest import GapLine, gap_line
 from fitting.inverse_load.pad.table import PadTable
 from suas_jax.config import InputErrors, SkinSpec
 from suas_jax.config.input_errors import value_of
 from suas_jax.equilibrium.state import State
-from suas_jax.files.kept_arrays import kept_arrays
+from suas_jax.files.cache_folder import kept_arrays
 from suas_jax.mechanics.pad.net import NetTopology
 from suas_jax.mesh.pad_plan import PadPlan
 from suas_jax.scene.forward import forward
@@ -35,7 +36,8 @@ _BOTH_SIDES = np.array([-0.65, 0.0, 0.65])
 _FORCES = np.array([0.08, 0.8])  # shares of the table's largest force there
 _LIGHTER = 0.02  # by which the force is less, relative
 _STEP = 0.2  # of an error of one standard deviation
-_SMALL = 1e-3  # of the same, for the modulus
+_SMALL = 1e-3  # of the same, for the modulus and at rest
+_ELECTRICAL = ("electrodes.", "oil.relative_permittivity", "geometry.oil_gap")
 
 
 def stiffening_of(
@@ -157,3 +159,39 @@ def solved_contact(
 def solved_channels(skin: Skin, parameters: Floats, diameter: float, slots: int) -> Floats:
     """The same of single contacts [frame, channel]; parameters are [frame, parameter]."""
     return np.array([solved_contact(skin, x, diameter, slots)[0] for x in parameters])
+
+
+def effects_of(
+    errors: InputErrors,
+    skin: Skin,  # the model of the pad they are of
+    table: PadTable,  # its states
+    slots: int,  # contacts that the program for solved states has room for
+) -> InputEffects:
+    """What errors of a pad's inputs do."""
+    taxels, count = len(table.rest), len(errors)
+    by_stray, constant, relative = np.zeros((3, count, taxels))
+    mechanical: dict[str, Floats] = {}
+    for e, direction in enumerate(errors.directions):
+        change = dict(zip(errors.paths, direction.tolist(), strict=True))
+        change = {path: size for path, size in change.items() if size}
+        electrical = {p: s for p, s in change.items() if p.startswith(_ELECTRICAL)}
+        if electrical:
+            by_stray[e], constant[e], relative[e] = _at_rest(errors.spec, electrical)
+        for path in change.keys() - electrical.keys():
+            mechanical.setdefault(path, np.zeros(count))[e] = change[path]
+    # In an order that does not change, which names what is kept.
+    mechanical = {path: mechanical[path] for path in errors.paths if path in mechanical}
+    stiffening = stiffening_of(errors, mechanical, skin, table, slots)
+    return InputEffects(by_stray, constant, relative, stiffening)
+
+
+def _at_rest(spec: SkinSpec, change: Mapping[str, float]) -> tuple[Floats, Floats, Floats]:
+    """Derivatives of the readings at rest along a change of electrical inputs."""
+    low, high = (_gap_line(spec, change, side * _SMALL) for side in (-1.0, 1.0))
+    by_stray, constant, slope = ((b - a) / (2 * _SMALL) for a, b in zip(low, high, strict=True))
+    return by_stray, constant, slope / _gap_line(spec, change, 0.0).slope
+
+
+def _gap_line(spec: SkinSpec, change: Mapping[str, float], size: float) -> GapLine:
+    """With inputs changed by a share of an error."""
+    return gap_line(spec, {p: value_of(spec, p) + size * by for p, by in change.items()})

@@ -24,7 +24,7 @@ from fitting.inverse_load.model.evaluation import (
 from fitting.inverse_load.model.kept_key import kept_key
 from suas_jax.config import SkinSpec
 from suas_jax.equilibrium.state import State
-from suas_jax.files.kept_arrays import kept_arrays
+from suas_jax.files.cache_folder import kept_arrays
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.skin import Skin
 

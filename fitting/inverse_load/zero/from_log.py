@@ -10,7 +10,6 @@ from fitting.arrays import Floats
 from fitting.inverse_load.drift import ROUNDING, zero_of_readings
 from fitting.inverse_load.memory.series import LoadMemory, creeping_load
 from fitting.inverse_load.readings import (
-    LogReadings,
     counting_step,
     noise_in_steps,
     noise_of_readings,
@@ -67,7 +66,8 @@ def zero_from_log(
     read = read_log(log)
     if known:
         readings = readings_of(read, spec, None)
-        so, time, around = _usable(readings), readings.time, readings.surroundings
+        so = np.where(readings.stuck, np.nan, readings.so)
+        time, around = readings.time, readings.surroundings
         began = readings.header.get("start_time", "")
     else:
         refuse_other_fluid(fluid_of(read), spec.oil.relative_permittivity, str(log))
@@ -97,10 +97,6 @@ def zero_from_log(
         presses, frames = _told_in_columns(spec, aligned, diameter)
     found = zero_of(errors, presses, _averaged(spec, so, time, frames), model_error)
     return replace(found, taken=began)
-
-
-def _usable(readings: LogReadings) -> Floats:
-    return np.where(readings.stuck, np.nan, readings.so)
 
 
 def _told_in_columns(

@@ -29,8 +29,14 @@ from fitting.arrays import Floats
 from fitting.inverse_load.drift import DriftDensities
 from fitting.inverse_load.estimate.assessment import POOR
 from fitting.inverse_load.fit.section_errors import changed_skin, skin_tangents
-from fitting.inverse_load.zero.gaussian import Gaussian, conditioned
-from fitting.inverse_load.zero.zero import KnownPress, Zero, inputs_at, zeroed_inputs
+from fitting.inverse_load.zero.zero import (
+    Gaussian,
+    KnownPress,
+    Zero,
+    conditioned,
+    inputs_at,
+    zeroed_inputs,
+)
 from suas_jax.config import InputErrors
 from suas_jax.equilibrium.state import State
 from suas_jax.mesh.pad_plan import PadPlan

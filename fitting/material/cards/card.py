@@ -31,10 +31,6 @@ class Program(NamedTuple):
     softens: bool  # whether it holds the softening
 
 
-def _toml(material: Material) -> str:
-    return tomlkit.dumps({"material": material.law.table()})
-
-
 PROGRAMS: dict[str, Program] = {
     "abaqus": Program(programs.abaqus, "**", True, True),
     "calculix": Program(programs.calculix, "**", False, False),
@@ -43,7 +39,9 @@ PROGRAMS: dict[str, Program] = {
     "comsol": Program(programs.comsol, "%", True, True),
     "lsdyna": Program(programs.lsdyna, "$", True, False),
     "felupe": Program(programs.felupe, "#", False, True),
-    "toml": Program(_toml, "#", True, True),
+    "toml": Program(
+        lambda material: tomlkit.dumps({"material": material.law.table()}), "#", True, True
+    ),
 }
 """Programs by name; "toml" is the [material] table of a skin."""
 

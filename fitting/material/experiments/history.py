@@ -24,7 +24,7 @@ from fitting.material.experiments.prediction import AbstractExperiment, padded, 
 from fitting.material.experiments.selection import averaged, half_cycles
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.constitutive.deformation import LogStretches
-from suas_jax.constitutive.inelastic import Inelastic, largest_before
+from suas_jax.constitutive.relaxation import Inelastic, largest_before
 from suas_jax.constitutive.specimens.homogeneous import kirchhoff
 
 # Longer than any relaxation: the stress of a test without times has relaxed.

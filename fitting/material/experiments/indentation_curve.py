@@ -20,12 +20,12 @@ from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.outcomes import NAMES, advice
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.numerics.lanes import number
+from suas_jax.scene.build import Structure
 from suas_jax.scene.indentation import IndentationCurve, Point
 from suas_jax.scene.parts import law_of
 from suas_jax.scene.program import inputs_of, prepared, structure_of
 from suas_jax.scene.report import plain
 from suas_jax.scene.solve import Solution, solve
-from suas_jax.scene.structure import Structure
 
 ZERO = "zero of the travel"
 """Name of what is not an input of the scene: where the body first touches."""

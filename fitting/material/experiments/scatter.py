@@ -112,7 +112,7 @@ def spikes(x: np.ndarray, y: np.ndarray, floor: float) -> np.ndarray:
         # others follow theirs best.
         suspects = np.argsort(np.where(out, ratio, 0.0))[-2 * _SIDE - 1 :]
         rests = [np.delete(left, k) for k in suspects[out[suspects]]]
-        left = min(rests, key=lambda rows: _misfit(x[rows], y[rows], floor))
+        left = min(rests, key=lambda rows: np.sum(_standing(x[rows], y[rows], floor)[0] ** 2))
     return np.zeros(len(x), dtype=bool)
 
 
@@ -124,7 +124,3 @@ def _is_off(x: np.ndarray, y: np.ndarray, rows: np.ndarray, k: int) -> bool:
     at = np.searchsorted(rows, k)
     departed, _ = departures(x[rows], y[rows])
     return bool(np.abs(departed[at]) > np.abs(np.gradient(y[rows])[at]))
-
-
-def _misfit(x: np.ndarray, y: np.ndarray, floor: float) -> float:
-    return float(np.sum(_standing(x, y, floor)[0] ** 2))

@@ -26,12 +26,11 @@ from suas_jax.equilibrium.friction import equilibrium_with_friction
 from suas_jax.mechanics.model import Meshes
 from suas_jax.numerics.lanes import by_lane
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.build import problem_of
+from suas_jax.scene.build import Structure, problem_of
 from suas_jax.scene.observables import load_observables
 from suas_jax.scene.parts import SceneParts, law_of, scene_parts
 from suas_jax.scene.program import prepared, structure_of
 from suas_jax.scene.solve import solve
-from suas_jax.scene.structure import Structure
 
 ELEMENTS = 16
 _TELLS = 0.1  # of a channel's largest reading, from which its size tells one of the material

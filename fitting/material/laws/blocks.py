@@ -11,8 +11,7 @@ from fitting.material.laws.parameters import AbstractBlock, Constant, Scales, Ve
 from suas_jax.config.inelastic import RelaxationSpec, SofteningSpec
 from suas_jax.config.tolerance import UncertainQuantity
 from suas_jax.constitutive import AbstractLaw
-from suas_jax.constitutive.inelastic import Inelastic, OgdenRoxburgh
-from suas_jax.constitutive.relaxation import PronySeries
+from suas_jax.constitutive.relaxation import Inelastic, OgdenRoxburgh, PronySeries
 
 MOST_PRONY_TERMS = 6
 """Prony terms of a fit."""

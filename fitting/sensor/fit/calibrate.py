@@ -22,10 +22,9 @@ from fitting.sensor.fit.input_noise import (
     stated_errors,
     with_input_errors,
 )
-from fitting.sensor.fit.lacking import with_discrepancy
 from fitting.sensor.fit.priors import as_built_priors, needed_priors, prior_of
 from fitting.sensor.fit.residuals import Prior, SensorProblem
-from fitting.sensor.fit.result import SensorFit, judged_fit
+from fitting.sensor.fit.result import SensorFit, judged_fit, with_discrepancy
 from fitting.sensor.fit.search import Found, robust, search
 from fitting.sensor.fit.settling import away_from_the_wall, settled_shapes
 from fitting.sensor.fit.suspects import zeros_off

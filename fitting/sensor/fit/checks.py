@@ -198,22 +198,17 @@ def exchanged_warning(problem: SensorProblem, constants: np.ndarray, data: Senso
     left = (here.present & ~here.used).sum(1)
     out = np.flatnonzero(left > _PART_LEFT * here.present.sum(1))
 
-    def follows(i: int, k: int) -> bool:
-        """Whether taxel i reads what taxel k should."""
-        off = ((here.so[i] - so[k]) / here.sigma[i])[here.present[i]]
+    def off(read: np.ndarray, i: int, k: int) -> float:
+        """How far taxel i is from what taxel k should read, in deviations."""
+        off = ((read[i] - so[k]) / here.sigma[i])[here.present[i]]
         off = off - off.mean() * here.offsets
-        return bool(np.sqrt(np.mean(off**2)) < _FOLLOWS)
-
-    def apart(i: int, k: int) -> bool:
-        """Whether the two should read apart by more than what they may be off."""
-        off = ((so[i] - so[k]) / here.sigma[i])[here.present[i]]
-        off = off - off.mean() * here.offsets
-        return bool(np.sqrt(np.mean(off**2)) > 2 * _FOLLOWS)
+        return float(np.sqrt(np.mean(off**2)))
 
     pairs = [
         f"{modules[i]}.{numbers[i]} and {modules[k]}.{numbers[k]}"
         for i, k in itertools.combinations(out.tolist(), 2)
-        if follows(i, k) and follows(k, i) and apart(i, k)
+        if max(off(here.so, i, k), off(here.so, k, i)) < _FOLLOWS
+        and off(so, i, k) > 2 * _FOLLOWS
     ]
     if not pairs:
         return ""

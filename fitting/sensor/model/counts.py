@@ -19,8 +19,8 @@ from fitting.sensor.model.as_built import is_gain
 from fitting.sensor.model.constants import LAYERS, SensorFamily, with_constants
 from suas_jax.config import SkinSpec
 from suas_jax.constitutive import AbstractLaw
-from suas_jax.mechanics.face import AbstractFace
-from suas_jax.mechanics.section_face import NormalFace
+from suas_jax.mechanics.section import NormalFace
+from suas_jax.mechanics.shape import AbstractFace
 from suas_jax.scene.parts import skin_parts
 from suas_jax.sensing.electrodes import Electrodes
 from suas_jax.sensing.field import field_capacitance_under

@@ -11,8 +11,8 @@ from fitting.sensor.shapes.scene_states import scene_load
 from suas_jax.config import SceneSpec, SolveSpec, continuous_inputs, with_inputs
 from suas_jax.config.inelastic import RelaxationSpec
 from suas_jax.config.input_errors import stresses_of
+from suas_jax.dynamics.course import History
 from suas_jax.dynamics.history import history_sweep
-from suas_jax.dynamics.history_table import History
 
 # A load that changes by less than this, relative to its largest, is held.
 _STEADY = 0.02

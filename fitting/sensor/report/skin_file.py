@@ -10,7 +10,7 @@ import numpy as np
 import tomlkit
 
 from fitting.sensor.fit.result import SensorFit
-from fitting.sensor.model.as_built import is_gain
+from fitting.sensor.model.as_built import is_gain, places_of_shifts, shift_of_loads
 from fitting.sensor.model.constants import (
     FILL,
     GAP,
@@ -26,7 +26,6 @@ from fitting.sensor.model.constants import (
     is_gap,
     is_press_error,
 )
-from fitting.sensor.model.place_errors import places_of_shifts, shift_of_loads
 from fitting.sensor.report.mark import MARK
 from fitting.statistics.discrepancy import Discrepancy
 from suas_jax.config import SkinSpec

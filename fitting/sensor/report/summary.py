@@ -8,9 +8,8 @@ import numpy as np
 
 from fitting.report.description import Headline, Part, Remark, ReportTable, quantity_text
 from fitting.sensor.fit.result import SensorFit
-from fitting.sensor.model.as_built import is_gain
+from fitting.sensor.model.as_built import is_gain, places_of_shifts
 from fitting.sensor.model.constants import PATHS, is_press_error
-from fitting.sensor.model.place_errors import places_of_shifts
 from suas_jax.skin.plain import plain_geometry
 
 _MANY = 10  # channels whose gains are told together, constants whose priors have one reason

@@ -16,7 +16,7 @@ from fitting.sensor.shapes.press import Meshes, Press, Response, respond
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.equilibrium.outcomes import NAMES, advice
-from suas_jax.mechanics.section_face import NormalFace
+from suas_jax.mechanics.section import NormalFace
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.skin.circle import Circle
 from suas_jax.skin.geometry import SkinGeometry

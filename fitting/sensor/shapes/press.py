@@ -18,8 +18,7 @@ from suas_jax.constitutive import AbstractLaw
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import Problem, State, equilibrium
 from suas_jax.mechanics.base import AbstractMechanics
-from suas_jax.mechanics.section import section_of
-from suas_jax.mechanics.section_face import NormalFace
+from suas_jax.mechanics.section import NormalFace, section_of
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.mesh.plan import plan_mesh
 from suas_jax.skin.geometry import SkinGeometry

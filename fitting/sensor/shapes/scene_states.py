@@ -19,8 +19,13 @@ from fitting.arrays import Floats
 from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.model.constants import PUSH, with_constants
 from fitting.sensor.shapes.deformations import NoDeformation, place_text
-from fitting.sensor.shapes.shape_slopes import Moving
-from fitting.sensor.shapes.state_programs import Inputs, SolvedState, solve_state, state_slopes
+from fitting.sensor.shapes.state_programs import (
+    Inputs,
+    Moving,
+    SolvedState,
+    solve_state,
+    state_slopes,
+)
 from suas_jax.config import (
     BodyLoadSpec,
     LineLoadSpec,
@@ -34,16 +39,15 @@ from suas_jax.config.input_errors import stresses_of
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.correction import corrected, uncorrected
 from suas_jax.equilibrium.outcomes import NAMES, advice
-from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.mechanics.pad.model import PadMesh
 from suas_jax.mechanics.registry import MODELS
+from suas_jax.mechanics.shape import AbstractFace
 from suas_jax.numerics.lanes import number
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.build import plan_for
+from suas_jax.scene.build import Structure, plan_for
 from suas_jax.scene.program import at_rest, inputs_of
 from suas_jax.scene.skin import PAD_ELEMENTS
-from suas_jax.scene.structure import Structure
 from suas_jax.skin.oil import AbstractOil
 from suas_jax.skin.plain import plain_geometry
 from suas_jax.skin.section import AbstractSection

@@ -26,18 +26,18 @@ from fitting.sensor.model.constants import (
 from fitting.sensor.model.counts import SensorModel, counts_at, parts_of
 from fitting.sensor.shapes.deformations import Deformed, NoDeformation, deform
 from fitting.sensor.shapes.scene_states import SceneStates, Solved
-from fitting.sensor.shapes.shape_slopes import shape_slopes
 from fitting.sensor.shapes.solid_correction import (
     MOST_PLACES,
     SolidCorrection,
     corrected,
     corrections,
 )
+from fitting.sensor.shapes.state_programs import shape_slopes
 from suas_jax.config import UncertainQuantity, continuous_inputs
 from suas_jax.config.inputs import given_inputs
 from suas_jax.config.tolerance import deviation_of
 from suas_jax.constitutive import AbstractLaw
-from suas_jax.mechanics.face import AbstractFace
+from suas_jax.mechanics.shape import AbstractFace
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil

@@ -21,11 +21,9 @@ from fitting.sensor.shapes.deformations import Deformed, NoDeformation, deform
 from suas_jax.config import LineLoadSpec, SceneSpec, SkinSpec, SolveSpec, continuous_inputs
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.mechanics.model import AbstractPlan
-from suas_jax.mechanics.section import section_of
-from suas_jax.mechanics.section_face import NormalFace, height_at
-from suas_jax.scene.build import build_problem
+from suas_jax.mechanics.section import NormalFace, height_at, section_of
+from suas_jax.scene.build import Structure, build_problem
 from suas_jax.scene.solve import solve
-from suas_jax.scene.structure import Structure
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil
 

@@ -73,7 +73,9 @@ class SplitDecoder:
     def feed(self, data: bytes, t_host: float) -> list[Reading]:
         """See `Decoder`."""
         self.tally.bytes += len(data)
-        *frames, rest = self._split(self._buffer + data)
+        data = self._buffer + data
+        split = data.replace(b"\r", b"\n").split(b"\n") if self.lines else data.split(b"\0")
+        *frames, rest = split
         readings: list[Reading] = []
         for frame in frames:
             if self._overlong:  # the end of a frame already given up
@@ -95,9 +97,6 @@ class SplitDecoder:
         self.tally.discarded += len(self._buffer)
         self._restart()
         return []
-
-    def _split(self, data: bytes) -> list[bytes]:
-        return data.replace(b"\r", b"\n").split(b"\n") if self.lines else data.split(b"\0")
 
     def _frame(self, frame: bytes, t_host: float) -> list[Reading]:
         raise NotImplementedError

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suas_jax.acquisition.integrity import Flags
-from suas_jax.acquisition.log.data import SoLog
-from suas_jax.acquisition.log.format import KEY_COLUMNS, MAX_COUNT, MEASURED, LogFileError
+from suas_jax.acquisition.log.data import KEY_COLUMNS, MAX_COUNT, MEASURED, LogFileError, SoLog
 
 _LARGEST_INTEGER = 2**53  # whole numbers up to here are exact in float64
 

@@ -17,23 +17,21 @@ its last line only.
 """
 
 from suas_jax.acquisition.log.data import (
-    Frames,
-    SoLog,
-    flagged,
-    fluid_of,
-    group_frames,
-    sequence_notes,
-    without_other_taxels,
-)
-from suas_jax.acquisition.log.format import (
     DEFAULT_SCALE,
     FORMAT,
     FORMAT_VERSION,
     KEY_COLUMNS,
     MAX_COUNT,
     UNITS,
+    Frames,
     LogFileError,
+    SoLog,
+    flagged,
+    fluid_of,
+    group_frames,
     log_header,
+    sequence_notes,
+    without_other_taxels,
 )
 from suas_jax.acquisition.log.reader import is_log, read_log
 from suas_jax.acquisition.log.writer import LogWriter

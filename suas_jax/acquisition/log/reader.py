@@ -11,8 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suas_jax.acquisition.log.columns import Column, log_of, number_in
-from suas_jax.acquisition.log.data import FRAME_WINDOW, SoLog
-from suas_jax.acquisition.log.format import CONTINUED, KEY_COLUMNS, LogFileError
+from suas_jax.acquisition.log.data import (
+    CONTINUED,
+    FRAME_WINDOW,
+    KEY_COLUMNS,
+    LogFileError,
+    SoLog,
+)
 from suas_jax.files.reading import MEGABYTE, opened, read_bytes, split_fields
 
 # Between the fields of a row once quotes are undone: ASCII's unit separator.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from suas_jax.acquisition.frames.reading import Decoder
 from suas_jax.acquisition.integrity import Flags
-from suas_jax.acquisition.log.format import RAW_CLOCK
+from suas_jax.acquisition.log.data import RAW_CLOCK
 from suas_jax.acquisition.log.log_file import LineWriteError, LogWriter, log_header
 from suas_jax.acquisition.ports.serial_port import Source
 from suas_jax.acquisition.stream import Judged, Stream

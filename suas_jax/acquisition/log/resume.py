@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from suas_jax.acquisition.log.format import CONTINUED, KEY_COLUMNS, LogFileError
+from suas_jax.acquisition.log.data import CONTINUED, KEY_COLUMNS, LogFileError
 from suas_jax.files.reading import MEGABYTE
 
 _MOST_HEAD = MEGABYTE  # bytes within which a log names its columns

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from suas_jax.acquisition.log.format import APPENDED, CONTINUED, KEY_COLUMNS
+from suas_jax.acquisition.log.data import APPENDED, CONTINUED, KEY_COLUMNS
 from suas_jax.acquisition.log.resume import LogEnd, end_of_log
 from suas_jax.files.line_file import LineFile, LineWriteError
 from suas_jax.files.ownership import OwnedError

@@ -13,8 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from suas_jax.mechanics.contact.face import BodyContact, ContactState
-from suas_jax.mechanics.contact.term import by_travel
+from suas_jax.mechanics.contact.face import BodyContact, ContactState, by_travel
 from suas_jax.mechanics.pad.contact_points import RULES, ContactPoints, Kinds, Rule, Side
 from suas_jax.mechanics.pad.faces import face_displacement
 from suas_jax.mechanics.pad.mid_surface import (
@@ -29,7 +28,7 @@ from suas_jax.mechanics.pad.mid_surface import (
 from suas_jax.mechanics.pad.net import ElementVector, Net
 from suas_jax.mechanics.pad.stiffness import Blocks, Upper, add_blocks, no_blocks, upper_of
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.numerics.staging import staged
+from suas_jax.numerics.jet import staged
 from suas_jax.skin.body import Body, Grip, PlacedBody
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection

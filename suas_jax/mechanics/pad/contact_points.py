@@ -15,12 +15,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from suas_jax.mechanics.contact.face import AbstractContactFace
-from suas_jax.mechanics.contact.term import ContactTerms, contact_terms, expanded
+from suas_jax.mechanics.contact.face import (
+    AbstractContactFace,
+    ContactTerms,
+    contact_terms,
+    expanded,
+)
 from suas_jax.mechanics.pad.net import Net
 from suas_jax.mechanics.pad.stiffness import COLUMNS, ROWS
 from suas_jax.numerics.bspline import bernstein
-from suas_jax.numerics.staging import staged
+from suas_jax.numerics.jet import staged
 from suas_jax.skin.body import Grip, PlacedBody
 from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Obstacle, Wall

@@ -31,9 +31,8 @@ from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import InPlaneStrain
 from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.pad.mid_surface import Rest, Scalar, Surface, Vector, components, total
-from suas_jax.numerics.jet import second_order
+from suas_jax.numerics.jet import second_order, staged
 from suas_jax.numerics.polynomials import gauss_legendre
-from suas_jax.numerics.staging import staged
 from suas_jax.skin.prestress import Growth
 
 # Second derivative of a 2 x 2 determinant by its entries (11, 22, 12).

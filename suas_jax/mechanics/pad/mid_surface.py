@@ -14,7 +14,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from suas_jax.numerics.staging import staged
+from suas_jax.numerics.jet import staged
 from suas_jax.skin.section import AbstractSection
 
 Scalar = Float[Array, "*point"]

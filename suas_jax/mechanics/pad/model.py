@@ -29,7 +29,7 @@ from suas_jax.mesh.section import measures
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.skin.body import Body
 from suas_jax.skin.geometry import SkinGeometry
-from suas_jax.skin.pad_loads import PadLoad
+from suas_jax.skin.loads import PadLoad
 
 _MOST_ELEMENTS = 80  # along either direction
 # More elements than a scene needs at first sight: half of them left too little of the tolerance

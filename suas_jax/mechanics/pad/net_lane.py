@@ -15,10 +15,9 @@ from suas_jax.mechanics.pad.faces import Faces
 from suas_jax.mechanics.pad.mid_surface import Vector
 from suas_jax.mechanics.pad.net import ElementVector, Net, tables
 from suas_jax.mechanics.pad.stiffness import Upper, dense_bands, upper_bands
-from suas_jax.skin.along import Sheet
 from suas_jax.skin.body import Body
-from suas_jax.skin.geometry import thickness_beyond_mean
-from suas_jax.skin.pad_loads import PadLoadPoints
+from suas_jax.skin.geometry import Sheet, thickness_beyond_mean
+from suas_jax.skin.loads import PadLoadPoints
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Obstacle, Wall

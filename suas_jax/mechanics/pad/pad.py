@@ -20,29 +20,27 @@ from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.base import AbstractMechanics, Assembly, Displacements
 from suas_jax.mechanics.contact.face import BodyContact, ContactState
-from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.pad.contact import ContactFace
-from suas_jax.mechanics.pad.faces import Faces, unbent
+from suas_jax.mechanics.pad.faces import SAMPLES, Faces, PadShape, unbent
 from suas_jax.mechanics.pad.lane import PadLane
-from suas_jax.mechanics.pad.mirroring import (
+from suas_jax.mechanics.pad.loads import pad_load_points
+from suas_jax.mechanics.pad.net import Net, NetTopology
+from suas_jax.mechanics.pad.net_lane import AbstractLane, LaneParts
+from suas_jax.mechanics.pad.refinement import (
     breaks_on_both_sides,
     image_in_part,
+    on_other_elements,
     points_on_both_sides,
     values_on_both_sides,
 )
-from suas_jax.mechanics.pad.net import Net, NetTopology
-from suas_jax.mechanics.pad.net_lane import AbstractLane, LaneParts
-from suas_jax.mechanics.pad.refinement import on_other_elements
-from suas_jax.mechanics.pad.shape import SAMPLES, PadShape
-from suas_jax.mesh.pad_load_points import pad_load_points
+from suas_jax.mechanics.shape import AbstractFace
 from suas_jax.mesh.pad_plan import PadPlan
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_banded import BlockBanded
 from suas_jax.numerics.lanes import by_lane, lane_count
-from suas_jax.skin.along import Sheet
 from suas_jax.skin.body import Body, Grip, PlacedBody
-from suas_jax.skin.geometry import SkinGeometry
-from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
+from suas_jax.skin.geometry import Sheet, SkinGeometry
+from suas_jax.skin.loads import PadLoad, PadLoadPoints
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Obstacle, Wall

@@ -17,11 +17,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from suas_jax.mechanics.contact.face import AbstractContactFace
-from suas_jax.mechanics.contact.term import ContactTerms, Gap, contact_pressure, contact_terms
-from suas_jax.mechanics.shell.points import mix
+from suas_jax.mechanics.contact.face import (
+    AbstractContactFace,
+    ContactTerms,
+    Gap,
+    contact_pressure,
+    contact_terms,
+)
 from suas_jax.mechanics.shell.shape import carried, reach, turn
 from suas_jax.numerics.jet import second_order
+from suas_jax.numerics.lanes import mix
 from suas_jax.numerics.polynomials import hermite
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection

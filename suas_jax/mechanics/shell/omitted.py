@@ -35,8 +35,9 @@ from jaxtyping import Array, Float
 
 from suas_jax.mechanics.contact.face import Strip
 from suas_jax.mechanics.shell.contact import ContactFace
-from suas_jax.mechanics.shell.points import Moments, Points, mix
+from suas_jax.mechanics.shell.points import Moments, Points
 from suas_jax.numerics.array_types import Lanes
+from suas_jax.numerics.lanes import mix
 from suas_jax.skin.body import PlacedBody
 from suas_jax.skin.loads import LoadPoints
 from suas_jax.skin.prestress import Growth

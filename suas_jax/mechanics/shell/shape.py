@@ -7,8 +7,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.mechanics.base import Profile
-from suas_jax.mechanics.shell.points import kinematics, mix
+from suas_jax.mechanics.shell.points import kinematics
 from suas_jax.numerics.array_types import Lanes, StationVector
+from suas_jax.numerics.lanes import mix
 from suas_jax.numerics.polynomials import hermite
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection, Frame

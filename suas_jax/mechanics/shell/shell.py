@@ -28,12 +28,10 @@ from jaxtyping import Array, Float
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.base import Assembly, Displacements, Profile, largest
-from suas_jax.mechanics.contact.face import ContactState, Strip
-from suas_jax.mechanics.contact.term import by_travel
+from suas_jax.mechanics.contact.face import ContactState, Strip, by_travel
 from suas_jax.mechanics.section import AbstractPlaneStrain
 from suas_jax.mechanics.shell.contact import ContactFace
 from suas_jax.mechanics.shell.elements import Elements, full_blocks
-from suas_jax.mechanics.shell.fibres import Fibres
 from suas_jax.mechanics.shell.loads import Loaded, load_terms, load_work, places, under
 from suas_jax.mechanics.shell.omitted import (
     LinesOverElements,
@@ -46,12 +44,12 @@ from suas_jax.mechanics.shell.omitted import (
     thinning,
 )
 from suas_jax.mechanics.shell.points import (
+    Fibres,
     Moments,
     Points,
     Tables,
     element_tables,
     kinematics,
-    mix,
     point_stress,
     point_terms,
 )
@@ -66,6 +64,7 @@ from suas_jax.mechanics.shell.shape import (
 )
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_tridiagonal import BlockTridiagonal
+from suas_jax.numerics.lanes import mix
 from suas_jax.skin.body import Body, PlacedBody
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints

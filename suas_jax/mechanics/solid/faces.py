@@ -12,10 +12,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from suas_jax.mechanics.contact.face import AbstractContactFace
-from suas_jax.mechanics.contact.term import ContactTerms, contact_terms, expanded
-from suas_jax.mechanics.solid.element import NODES, quadratic
-from suas_jax.mechanics.solid.layout import FaceValues, Layout
+from suas_jax.mechanics.contact.face import (
+    AbstractContactFace,
+    ContactTerms,
+    contact_terms,
+    expanded,
+)
+from suas_jax.mechanics.solid.layout import NODES, FaceValues, Layout, quadratic
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.polynomials import gauss_legendre
 from suas_jax.skin.loads import LoadPoints

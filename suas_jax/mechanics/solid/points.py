@@ -28,9 +28,10 @@ from jaxtyping import Array, Float
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import PlaneStrain
 from suas_jax.constitutive.relaxation import Response
-from suas_jax.mechanics.solid.element import TABLES, mixed
+from suas_jax.mechanics.solid.layout import TABLES
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.jet import second_order
+from suas_jax.numerics.lanes import mix
 from suas_jax.skin.prestress import Growth
 
 PointField = Float[Array, "gauss layer element lane"]
@@ -91,7 +92,7 @@ def local_derivatives(
     u: Float[Array, "9 2 layer element lane"],
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Derivatives of a nodal field by (xi, eta) at the quadrature points, [d][component]."""
-    h = mixed(TABLES.gradient.reshape(-1, 9), u).reshape(-1, 2, *u.shape[1:])
+    h = mix(TABLES.gradient.reshape(-1, 9), u).reshape(-1, 2, *u.shape[1:])
     return (h[:, 0, 0], h[:, 0, 1]), (h[:, 1, 0], h[:, 1, 1])
 
 

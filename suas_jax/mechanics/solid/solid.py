@@ -22,12 +22,10 @@ from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import PlaneStrain
 from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.base import Assembly, Displacements, Profile, largest
-from suas_jax.mechanics.contact.face import ContactState
-from suas_jax.mechanics.contact.term import by_travel
+from suas_jax.mechanics.contact.face import ContactState, by_travel
 from suas_jax.mechanics.section import AbstractPlaneStrain
-from suas_jax.mechanics.solid.element import TABLES, mixed
 from suas_jax.mechanics.solid.faces import ContactFace, enclosed_volume, follower, load_vector
-from suas_jax.mechanics.solid.layout import FaceValues, Layout, NodeValues
+from suas_jax.mechanics.solid.layout import TABLES, FaceValues, Layout, NodeValues
 from suas_jax.mechanics.solid.points import (
     Grid,
     Kinematics,
@@ -46,6 +44,7 @@ from suas_jax.mechanics.solid.shape import (
 )
 from suas_jax.mechanics.solid.tangent import ElementTangent
 from suas_jax.numerics.array_types import Lanes, StationVector
+from suas_jax.numerics.lanes import mix
 from suas_jax.skin.body import Body
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints
@@ -232,14 +231,14 @@ class Solid(AbstractPlaneStrain):
     def assemble(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Assembly:
         """Residual, tangent and border at a trial state; see the base class."""
         u, p = self.layout.gather(q)
-        at_points = mixed(TABLES.modes, p)
+        at_points = mix(TABLES.modes, p)
         k = kinematics(self.grid, u)
         terms = point_terms(self.law, self.grid, k, at_points, self.response)
         tail = u.shape[2:]
-        internal = mixed(TABLES.force, _paired(terms.stress)).reshape(9, 2, *tail)
+        internal = mix(TABLES.force, _paired(terms.stress)).reshape(9, 2, *tail)
         tangent = terms.tangent.reshape(-1, 3, *tail)
-        stiffness = mixed(TABLES.stiffness, tangent).reshape(9, 9, 3, *tail)
-        coupling = mixed(TABLES.coupling, _paired(terms.cofactor))
+        stiffness = mix(TABLES.stiffness, tangent).reshape(9, 9, 3, *tail)
+        coupling = mix(TABLES.coupling, _paired(terms.cofactor))
         constraint = coupling.reshape(9, 3, 2, *tail)
         volume, by_face = self._enclosed(u)
         stiffness = stiffness - pressure * follower(self.layers)
@@ -349,7 +348,7 @@ class Solid(AbstractPlaneStrain):
 
 def _moments(change: Float[Array, "gauss layer element lane"]) -> Array:
     """Integrals with the pressure modes."""
-    return mixed(TABLES.modes.T, change)
+    return mix(TABLES.modes.T, change)
 
 
 def _paired(x: Float[Array, "gauss 4 *rest"]) -> Float[Array, "gauss*2 2 *rest"]:

@@ -22,7 +22,7 @@ from jaxtyping import Array, Float
 from suas_jax.mechanics.solid.condensation import Condensed
 from suas_jax.mechanics.solid.layout import Layout
 from suas_jax.numerics.array_types import StationVector
-from suas_jax.numerics.block_sweep import factorise, solve, symmetric_inverse, transposed
+from suas_jax.numerics.block_sweep import factorise, solve, symmetric_inverse
 from suas_jax.numerics.block_tridiagonal import AbstractTangent, Sweep
 
 # First and last of the element's nodes on the left, on the right and in the middle, and by
@@ -124,7 +124,7 @@ class ElementTangent(AbstractTangent):
         own = jnp.concatenate([free, jnp.moveaxis(pressure[0], 1, 0)])
         own = bases.column.T @ _batched(own)
         kept = columns.inverse @ own
-        back = transposed(columns.carried) @ own
+        back = columns.carried.mT @ own
         sides = jnp.concatenate([lines["left"], lines["right"]])
         sides = bases.sides.T @ _batched(sides) + back
         dof = layout.dof
@@ -201,7 +201,7 @@ class ElementTangent(AbstractTangent):
         inverse, pivots = symmetric_inverse(own)
         across = bases.column.T @ _batched(across) @ bases.sides
         carried = inverse @ across
-        removed = transposed(across) @ carried
+        removed = across.mT @ carried
 
         def station(row: str, column: str) -> Array:
             return bases.station.T @ _batched(block(row, column)) @ bases.station
