@@ -236,6 +236,8 @@ def under_forces(
             break
         if before is not None:
             dx, dy = x - before[0], y - before[1]
+            if not dx.any():  # ends that rounding no longer parts
+                break
             slope = slope + np.outer(dy - slope @ dx, dx) / (dx @ dx)
         before = x, y
         # What a drag does is judged where the forces along the approach are as wanted: they
@@ -252,7 +254,8 @@ def under_forces(
         crossed = ~across & (low >= high)
         low = np.where(crossed & (y > 0), -np.inf, low)
         high = np.where(crossed & (y < 0), np.inf, high)
-        if (high - low < _CLOSER * span)[across].any():
+        # Two drags turn the force together: none has ends of its own.
+        if across.sum() == 1 and (high - low < _CLOSER * span)[across]:
             idle = 0
         free = ~across | settled
         if not (probed := [k for k in unknown if free[k] and slope[k, k] == 0]):
@@ -260,7 +263,7 @@ def under_forces(
             x = search.stepped(x, _step(slope, y, free, unbounded), (low, high), halve)
         else:  # what a drag does is not known yet
             unknown.remove(probed[0])
-            x = x - np.sign(y[probed[0]]) * _PROBE * np.eye(len(x))[probed[0]]
+            x = x - np.copysign(_PROBE, y[probed[0]]) * np.eye(len(x))[probed[0]]
     if best is None:
         return found
     fixed = {**inputs, **none}
@@ -340,11 +343,11 @@ def _step(
     rising = np.where(unbounded, np.maximum(slope.diagonal(), _LEVEL), slope.diagonal())
     matrix = slope + np.diag(rising - slope.diagonal())
     step = np.zeros(len(y))
-    step[free] = np.linalg.solve(matrix[np.ix_(free, free)], -y[free])
+    step[free] = np.linalg.lstsq(matrix[np.ix_(free, free)], -y[free])[0]
     # Where points slide, a little drag changes nothing: derivatives are those of other travels.
     slides = unbounded & (step * y > 0)
     if slides.any():
         matrix[slides] = matrix[:, slides] = 0.0
         matrix[slides, slides] = rising[slides]
-        step[free] = np.linalg.solve(matrix[np.ix_(free, free)], -y[free])
+        step[free] = np.linalg.lstsq(matrix[np.ix_(free, free)], -y[free])[0]
     return step
