@@ -49,7 +49,7 @@ minute = 60 second = min
 hour = 3600 second = h
 degree = 0.017453292519943295 radian = deg
 arcminute = 2.908882086657216e-4 radian = arcmin
-turn = 6.283185307179586 radian = turn = revolution
+turn = 6.283185307179586 radian = _ = revolution
 newton = kilogram * meter / second ** 2 = N
 dyne = 1e-5 newton = dyn
 gram_force = 9.80665e-3 newton = gf
