@@ -159,6 +159,21 @@ class _Search(NamedTuple):
             ]
         )
 
+    def ends(
+        self, x: np.ndarray, y: np.ndarray, known: tuple[np.ndarray, np.ndarray], settled: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers that are too small and too large, by another run and its errors."""
+        # Forces across grow with the drag, in a straight line until points slide; that of one
+        # body grows with its travel, at once much faster where the wall is reached.
+        grows = (self.across & settled) | (len(x) == 1)
+        low = np.where(grows & (y < 0), x, known[0])
+        high = np.where(grows & (y > 0), x, known[1])
+        # A force that falls with the travel for a while says which end holds no longer. One
+        # across that falls as points slide has what is wanted between the two all the same.
+        crossed = ~self.across & (low >= high)
+        low = np.where(crossed & (y > 0), -np.inf, low)
+        return low, np.where(crossed & (y < 0), np.inf, high)
+
     def stepped(
         self,
         x: np.ndarray,
@@ -244,16 +259,8 @@ def under_forces(
         # change it as much.
         missed = np.abs(y)
         settled = missed[~across].max(initial=0.0) <= _SETTLED * missed[across].max(initial=0.0)
-        # Forces across grow with the drag, in a straight line until points slide; that of one
-        # body grows with its travel, at once much faster where the wall is reached.
-        grows, span = (across & settled) | (len(x) == 1), high - low
-        low = np.where(grows & (y < 0), x, low)
-        high = np.where(grows & (y > 0), x, high)
-        # A force that falls with the travel for a while says which end holds no longer. One
-        # across that falls as points slide has what is wanted between the two all the same.
-        crossed = ~across & (low >= high)
-        low = np.where(crossed & (y > 0), -np.inf, low)
-        high = np.where(crossed & (y < 0), np.inf, high)
+        span = high - low
+        low, high = search.ends(x, y, (low, high), settled)
         # Two drags turn the force together: none has ends of its own.
         if across.sum() == 1 and (high - low < _CLOSER * span)[across]:
             idle = 0
