@@ -81,13 +81,15 @@ def judged(name: str, spec: SkinSpec, rows: list[dict[str, Any]], seed: int) -> 
             if estimate.status != "ok" or len(estimate.contacts) != 1:
                 continue
             (contact,) = estimate.contacts
-            truth = {"angle": body["angle"], "force": load["force_N"]}
-            truth |= {"axial": body["axial"]} if pad else {}
-            off = {key: getattr(contact, key) - value for key, value in truth.items()}
+            # The material that is touched, which has moved along beneath the body.
+            touched = (load.get("contact_from_m", 0.0) + load.get("contact_to_m", 0.0)) / 2
+            along = contact.arc_position - load["arc_position_m"] - touched
+            off = {"angle": along * contact.angle / contact.arc_position}
+            off["force"] = contact.force - load["force_N"]
+            off |= {"axial": contact.axial - body["axial"]} if pad else {}
             held.append([abs(x) < 1.96 * contact.deviation(key) for key, x in off.items()])
-            along = contact.arc_position - load["arc_position_m"]
             place = np.hypot(along, off.get("axial", 0.0))
-            errors.append([1e3 * place, 100 * abs(off["force"]) / truth["force"]])
+            errors.append([1e3 * place, 100 * abs(off["force"]) / load["force_N"]])
             if contact.arc_force is not None:
                 value, deviation = contact.arc_force
                 tangents.append(abs(value - load["tangential_force_N"]) < 1.96 * deviation)
