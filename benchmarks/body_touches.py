@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.inverse_load import NOISE, skin_of_taxels, with_tolerances
+from benchmarks.inverse_load import measured, skin_of_taxels, with_tolerances
 from benchmarks.pad_touches import SKIN
 from fitting.inverse_load.estimator import LoadEstimator
 from suas_jax import configure
@@ -69,33 +69,32 @@ def solved(spec: SkinSpec, bodies: list[dict[str, Any]]) -> list[dict[str, Any]]
 
 def judged(name: str, spec: SkinSpec, rows: list[dict[str, Any]], seed: int) -> None:
     """Print a row of the page's table."""
-    random, pad = np.random.default_rng(seed), spec.geometry.dimension == 3
-    estimator = LoadEstimator(spec)
+    pad = spec.geometry.dimension == 3
+    every = [row for row in rows for _ in range(_DRAWS)]
+    readings = measured(np.array([row["so"] for row in every]), seed)
     statuses: Counter[str] = Counter()
     errors, held, tangents = [], [], []
-    for row in rows:
-        so, load, body = np.array(row["so"]), row["load"], row["body"]
-        noise = NOISE * random.standard_normal((_DRAWS, so.size))
-        for estimate in estimator.estimate(np.rint(so + noise)):
-            statuses[f"{len(estimate.contacts)} {estimate.status}"] += 1
-            if estimate.status != "ok" or len(estimate.contacts) != 1:
-                continue
-            (contact,) = estimate.contacts
-            # The material that is touched, which has moved along beneath the body.
-            touched = (load.get("contact_from_m", 0.0) + load.get("contact_to_m", 0.0)) / 2
-            along = contact.arc_position - load["arc_position_m"] - touched
-            off = {"angle": along * contact.angle / contact.arc_position}
-            off["force"] = contact.force - load["force_N"]
-            off |= {"axial": contact.axial - body["axial"]} if pad else {}
-            held.append([abs(x) < 1.96 * contact.deviation(key) for key, x in off.items()])
-            place = np.hypot(along, off.get("axial", 0.0))
-            errors.append([1e3 * place, 100 * abs(off["force"]) / load["force_N"]])
-            if contact.arc_force is not None:
-                value, deviation = contact.arc_force
-                tangents.append(abs(value - load["tangential_force_N"]) < 1.96 * deviation)
+    for row, estimate in zip(every, LoadEstimator(spec).estimate(readings), strict=True):
+        load, body = row["load"], row["body"]
+        statuses[f"{len(estimate.contacts)} {estimate.status}"] += 1
+        if estimate.status != "ok" or len(estimate.contacts) != 1:
+            continue
+        (contact,) = estimate.contacts
+        # The material that is touched, which has moved along beneath the body.
+        touched = (load.get("contact_from_m", 0.0) + load.get("contact_to_m", 0.0)) / 2
+        along = contact.arc_position - load["arc_position_m"] - touched
+        off = {"angle": along * contact.angle / contact.arc_position}
+        off["force"] = contact.force - load["force_N"]
+        off |= {"axial": contact.axial - body["axial"]} if pad else {}
+        held.append([abs(x) < 1.96 * contact.deviation(key) for key, x in off.items()])
+        place = np.hypot(along, off.get("axial", 0.0))
+        errors.append([1e3 * place, 100 * abs(off["force"]) / load["force_N"]])
+        if contact.arc_force is not None:
+            value, deviation = contact.arc_force
+            tangents.append(abs(value - load["tangential_force_N"]) < 1.96 * deviation)
     middle, most = np.median(errors, 0), np.max(errors, 0)
     print(
-        f"| {name} | {len(rows) * _DRAWS}: {dict(statuses)} | {middle[0]:.2f}, {most[0]:.1f} mm"
+        f"| {name} | {len(every)}: {dict(statuses)} | {middle[0]:.2f}, {most[0]:.1f} mm"
         f" | {middle[1]:.1f}, {most[1]:.0f} % | {100 * np.mean(held):.0f} % |"
         f" {sum(tangents)} of {len(tangents)} |",
         flush=True,

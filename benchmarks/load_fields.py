@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.inverse_load import NOISE, skin_of_taxels, with_tolerances
 from fitting.arrays import Floats
-from fitting.inverse_load.estimate.estimate import Interval
+from fitting.inverse_load.estimate.load_field import Interval
 from fitting.inverse_load.estimator import LoadEstimate, LoadEstimator
 from suas_jax import configure
 from suas_jax.scene.forward import forward

@@ -21,13 +21,8 @@ from rich.text import Text
 
 from fitting.cli.app import app
 from fitting.cli.commands import EXAMPLES, commands_of
-from fitting.inverse_load.estimate.estimate import (
-    Contact,
-    Interval,
-    LoadEstimate,
-    LoadField,
-    Tap,
-)
+from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate, Tap
+from fitting.inverse_load.estimate.load_field import Interval, LoadField
 from fitting.inverse_load.report.frame_keys import CONTACT_KEYS, FIELD_KEYS, FRAME_KEYS
 from fitting.inverse_load.report.text import frame_json
 from suas_jax import load_scene

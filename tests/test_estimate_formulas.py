@@ -30,16 +30,11 @@ from fitting.inverse_load.check.verdict import (
 )
 from fitting.inverse_load.drift import Drift, DriftDensities, ReadingWeights, zero_of_readings
 from fitting.inverse_load.estimate.assessment import LoadAssessment
-from fitting.inverse_load.estimate.estimate import (
-    Contact,
-    LoadEstimate,
-    contradicted,
-    load_array,
-    with_doubts,
-)
-from fitting.inverse_load.estimate.parts import AbstractLoadPosterior
+from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate, load_array
+from fitting.inverse_load.estimate.measured_pressure import contradicted, with_doubts
 from fitting.inverse_load.estimate.place import ContactPlaces, PlaceShift
 from fitting.inverse_load.fit.explanation import Alternative
+from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.frames import untouched
 from fitting.inverse_load.live.filter import LoadFilter

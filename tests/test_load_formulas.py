@@ -39,12 +39,7 @@ from fitting.inverse_load.fit.explanation import (
     Attempt,
     widened,
 )
-from fitting.inverse_load.fit.left_out import (
-    LeftOutOfContacts,
-    TabulatedChanges,
-    _filled,
-    most_alike,
-)
+from fitting.inverse_load.fit.left_out import LeftOutOfContacts
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors, _best
 from fitting.inverse_load.fit.lone_taxels import LoneTaxels
 from fitting.inverse_load.fit.other_stiffness import beyond_first_order, less_told
@@ -67,6 +62,7 @@ from fitting.inverse_load.fit.systematic import (
     ErrorsOfFrames,
     of_shared_places,
 )
+from fitting.inverse_load.fit.tabulated_changes import TabulatedChanges, _filled, most_alike
 from fitting.inverse_load.fit.wide_contact import WideContactFitter
 from fitting.inverse_load.model.contact_parameters import SECTION, SECTION_WITH_DIRECTION
 from fitting.inverse_load.model.evaluation import Evaluation

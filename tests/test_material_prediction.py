@@ -17,7 +17,7 @@ from fitting.material.experiments.measurements import PATHS, Dataset
 from fitting.material.fit.band import Band, Belief
 from fitting.material.fit.comparison import compare_laws
 from fitting.material.fit.fit import fit_material
-from fitting.material.fit.intervals import FittedLaw
+from fitting.material.fit.fitted_law import FittedLaw
 from fitting.material.fit.result import MaterialFit
 from fitting.material.laws.registry import family
 from fitting.material.report.plots import plot_material

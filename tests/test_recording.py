@@ -14,13 +14,8 @@ from skins import shaped
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
-from fitting.inverse_load.estimate.estimate import (
-    Contact,
-    Interval,
-    LoadEstimate,
-    LoadField,
-    Tap,
-)
+from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate, Tap
+from fitting.inverse_load.estimate.load_field import Interval, LoadField
 from fitting.inverse_load.report.read_back import read_estimates
 from fitting.inverse_load.report.text import frame_json
 from fitting.json_text import json_text

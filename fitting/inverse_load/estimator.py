@@ -38,11 +38,12 @@ from fitting.inverse_load.drift import (
     zero_of_readings,
 )
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
-from fitting.inverse_load.estimate.parts import AbstractLoadPosterior, EstimationParts
+from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.fading import FadingWatch
 from fitting.inverse_load.film_motion import FilmFollower, FilmMotion, fading_time
 from fitting.inverse_load.fit.bounded_selection import BoundedSelection
+from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.lone_taxels import LoneTaxels
 from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.frames import FULL_SCALE, FrameEstimator

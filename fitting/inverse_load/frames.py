@@ -12,7 +12,8 @@ from scipy.special import chdtrc
 from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.drift import Drift, ReadingWeights
 from fitting.inverse_load.estimate.assessment import POOR
-from fitting.inverse_load.estimate.estimate import LoadEstimate, with_doubts
+from fitting.inverse_load.estimate.estimate import LoadEstimate
+from fitting.inverse_load.estimate.measured_pressure import with_doubts
 from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.film_motion import covariance_by_motion, mostly_motion, told_moving
 from fitting.inverse_load.fit.detection import without_errors

@@ -9,10 +9,11 @@ from jaxtyping import Array, Float
 
 from fitting.arrays import Floats
 from fitting.inverse_load.estimate.assessment import LoadAssessment
-from fitting.inverse_load.estimate.parts import AbstractLoadPosterior, EstimationParts
+from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.estimate.place import ContactPlaces, PlaceShift
 from fitting.inverse_load.fit.detection import ArcDetector
 from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.section_errors import SectionErrors
 from fitting.inverse_load.fit.section_fitter import SectionFitter
 from fitting.inverse_load.fit.wide_contact import WideContactFitter

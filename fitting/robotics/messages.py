@@ -16,13 +16,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from fitting.inverse_load.estimate.estimate import (
-    FIELD_QUANTITIES,
-    STATUS,
-    Contact,
-    LoadEstimate,
-    LoadField,
-)
+from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
+from fitting.inverse_load.estimate.load_field import FIELD_QUANTITIES, LoadField
 from suas_jax.config import GeometrySpec
 from suas_jax.scene.taxel_film import TaxelFilm
 from suas_jax.skin.plain import plain_geometry

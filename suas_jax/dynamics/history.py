@@ -1,4 +1,4 @@
-"""A scene's loads over time, on a membrane whose stress relaxes: see `history_table`."""
+"""A scene's loads over time, on a membrane whose stress relaxes: see `course`."""
 
 import dataclasses
 import math

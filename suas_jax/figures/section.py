@@ -16,8 +16,8 @@ from suas_jax.figures.pad import plot_pad_surface
 from suas_jax.figures.style import FILM, FIRST, SECOND, place_label, styled, written
 from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.shell.shell import Shell
+from suas_jax.mechanics.solid.element import NODES
 from suas_jax.mechanics.solid.fields import Fields, nodal_fields
-from suas_jax.mechanics.solid.layout import NODES
 from suas_jax.mechanics.solid.solid import Solid
 from suas_jax.scene.solve import Solution
 

@@ -11,8 +11,8 @@ from suas_jax.figures.section import solid_fields
 from suas_jax.files.writing import written
 from suas_jax.mechanics.pad.faces import Faces, PadShape, principal_stretches
 from suas_jax.mechanics.pad.pad import Pad
+from suas_jax.mechanics.solid.element import NODES
 from suas_jax.mechanics.solid.fields import Fields
-from suas_jax.mechanics.solid.layout import NODES
 from suas_jax.scene.solve import Solution
 from suas_jax.skin.plain import plain_geometry
 

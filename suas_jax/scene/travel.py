@@ -162,7 +162,11 @@ class _Search(NamedTuple):
     def ends(
         self, x: np.ndarray, y: np.ndarray, known: tuple[np.ndarray, np.ndarray], settled: bool
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers that are too small and too large, by another run and its errors."""
+        """Numbers known to be too small and too large, after one more run.
+
+        `x`: its numbers. `y`: its errors. `known`: the ends before it. `settled`: whether the
+        forces along the approach are nearly as wanted.
+        """
         # Forces across grow with the drag, in a straight line until points slide; that of one
         # body grows with its travel, at once much faster where the wall is reached.
         grows = (self.across & settled) | (len(x) == 1)
@@ -211,7 +215,7 @@ def under_forces(
     best: tuple[float, Solved, np.ndarray] | None = None
     before: tuple[np.ndarray, np.ndarray] | None = None
     slope, idle = np.diag(np.where(across, 0.0, POWER)), 0
-    unknown = [k for k, d in enumerate(loaded) if d.across]
+    unprobed = [k for k, d in enumerate(loaded) if d.across]
     low, high = np.full(len(x), -np.inf), np.full(len(x), np.inf)
     pace, blocked = 0.0, index_of("no_convergence")  # of steps before a force; last failure
     alone = len(every) == len(scene.bodies) == 1 and not across.any()
@@ -261,16 +265,17 @@ def under_forces(
         settled = missed[~across].max(initial=0.0) <= _SETTLED * missed[across].max(initial=0.0)
         span = high - low
         low, high = search.ends(x, y, (low, high), settled)
-        # Two drags turn the force together: none has ends of its own.
+        # With two drags each changes both forces: closer ends of one are no progress.
         if across.sum() == 1 and (high - low < _CLOSER * span)[across]:
             idle = 0
         free = ~across | settled
-        if not (probed := [k for k in unknown if free[k] and slope[k, k] == 0]):
+        probe = next((k for k in unprobed if free[k] and slope[k, k] == 0), None)
+        if probe is None:
             unbounded = across & ~(np.isfinite(low) & np.isfinite(high))
             x = search.stepped(x, _step(slope, y, free, unbounded), (low, high), halve)
         else:  # what a drag does is not known yet
-            unknown.remove(probed[0])
-            x = x - np.copysign(_PROBE, y[probed[0]]) * np.eye(len(x))[probed[0]]
+            unprobed.remove(probe)
+            x = x - np.copysign(_PROBE, y[probe]) * np.eye(len(x))[probe]
     if best is None:
         return found
     fixed = {**inputs, **none}
@@ -349,12 +354,18 @@ def _step(
     """Newton's step; a drag whose ends are not known goes where its force has to change."""
     rising = np.where(unbounded, np.maximum(slope.diagonal(), _LEVEL), slope.diagonal())
     matrix = slope + np.diag(rising - slope.diagonal())
-    step = np.zeros(len(y))
-    step[free] = np.linalg.lstsq(matrix[np.ix_(free, free)], -y[free])[0]
+
+    def solved() -> np.ndarray:
+        step = np.zeros(len(y))
+        # Derivatives that differences have learnt may be singular.
+        step[free] = np.linalg.lstsq(matrix[np.ix_(free, free)], -y[free])[0]
+        return step
+
+    step = solved()
     # Where points slide, a little drag changes nothing: derivatives are those of other travels.
     slides = unbounded & (step * y > 0)
     if slides.any():
         matrix[slides] = matrix[:, slides] = 0.0
         matrix[slides, slides] = rising[slides]
-        step[free] = np.linalg.lstsq(matrix[np.ix_(free, free)], -y[free])[0]
+        step = solved()
     return step

@@ -1,25 +1,14 @@
-"""Estimate of the loads in one frame: contacts or a load field, covariances, a named status."""
+"""Estimate of the loads in one frame: contacts, covariances and a named status."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fitting.arrays import Floats
+from fitting.inverse_load.estimate.load_field import LoadField
 
-FIELD_QUANTITIES = {
-    "force": ("force_N", 1.0),
-    "angle": ("angle_deg", 180 / np.pi),
-    "arc": ("arc_m", 1.0),
-    "axial": ("axial_m", 1.0),
-    "arc_extent": ("extent_arc_m", 1.0),
-    "axial_extent": ("extent_axial_m", 1.0),
-    "right": ("resultant_right_N", 1.0),
-    "up": ("resultant_up_N", 1.0),
-}
-"""Keys of a field's quantities in JSON, and what SI units are multiplied by there."""
 # Accuracy beyond which an estimate is called imprecise: standard deviations.
 WANTED = {
     "angle": np.deg2rad(2.0),
@@ -29,6 +18,7 @@ WANTED = {
     "direction": np.deg2rad(10.0),
     "tilt": np.deg2rad(10.0),
 }
+
 STATUS = {
     "ok": "The estimate and its covariance hold.",
     "ok_drifted": "The estimate and its covariance hold. The readings at rest have left the "
@@ -68,6 +58,7 @@ STATUS = {
     "empty_log": "The log holds no frame.",
 }
 """Statuses and what they mean."""
+
 FIELDS = {
     "angle": "angle_rad",
     "arc": "arc_m",
@@ -78,6 +69,7 @@ FIELDS = {
     "tilt": "tilt_rad",
 }
 """Names of a contact's quantities with their units."""
+
 BESIDE = {
     "spread": ("spread_m", "spread_deviation_m"),
     "arc_extent": ("extent_arc_m", "extent_arc_deviation_m"),
@@ -86,37 +78,6 @@ BESIDE = {
     "axial_force": ("tangential_force_axial_N", "tangential_force_axial_deviation_N"),
 }
 """What is estimated beside them, with its standard deviation: keys in reports."""
-
-
-class Interval(NamedTuple):
-    """A quantity with the interval that holds it in 95 of 100 cases."""
-
-    value: float  # of the likeliest forces
-    low: float
-    high: float
-
-
-@dataclass(frozen=True)
-class LoadField:
-    """A pressure on the outer face, told by its sums; forces are along the inward normal."""
-
-    force: Interval  # total [N]
-    right: Interval  # sum of the forces as vectors, to the right [N]
-    up: Interval  # the same towards the crown [N]
-    angle: Interval  # of the forces' centre, as scenes state it [rad]
-    # diameter along the arc of the even ellipse with the forces' second moments [m]
-    arc_extent: Interval
-    # by how much -2 log(evidence) is less than that of the contacts
-    preferred_by: float
-    arc: Interval | None = None  # of the centre: arc length of the inner face; None on a circle
-    axial: Interval | None = None  # of the centre, from the middle of a pad [m]
-    axial_extent: Interval | None = None  # likewise along the axis [m]
-
-
-def interval_key(key: str) -> str:
-    """The key of a quantity's interval."""
-    name, _, unit = key.rpartition("_")
-    return f"{name}_interval_{unit}"
 
 
 @dataclass(frozen=True)
@@ -271,32 +232,3 @@ def load_array(contacts: Sequence[Contact], names: Sequence[str]) -> NDArray[np.
             covariance[np.ix_(here, here)] = contact.covariance[np.ix_(own, own)]
         load["covariance"] = covariance
     return loads
-
-
-_FAR = 3.5  # standard deviations
-
-
-def contradicted(estimate: LoadEstimate, channels: Floats, weight: Floats) -> bool:
-    """Whether the pressure, last of a frame's channels, speaks against contacts with errors.
-
-    At the same readings pressure and force are in proportion to the membrane's stiffness: what
-    is not known of all forces alike is as little known of the pressure.
-    """
-    force = sum(abs(contact.force) for contact in estimate.contacts)
-    if not force or weight[-1] <= 0:
-        return False
-    share = sum(contact.deviation("force") for contact in estimate.contacts) / force
-    off = abs(channels[-1] - estimate.oil_pressure)
-    return bool(off > _FAR * np.hypot(weight[-1] ** -0.5, share * estimate.oil_pressure))
-
-
-def with_doubts(
-    estimates: Sequence[LoadEstimate], channels: Floats, weight: Floats
-) -> list[LoadEstimate]:
-    """Estimates of frames [frame, channel]; none holds that its pressure contradicts."""
-    return [
-        replace(estimate, status="ambiguous")
-        if estimate.status in ("ok", "imprecise") and contradicted(estimate, y, w)
-        else estimate
-        for estimate, y, w in zip(estimates, channels, weight, strict=True)
-    ]

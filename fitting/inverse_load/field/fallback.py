@@ -14,7 +14,8 @@ from scipy.special import chdtrc
 
 from fitting.arrays import Floats
 from fitting.inverse_load.estimate.assessment import POOR
-from fitting.inverse_load.estimate.estimate import LoadEstimate, contradicted
+from fitting.inverse_load.estimate.estimate import LoadEstimate
+from fitting.inverse_load.estimate.measured_pressure import contradicted
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.field.fitter import FieldFitter
 from fitting.inverse_load.fit.explanation import PLAUSIBLE, Explanations

@@ -23,7 +23,7 @@ from scipy.optimize import nnls
 from scipy.spatial.distance import cdist
 
 from fitting.arrays import Floats
-from fitting.inverse_load.estimate.estimate import Interval, LoadField
+from fitting.inverse_load.estimate.load_field import Interval, LoadField
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.field.forward import FieldForward, FieldState, even_nodes
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors

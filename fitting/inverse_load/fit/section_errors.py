@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import Explanations
-from fitting.inverse_load.fit.left_out import TabulatedChanges
 from fitting.inverse_load.fit.other_stiffness import AbstractSectionErrors
+from fitting.inverse_load.fit.tabulated_changes import TabulatedChanges
 from fitting.inverse_load.model.evaluation import at_rest, loads_from
 from fitting.inverse_load.search.table import LANES, LoadTable, table_key
 from suas_jax.config import InputErrors, SkinSpec, continuous_inputs

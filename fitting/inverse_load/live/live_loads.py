@@ -11,7 +11,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.inverse_load.estimate.estimate import LoadEstimate, LoadField, load_array
+from fitting.inverse_load.estimate.estimate import LoadEstimate, load_array
+from fitting.inverse_load.estimate.load_field import LoadField
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.live.stream import LiveFrame, live_frames
 from fitting.inverse_load.zero.skin_estimator import skin_estimator

@@ -12,10 +12,11 @@ import numpy as np
 
 from fitting.arrays import Floats, Rows
 from fitting.inverse_load.estimate.assessment import LoadAssessment
-from fitting.inverse_load.estimate.parts import AbstractLoadPosterior, EstimationParts
+from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.fit.detection import PadDetector
 from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.memory.series import LoadMemory
 from fitting.inverse_load.model.kept_key import kept_key

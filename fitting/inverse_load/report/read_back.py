@@ -8,15 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.arrays import Floats
-from fitting.inverse_load.estimate.estimate import (
-    BESIDE,
+from fitting.inverse_load.estimate.estimate import BESIDE, STATUS, Contact, LoadEstimate, Tap
+from fitting.inverse_load.estimate.load_field import (
     FIELD_QUANTITIES,
-    STATUS,
-    Contact,
     Interval,
-    LoadEstimate,
     LoadField,
-    Tap,
     interval_key,
 )
 from suas_jax.files.reading import MEGABYTE, read_bytes

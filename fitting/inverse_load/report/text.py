@@ -6,15 +6,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.inverse_load.estimate.estimate import (
-    BESIDE,
+from fitting.inverse_load.estimate.estimate import BESIDE, STATUS, Contact, LoadEstimate, Tap
+from fitting.inverse_load.estimate.load_field import (
     FIELD_QUANTITIES,
-    STATUS,
-    Contact,
     Interval,
-    LoadEstimate,
     LoadField,
-    Tap,
     interval_key,
 )
 from suas_jax.acquisition.terminal import new_console

@@ -21,7 +21,7 @@ from scipy import linalg, stats
 
 from fitting.material.experiments.measurements import PATHS, Dataset, StressTest
 from fitting.material.experiments.prediction import mode_factors
-from fitting.material.fit.intervals import FittedLaw
+from fitting.material.fit.fitted_law import FittedLaw
 from fitting.material.fit.stress_process import (
     EXPONENT,
     SECOND,

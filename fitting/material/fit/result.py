@@ -13,13 +13,8 @@ from fitting.material.experiments.artefacts import Suspect
 from fitting.material.experiments.measurements import PATHS
 from fitting.material.experiments.prediction import mode_factors
 from fitting.material.fit.band import Band, Belief, half_width, nominal_factors
-from fitting.material.fit.intervals import (
-    STABLE_LIMITS,
-    FittedLaw,
-    Intervals,
-    intervals_of,
-    modulus_and_slope,
-)
+from fitting.material.fit.fitted_law import STABLE_LIMITS, FittedLaw
+from fitting.material.fit.intervals import Intervals, intervals_of, modulus_and_slope
 from fitting.material.fit.noise import Noise
 from fitting.material.fit.problem import readings
 from fitting.material.laws.blocks import Relaxation, Softening

@@ -200,9 +200,9 @@ def exchanged_warning(problem: SensorProblem, constants: np.ndarray, data: Senso
 
     def off(read: np.ndarray, i: int, k: int) -> float:
         """How far taxel i is from what taxel k should read, in deviations."""
-        off = ((read[i] - so[k]) / here.sigma[i])[here.present[i]]
-        off = off - off.mean() * here.offsets
-        return float(np.sqrt(np.mean(off**2)))
+        error = ((read[i] - so[k]) / here.sigma[i])[here.present[i]]
+        error = error - error.mean() * here.offsets
+        return float(np.sqrt(np.mean(error**2)))
 
     pairs = [
         f"{modules[i]}.{numbers[i]} and {modules[k]}.{numbers[k]}"

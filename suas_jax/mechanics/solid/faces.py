@@ -18,7 +18,8 @@ from suas_jax.mechanics.contact.face import (
     contact_terms,
     expanded,
 )
-from suas_jax.mechanics.solid.layout import NODES, FaceValues, Layout, quadratic
+from suas_jax.mechanics.solid.element import NODES, quadratic
+from suas_jax.mechanics.solid.layout import FaceValues, Layout
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.polynomials import gauss_legendre
 from suas_jax.skin.loads import LoadPoints

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import PlaneStrain
-from suas_jax.mechanics.solid.layout import NODES, modes, quadratic
+from suas_jax.mechanics.solid.element import NODES, modes, quadratic
 from suas_jax.mechanics.solid.points import free_strain
 from suas_jax.mechanics.solid.shape import Nodes
 from suas_jax.mechanics.solid.solid import Solid

@@ -10,13 +10,8 @@ from jaxtyping import Float
 from suas_jax.config import SceneSpec
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.mechanics.model import AbstractArcPlan, AbstractModel, AbstractPlan, Counts
-from suas_jax.mechanics.solid.layout import (
-    PRESSURES,
-    Layout,
-    located,
-    node_weights,
-    with_midpoints,
-)
+from suas_jax.mechanics.solid.element import PRESSURES, located, node_weights
+from suas_jax.mechanics.solid.layout import Layout, with_midpoints
 from suas_jax.mechanics.solid.solid import Solid
 from suas_jax.mesh.plan import MeshPlan, load_points
 from suas_jax.mesh.section import measures, plan_section

@@ -28,7 +28,7 @@ from jaxtyping import Array, Float
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import PlaneStrain
 from suas_jax.constitutive.relaxation import Response
-from suas_jax.mechanics.solid.layout import TABLES
+from suas_jax.mechanics.solid.element import TABLES
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.jet import second_order
 from suas_jax.numerics.lanes import mix

@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.mechanics.base import Displacements, Profile
-from suas_jax.mechanics.solid.layout import NODES, Layout, located, node_weights, quadratic
+from suas_jax.mechanics.solid.element import NODES, located, node_weights, quadratic
+from suas_jax.mechanics.solid.layout import Layout
 from suas_jax.numerics.array_types import StationVector
 from suas_jax.skin.prestress import Growth
 

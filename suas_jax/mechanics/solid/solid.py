@@ -24,8 +24,9 @@ from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.base import Assembly, Displacements, Profile, largest
 from suas_jax.mechanics.contact.face import ContactState, by_travel
 from suas_jax.mechanics.section import AbstractPlaneStrain
+from suas_jax.mechanics.solid.element import TABLES
 from suas_jax.mechanics.solid.faces import ContactFace, enclosed_volume, follower, load_vector
-from suas_jax.mechanics.solid.layout import TABLES, FaceValues, Layout, NodeValues
+from suas_jax.mechanics.solid.layout import FaceValues, Layout, NodeValues
 from suas_jax.mechanics.solid.points import (
     Grid,
     Kinematics,
