@@ -11,6 +11,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -45,6 +46,8 @@ from suas_jax.acquisition.stream import Judged
 from suas_jax.config import continuous_inputs, load_skin
 from suas_jax.config.input_errors import STIFFNESS, default_errors
 from suas_jax.config.schema_calibration import CalibrationSpec
+from suas_jax.scene.forward import forward
+from suas_jax.scene.loads import Loads
 from tests.chains import assert_chain_agrees_with_the_mode
 
 ROOT = Path(__file__).parent.parent
@@ -503,6 +506,56 @@ def test_forces_count_the_friction_that_readings_do_not_show(
     # As radial forces they are off by 16 deviations, one by 17 %.
     assert ((off / deviation) ** 2).mean() < 2**2
     assert np.abs(off / force[told]).max() < 0.12
+
+
+def test_friction_and_width_beside_contacts_without_force_are_those_of_one(
+    estimator: LoadEstimator,
+) -> None:
+    fitter = estimator.selection.fitter
+    table, left_out = fitter.table, fitter.left_out  # type: ignore[attr-defined]
+    place, level = table.so.shape[0] // 3, table.so.shape[1] // 2
+    node = np.array([place * table.so.shape[1] + level])
+    x = np.array([[table.angles[place], 0.2, table.forces[place, level], 0.0]])
+    found = left_out._under_several(x, table.start(node))[0]
+    assert not found[[1, 3]].any()
+    by_tangent, by_square = table.slopes[place, level, 2:]
+    np.testing.assert_allclose(found[0], by_tangent, atol=1e-3 * np.abs(by_tangent).max())
+    np.testing.assert_allclose(found[2], by_square, atol=1e-9 * np.abs(by_square).max())
+
+
+@pytest.mark.long  # the program of two contacts; what it takes of friction above
+def test_regions_of_two_contacts_count_the_friction_of_both(of_two: LoadEstimator) -> None:
+    random = np.random.default_rng(5)
+    angle = np.deg2rad(random.uniform([[-55], [5]], [[-10], [55]], (2, 120)))
+    inward, tangent = random.uniform(3, 12, angle.shape), random.uniform(-0.4, 0.4, angle.shape)
+    skin = of_two.skin
+
+    def readings(inward: np.ndarray, tangent: np.ndarray) -> np.ndarray:
+        total, turn = np.hypot(1, tangent) * inward, np.arctan(tangent)
+        so = forward(skin, Loads(*map(jnp.asarray, (angle, total, turn)), jnp.zeros(120))).so
+        return np.asarray(so).T
+
+    radial = readings(inward, 0 * tangent)
+    ones = np.ones((len(radial), TAXELS))
+    asked = Attempt(radial, ones, np.concatenate([angle, inward]).T, None, 2)
+    rest = of_two.selection.nodes.rest_states(len(radial))
+    fit = finished(of_two.selection.fitter.steps(asked._replace(state=rest)))
+    slopes = of_two.selection.fitter.left_out.slopes(fit, 2, 2)[:, :2]  # type: ignore[union-attr]
+    first = 1e-2 * np.array([[1.0], [0.0]])
+    change = (readings(inward, first + 0 * angle) - readings(inward, 0 * angle - first)) / 2e-2
+    size = np.abs(change).max(1, keepdims=True)
+    assert np.abs((slopes[:, 0] - change) / size).max() < 2e-2
+    so = readings(inward, tangent) + 2 * random.normal(size=radial.shape)
+    inside = []
+    for k, estimate in enumerate(of_two.estimate(np.round(so))):
+        if estimate.status == "ok" and len(estimate.contacts) == 2:
+            for contact, own in zip(estimate.contacts, (0, 1), strict=True):
+                off = [contact.angle - angle[own, k], contact.force - inward[own, k]]
+                assert contact.covariance is not None
+                region = np.array(off) @ np.linalg.solve(contact.covariance, np.array(off))
+                inside.append(region < chi2.ppf(0.95, 2))
+    assert len(inside) > 100
+    assert np.mean(inside) > 0.7  # 0.5 as if each contact were alone
 
 
 def as_line(contact: Contact) -> Contact:

@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from fitting.arrays import Floats
 from fitting.cli.invert_log import _verdict
 from fitting.inverse_load.check import section_log
-from fitting.inverse_load.fit import left_out, section_errors
+from fitting.inverse_load.fit import left_out
 from fitting.inverse_load.fit.bounded_selection import BoundedSelection
 from fitting.inverse_load.fit.covariance import covariance_of, inverse
 from fitting.inverse_load.fit.detection import (
@@ -65,7 +65,7 @@ from fitting.inverse_load.fit.systematic import (
 from fitting.inverse_load.fit.tabulated_changes import TabulatedChanges, _filled, most_alike
 from fitting.inverse_load.fit.wide_contact import WideContactFitter
 from fitting.inverse_load.model.contact_parameters import SECTION, SECTION_WITH_DIRECTION
-from fitting.inverse_load.model.evaluation import Evaluation
+from fitting.inverse_load.model.evaluation import Evaluation, filled_up
 from fitting.inverse_load.search import table as load_table
 from fitting.inverse_load.search.base import _scaled
 from fitting.inverse_load.search.section import NodeSearch
@@ -1434,13 +1434,13 @@ def test_table_ends_before_the_wall_also_where_the_skin_gives_way_between_probes
 def test_fewer_contacts_are_three_of_which_some_press_with_no_force() -> None:
     """So that one compiled program has derivatives under any number of them."""
     one, two = (
-        section_errors._of_all(np.array([[0.1, 5.0]]), 1),
+        filled_up(np.array([[0.1, 5.0]]), 1),
         np.array([[0.1, 0.2, 5.0, 6.0]]),
     )
     assert one.tolist() == [[0.1, 0, 0, 5.0, 0, 0]]
-    assert section_errors._of_all(two, 2).tolist() == [[0.1, 0.2, 0, 5.0, 6.0, 0]]
+    assert filled_up(two, 2).tolist() == [[0.1, 0.2, 0, 5.0, 6.0, 0]]
     turned = np.arange(1.0, 10.0)[None]
-    assert section_errors._of_all(turned, 3).tolist() == turned.tolist()
+    assert filled_up(turned, 3).tolist() == turned.tolist()
 
 
 # --- least squares ------------------------------------------------------------------------

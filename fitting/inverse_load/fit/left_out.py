@@ -11,9 +11,10 @@ for u = (tau, l^2) with a prior's variances V_k, to first order::
     u = sum_k w_k u_k,     dx = -G u,
     <du du^T> = sum_k w_k (P_k + u_k u_k^T) - u u^T
 
-So readings that would show friction or width and do not leave place and force as they are.
-Where lines leave more than noise, u would be what the model lacks: nothing moves then, and all
-of the widest prior is counted.
+What friction of one contact does depends on the others: s' of several comes from the model in
+their own equilibrium, that of one from the table. Readings that would show friction or width
+and do not leave place and force as they are. Where lines leave more than noise, u would be what
+the model lacks: nothing moves then, and all of the widest prior is counted.
 """
 
 import numpy as np
@@ -23,9 +24,19 @@ from fitting.inverse_load.fit.explanation import PRIOR_OF_TANGENT, TOLD, Explana
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors, no_covariance
 from fitting.inverse_load.fit.tabulated_changes import TabulatedChanges
-from fitting.inverse_load.search.table import LoadTable
+from fitting.inverse_load.model.evaluation import (
+    CONTACTS,
+    filled_up,
+    in_batches,
+    slopes_beside_program,
+)
+from fitting.inverse_load.search.table import LANES, LoadTable
+from suas_jax.equilibrium.state import State
+from suas_jax.runtime.compiled import COMPILED
+from suas_jax.scene.skin import Skin
 
 _LINE = 2  # parameters of a contact: angle and force
+_LANES = LANES // 4  # of a program where many frames are asked for
 # Deviations of the tangential force over the inward one and of the square of the arc [m^2].
 _LITTLE = (0.05, 5e-3**2)
 _USUAL = (PRIOR_OF_TANGENT, 15e-3**2)
@@ -36,22 +47,32 @@ _RARE = 0.05  # probability of radial lines below which tangential forces are to
 class LeftOutOfContacts(AbstractSystematicErrors):
     """Friction and width of contacts that were fitted as radial lines."""
 
-    def __init__(self, table: LoadTable, edge: float) -> None:
+    def __init__(self, skin: Skin, table: LoadTable, *, edge: float, live: bool) -> None:
+        self._skin, self._lanes = skin, 1 if live else _LANES
         self._changes = TabulatedChanges.of(table, table.slopes[:, :, _LINE:])
         self._edge = edge  # largest angle of a contact [rad]
 
     def slopes(self, best: Explanations, per_contact: int, contacts: int) -> Floats:
         """See the base class: by all tangential forces over inward ones, then all squares."""
-        x, held = best.parameters, best.held
-        rows = [
-            self._changes.under(x[:, k], x[:, contacts + k], held[:, [k, contacts + k]])
-            for k in range(contacts)
-        ]
-        found = np.stack(rows, 2)  # [frame, quantity, contact, taxel]
+        if contacts > 1:
+            return self._under_several(best.parameters[:, : _LINE * contacts], best.state)
+        x = best.parameters
+        found = self._changes.under(x[:, 0], x[:, 1], best.held[:, :_LINE])
         # What the fit itself found of a single contact is not left out.
-        known = np.isfinite(best.beside[:, :1, [-1, 0], 1]).swapaxes(1, 2)
-        found = np.where(known[..., None], 0.0, found)
-        return found.reshape(len(found), 2 * contacts, -1)
+        known = np.isfinite(best.beside[:, 0, [-1, 0], 1])
+        return np.where(known[..., None], 0.0, found)
+
+    def _under_several(self, parameters: Floats, state: State) -> Floats:
+        """The same under contacts of which each changes what the others' friction does."""
+        count = parameters.shape[1] // _LINE
+
+        def run(parameters: Floats, state: State) -> Floats:
+            given = self._skin, parameters, state
+            return np.asarray(COMPILED.run(slopes_beside_program, *given))
+
+        found = in_batches(run, filled_up(parameters, count), state, self._lanes)
+        kept = np.concatenate([np.arange(count), CONTACTS + np.arange(count)])
+        return found[:, kept]
 
     def averaged(
         self, best: Explanations, y: Floats, *, still: bool

@@ -19,7 +19,13 @@ from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.other_stiffness import AbstractSectionErrors
 from fitting.inverse_load.fit.tabulated_changes import TabulatedChanges
-from fitting.inverse_load.model.evaluation import at_rest, loads_from
+from fitting.inverse_load.model.evaluation import (
+    CONTACTS,
+    at_rest,
+    filled_up,
+    in_batches,
+    loads_from,
+)
 from fitting.inverse_load.search.table import LANES, LoadTable, table_key
 from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
 from suas_jax.config.input_errors import ELECTRICAL, value_of
@@ -32,7 +38,6 @@ from suas_jax.scene.skin import Skin
 
 _RADIAL = 2  # parameters of a contact whose direction is held
 _TOGETHER = 8  # directions of one program, whatever the number of errors
-_CONTACTS = 3  # of one program, whatever their number: the others press with no force
 _LANES = LANES // 4  # of one program where many frames or states are asked for
 
 
@@ -63,18 +68,14 @@ class InputSlopes:
         self, parameters: Floats, state: State, count: int, lanes: int = _LANES
     ) -> Floats:
         """Change of readings by each error, from the model [frame, error, taxel]."""
-        parts = []
-        parameters = _of_all(parameters, count)
-        for begin in range(0, len(parameters), lanes):
-            pick = np.minimum(np.arange(begin, begin + lanes), len(parameters) - 1)
-            there = jax.tree.map(lambda x, i=pick: np.asarray(x)[..., i], state)
-            given = parameters[pick].T, there
-            found = [
-                COMPILED.run(_SLOPE_PROGRAM, self.skin, tangents, *given)
-                for tangents in self._tangents
-            ]
-            parts.append(np.moveaxis(np.concatenate(found), -1, 0))
-        return np.concatenate(parts)[: len(parameters), : len(self._errors)]
+
+        def run(parameters: Floats, state: State) -> Floats:
+            given = self.skin, parameters, state
+            rows = [COMPILED.run(_SLOPE_PROGRAM, *given, group) for group in self._tangents]
+            return np.concatenate(rows)
+
+        found = in_batches(run, filled_up(parameters, count), state, lanes)
+        return found[:, : len(self._errors)]
 
 
 class SectionErrors(AbstractSectionErrors):
@@ -154,14 +155,6 @@ class SectionErrors(AbstractSectionErrors):
         return {"left": changes.left, "alike": changes.alike, "rest": rest}
 
 
-def _of_all(parameters: Floats, count: int) -> Floats:
-    """Parameters of `_CONTACTS` contacts [row, parameter], of those of fewer."""
-    rows = len(parameters)
-    whole = np.zeros((rows, parameters.shape[1] // count, _CONTACTS))
-    whole[..., :count] = parameters.reshape(rows, -1, count)
-    return whole.reshape(rows, -1)
-
-
 def changed_skin(spec: SkinSpec, skin: Skin, inputs: Mapping[str, ArrayLike]) -> Skin:
     """A skin with some inputs changed.
 
@@ -209,9 +202,9 @@ def skin_tangents(spec: SkinSpec, skin: Skin, paths: tuple[str, ...], columns: F
 
 def _slopes(
     skin: Skin,
-    tangents: Skin,  # arrays with an axis of directions first
     parameters: Float[Array, "parameter lane"],
     state: State,
+    tangents: Skin,  # arrays with an axis of directions first
 ) -> Float[Array, "direction taxel lane"]:
     """Change of readings as the skin changes along tangents.
 
@@ -219,7 +212,7 @@ def _slopes(
     """
 
     def so(skin: Skin) -> Array:
-        problem = skin.problem(loads_from(parameters, _CONTACTS))
+        problem = skin.problem(loads_from(parameters, CONTACTS))
         q = differentiable(problem, state).q
         return skin.electrodes.read(problem.mechanics, q).so
 

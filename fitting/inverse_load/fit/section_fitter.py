@@ -69,7 +69,8 @@ class SectionFitter(AbstractLoadFitter):
         edge = float(self.edge[0])
         bounds = [(-edge, edge), (0.0, cap), (-np.pi / 2, np.pi / 2)]
         self._bounds = np.array(bounds[: self.per_contact])
-        self.left_out = None if direction else LeftOutOfContacts(table, edge)
+        left_out = None if direction else LeftOutOfContacts(skin, table, edge=edge, live=live)
+        self.left_out = left_out
 
     def steps(self, asked: Attempt) -> Steps[Explanations]:
         """See the base class."""

@@ -11,8 +11,10 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
+from fitting.arrays import Floats
 from suas_jax.equilibrium.balance import verify
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import State, differentiable, equilibrium
@@ -76,6 +78,34 @@ def wide_load(parameters: Float[Array, "parameter lane"], skin: Skin) -> Loads:
     turn = jnp.arctan(tangent) + section.direction(places) - section.direction(middle)
     force = force * jnp.sqrt(1 + tangent**2)
     return Loads(places, force * jnp.asarray(weights)[:, None] / 2, turn, jnp.zeros_like(angle))
+
+
+CONTACTS = 3
+"""Contacts of a program for any number up to it: those that are not there have no force."""
+
+
+def filled_up(parameters: Floats, count: int) -> Floats:
+    """Parameters of `CONTACTS` contacts [row, parameter], of those of fewer."""
+    rows = len(parameters)
+    whole = np.zeros((rows, parameters.shape[1] // count, CONTACTS))
+    whole[..., :count] = parameters.reshape(rows, -1, count)
+    return whole.reshape(rows, -1)
+
+
+def in_batches(
+    run: Callable[[Floats, State], ArrayLike], parameters: Floats, state: State, lanes: int
+) -> Floats:
+    """What a program of so many lanes finds for any number of frames [frame, ...].
+
+    `run` has parameters [parameter, lane] and neighbouring equilibria, a lane a frame, and
+    returns an array whose last axis is the lane; `parameters` lead with the frame.
+    """
+    parts = []
+    for begin in range(0, len(parameters), lanes):
+        pick = np.minimum(np.arange(begin, begin + lanes), len(parameters) - 1)
+        there = jax.tree.map(lambda x, i=pick: np.asarray(x)[..., i], state)
+        parts.append(np.moveaxis(np.asarray(run(parameters[pick].T, there)), -1, 0))
+    return np.concatenate(parts)[: len(parameters)]
 
 
 def at_rest(skin: Skin, lanes: int) -> State:
@@ -161,6 +191,26 @@ def _slopes_of_one(
     return jnp.concatenate([by_line, _derivatives(skin, wide, narrow[None], state)])
 
 
+def _slopes_beside(
+    skin: Skin, parameters: Float[Array, "parameter lane"], state: State
+) -> Float[Array, "parameter taxel lane"]:
+    zero = jnp.zeros((CONTACTS, parameters.shape[-1]))
+
+    def loads(others: Float[Array, "parameter lane"]) -> Loads:
+        # Columns of the Jacobian lie side by side with the lanes.
+        lines = jnp.tile(parameters, others.shape[-1] // parameters.shape[-1])
+        tangent, square = others[:CONTACTS], others[CONTACTS:]
+        rows = jnp.stack([lines[:CONTACTS], lines[CONTACTS:], square, tangent])
+        arcs = [wide_load(rows[:, k], skin) for k in range(CONTACTS)]
+        angle, force, turn = (
+            jnp.concatenate([getattr(arc, name) for arc in arcs])
+            for name in ("angle", "force", "turn")
+        )
+        return Loads(angle, force, turn, jnp.zeros_like(angle[0]))
+
+    return _derivatives(skin, loads, jnp.concatenate([zero, zero + NARROWEST**2]), state)
+
+
 rest_program = eqx.filter_jit(_stable_at_rest)
 """Whether a skin is stable in its state at rest, in lanes."""
 read_program = eqx.filter_jit(_read)
@@ -168,3 +218,6 @@ read_program = eqx.filter_jit(_read)
 slopes_program = eqx.filter_jit(_slopes_of_one)
 """Derivatives of readings in equilibrium by one radial load's angle, force and direction, and
 by the square of the arc that it presses [counts/m^2]."""
+slopes_beside_program = eqx.filter_jit(_slopes_beside)
+"""Derivatives of readings in equilibrium under `CONTACTS` radial loads by all tangential forces
+over inward ones [counts], then by the squares of all arcs that are pressed [counts/m^2]."""
