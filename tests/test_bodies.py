@@ -921,7 +921,7 @@ def test_travels_are_found_from_forces() -> None:
         ]
         return {"loads": loads}, start, start, start, {"result": np.zeros(1)}
 
-    report, *_ = under_forces(spec, inputs, None, run)
+    report, *_ = under_forces(spec, inputs, START, run)
     found = [float(load["force_N"][0]) for load in report["loads"]]
     np.testing.assert_allclose(found, [3.0, 20.0], rtol=1e-10)
     assert len(runs) < 25
@@ -1140,7 +1140,7 @@ def test_drags_are_found_from_tangential_forces(turn: float, grip: float, lean: 
             return {"loads": [load]}, start, start, start, {"result": np.zeros(1)}
 
         inputs = {k: np.asarray(v) for k, v in continuous_inputs(spec).items()}
-        return under_forces(spec, inputs, None, run)
+        return under_forces(spec, inputs, START, run)
 
     for wanted in (-1.2, -0.3):
         report, *_, outcome = solved(wanted)
@@ -1177,6 +1177,38 @@ def test_drags_are_found_where_points_turn_one_by_one() -> None:
     (load,) = report["loads"]
     for key, wanted in (("", 0.02), ("_axial", 0.01)):
         assert abs(load[f"tangential_force{key}_N"][0] - wanted) < 1e-10
+
+
+def test_a_finer_mesh_goes_on_with_what_a_coarser_one_told_of_travels() -> None:
+    """By stand-ins a little softer than one another whose states are the travels themselves."""
+    table = _by_force(0, 5.0) | {"tangential_force": "0.6 N", "friction": 0.3}
+    spec = scene(table)
+    inputs = {k: np.asarray(v) for k, v in continuous_inputs(spec).items()}
+    tried, slopes, counts = [], None, []
+    for stiffness in (2.0, 1.9):
+
+        def run(inputs: Any, start: State, stiffness: float = stiffness) -> Any:
+            depth, drag = (1e3 * float(inputs[f"load.0.{key}"]) for key in ("depth", "drag"))
+            force = stiffness * depth**1.7
+            along = 0.3 * force * np.tanh(8.0 * (drag + 0.2 * (depth - 1)))
+            values = {"force_N": force, "tangential_force_N": along}
+            values |= {"depth_m": depth / 1e3, "drag_m": drag / 1e3}
+            load = {key: np.array([x]) for key, x in values.items()}
+            tried.append((np.array([depth, drag]), start))
+            found = State(tried[-1][0], *[np.ones(1)] * 2)
+            return {"loads": [load]}, found, found, found, {"result": np.zeros(1)}
+
+        tried.clear()
+        report, *_, outcome = under_forces(spec, inputs, START, run, slopes=slopes)
+        (load,), slopes = report["loads"], outcome["slopes"]
+        assert abs(load["force_N"][0] / 5 - 1) < 1e-9
+        assert abs(load["tangential_force_N"][0] / 0.6 - 1) < 1e-9
+        inputs |= {f"load.0.{key}": load[f"{key}_m"][0] for key in ("depth", "drag")}
+        counts.append(len(tried))
+    assert counts[1] <= 7 < counts[0]
+    for travels, start in tried[4:]:  # on the plane through the last three, where they span one
+        assert start.q == pytest.approx(travels, rel=1e-3)
+        assert start.factor[0] == pytest.approx(1, rel=1e-3)
 
 
 def _by_force(angle: float, force: float) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from suas_jax.scene.program import (
     structure_of,
 )
 from suas_jax.scene.sway import can_sway, shifted, stable_factor, stressed_last
-from suas_jax.scene.travel import driven_by_force, travels_of
+from suas_jax.scene.travel import driven_by_force, on_the_way, travels_of
 
 # Error of the finer of two meshes over their difference, twice what order two leaves.
 FINER_SHARE = 2 / 3
@@ -230,9 +230,10 @@ def _attempt(
         slid = _slid(scene, coarser or known)
         plan, meshes, inputs, rest = prepared(scene, name, counts, slid)
         static = structure_of(scene, wall=wall)
-        begun = coarser or known
+        begun, slopes = coarser or known, None
         if begun is not None and begun.converged:
             inputs = inputs | travels_of(scene, begun.report)
+            slopes = begun.outcome.get("slopes")
         start = (
             None
             if coarser is None
@@ -243,9 +244,8 @@ def _attempt(
             start = run_program(static, meshes, moved, rest, once=once, judged=False)[3]
         refined = coarser is not None and coarser.converged and coarser.wall == wall
         until_wall = scene.wall.contact and not wall
-        run = functools.partial(
-            run_program, static, meshes, once=once, until_wall=until_wall, refined=refined
-        )
+        run = functools.partial(run_program, static, meshes, once=once, slopes=slopes)
+        run = functools.partial(run, until_wall=until_wall, refined=refined)
         solved = run(inputs, start or rest)
         failed = number(solved[-1]["result"]) != 0 and scene.solve.oil_pressure is None
         if failed and start is None:
@@ -315,9 +315,11 @@ def _at_travels_of(
 ) -> dict[str, Any] | None:
     """What a coarser mesh reports at the finer one's travels; None without a solution there."""
     meshes = meshes_of(scene, coarser.plan)
-    inputs = inputs_of(scene) | travels_of(scene, found.report)
+    travels, before = (travels_of(scene, at.report) for at in (found, coarser))
+    inputs, start = inputs_of(scene) | travels, coarser.part
     static = structure_of(scene, wall=coarser.wall)
-    start = coarser.part
+    if len(scene.bodies) == 1 and (depth := float(travels.get("load.0.depth", 0.0))):
+        start = on_the_way(scene, start, float(before["load.0.depth"]) / depth)
     solved = run_program(static, meshes, inputs, start, once=once, travels_given=True)
     return solved[0] if number(solved[-1]["result"]) == 0 else None
 

@@ -86,13 +86,15 @@ def run_program(
     travels_given: bool = False,
     until_wall: bool = False,
     refined: bool = False,
+    slopes: np.ndarray | None = None,
 ) -> tuple[dict[str, Any], State, State, State, dict[str, Any]]:
     """The program of a scene from a start; from rest where that leads nowhere.
 
     Where nothing acts on the skin the report is that of the undeformed skin. Bodies that are
     pressed by a force take the travel at which they carry it, unless the inputs give it;
     `until_wall` says that a state in a wall that is left out will do; `refined`, that start and
-    travels are those of a solution on another mesh: where they lead nowhere, nothing else does.
+    travels are those of a solution on another mesh: where they lead nowhere, nothing else does;
+    `slopes` are those of its outcome, see `under_forces`.
 
     Returns what is observed; the equilibrium, the state to report and that of the part solved;
     how it was found.
@@ -120,9 +122,8 @@ def run_program(
         return found
 
     if driven_by_force(static.scene) and not travels_given:
-        return under_forces(
-            static.scene, inputs, start, run, until_wall=until_wall, refined=refined
-        )
+        find = functools.partial(under_forces, until_wall=until_wall, refined=refined)
+        return find(static.scene, inputs, start, run, slopes=slopes)
     return run(inputs, start)
 
 

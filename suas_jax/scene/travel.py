@@ -8,7 +8,9 @@ derivatives; those across the approach, which friction carries, as shares of it.
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
+from jaxtyping import Array
 
 from suas_jax.config import SceneSpec
 from suas_jax.equilibrium.balance import State
@@ -35,6 +37,9 @@ _MOST_TOGETHER, _HALVINGS, _FARTHEST, _PROBED = 30, 6, 1.0, 1e-3
 # to where they are dragged one by one, which differences of far runs do not tell.
 _FINER, _NEAR, _LEAST_FORCE = 1e-2, 0.1, 1e-300
 _PATIENCE = 12  # runs without progress after which a body slides, or goes no further
+# Longest step ahead on a plane through known states, over those between these; and least width
+# of what spans it, over the longest.
+_AHEAD, _PLANE = 2.0, 1e-2
 _CLOSER = 0.9  # of the span between two drags, which is progress, too
 
 
@@ -102,11 +107,11 @@ def travels_of(scene: SceneSpec, report: dict[str, Any]) -> dict[str, np.ndarray
 def on_the_way(scene: SceneSpec, state: State, share: float) -> State:
     """A state as one on the way to other travels, which is then followed from there.
 
-    A factor scales all that acts, so this needs bodies alone that are not dragged.
+    A factor scales all that acts, so this needs bodies alone; a drag that stays is near enough.
 
     `state`: its equilibrium at travels. `share`: of those that are wanted.
     """
-    if share <= 0 or any(load.kind != "body" or any(load.dragged) for load in scene.loads):
+    if not 0 < share < np.inf or any(load.kind != "body" for load in scene.loads):
         return state
     return state._replace(factor=state.factor * share)
 
@@ -183,12 +188,17 @@ class _Search(NamedTuple):
         x: np.ndarray,
         step: np.ndarray,
         ends: tuple[np.ndarray, np.ndarray],
-        halve: bool,  # take the middle of these where both are known
+        slow: bool,  # whether the last step has left much of the error
     ) -> np.ndarray:
-        """A step no longer than what is trusted, between those known to be too far."""
+        """A step no longer than what is trusted, between those known to be too far.
+
+        Of one travel that are ends, and their middle does where a step was slow. Those of
+        several have been ends beside what the others were then, and serve where one was slow.
+        """
         most = np.array([_ACROSS if d.across else LONGEST for d in self.driven])
         new, (low, high) = x + np.clip(step, -most, most), np.sort(ends, 0)
-        outside = halve | (new <= low) | (new >= high)
+        outside = (new <= low) | (new >= high)
+        outside = outside | slow if len(x) == 1 else outside & slow
         known = np.isfinite(low) & np.isfinite(high)
         middle = (np.where(known, low, 0.0) + np.where(known, high, 0.0)) / 2
         return np.where(outside & known & (step != 0), middle, new)
@@ -204,27 +214,31 @@ def under_forces(
     until_wall: bool = False,
     # end with a first run that fails: its travels are those of a solution on another mesh
     refined: bool = False,
+    # derivatives that it has told, in its outcome, as every outcome of a search tells them
+    slopes: np.ndarray | None = None,
 ) -> Solved:
     """Solve a scene whose bodies carry given forces, by runs with given travels."""
     every = driven_by_force(scene)
     none = {d.path(d.travel): np.zeros(()) for d in every}
     loaded = [d for d in every if d.across or number(inputs[d.path(d.force)]) > 0]
-    idlers = [d for d in every if d not in loaded]
     search, x = _Search.of(loaded, inputs, scene.geometry.mean_thickness)
     across = search.across
     best: tuple[float, Solved, np.ndarray] | None = None
     before: tuple[np.ndarray, np.ndarray] | None = None
-    slope, idle = np.diag(np.where(across, 0.0, POWER)), 0
-    unprobed = [k for k, d in enumerate(loaded) if d.across]
+    past: list[tuple[np.ndarray, State]] = []
+    known, idle = slopes is not None, 0  # and right so far; runs without progress
+    slope = np.diag(np.where(across, 0.0, POWER)) if slopes is None else slopes
+    unprobed = [] if known else [k for k, d in enumerate(loaded) if d.across]
     low, high = np.full(len(x), -np.inf), np.full(len(x), np.inf)
     pace, blocked = 0.0, index_of("no_convergence")  # of steps before a force; last failure
-    alone = len(every) == len(scene.bodies) == 1 and not across.any()
+    lone = len(scene.bodies) == 1 and not across[:1].all()
     for _ in range(_MOST_RUNS):
-        near = start
-        if before is not None and alone:
-            near = on_the_way(scene, start, float((search.gone(before[0]) / search.gone(x))[0]))
+        gone = search.gone(x)
+        near, there = _ahead(past, gone) if past else (start, gone)
+        if lone and gone[0]:
+            near = on_the_way(scene, near, there[0] / gone[0])
         found = run({**inputs, **none, **search.travels(x)}, near)
-        pushed = [d for d in idlers if d.of(found[0], d.force) > 0]
+        pushed = [d for d in every if d not in loaded and d.of(found[0], d.force) > 0]
         if pushed:  # by a skin that comes out to meet them: they are taken away
             none |= {d.path(d.travel): np.asarray(-scene.geometry.width) for d in pushed}
             continue
@@ -244,9 +258,11 @@ def under_forces(
             continue
         if until_wall and number(found[0]["wall_contact"]) and (y[~across] < 0).all():
             return found
-        start, error = found[3], float(np.max(np.abs(y), initial=0.0))
+        error = float(np.max(np.abs(y), initial=0.0))
+        past = [*past[-len(x) :], (gone, found[3])]
         idle = 0 if best is None or error < 0.98 * best[0] else idle + 1
-        halve = len(x) == 1 and best is not None and error > best[0] / 2
+        slow = best is not None and error > best[0] / 2
+        known &= not slow
         if best is None or error < best[0]:
             best = error, found, y
         elif best[0] < _LOOSE:
@@ -268,18 +284,38 @@ def under_forces(
         # With two drags each changes both forces: closer ends of one are no progress.
         if across.sum() == 1 and (high - low < _CLOSER * span)[across]:
             idle = 0
-        free = ~across | settled
+        free = ~across | settled | known
         probe = next((k for k in unprobed if free[k] and slope[k, k] == 0), None)
         if probe is None:
-            unbounded = across & ~(np.isfinite(low) & np.isfinite(high))
-            x = search.stepped(x, _step(slope, y, free, unbounded), (low, high), halve)
+            unbounded = across & ~(np.isfinite(low) & np.isfinite(high)) & ~known
+            x = search.stepped(x, _step(slope, y, free, unbounded), (low, high), slow)
         else:  # what a drag does is not known yet
             unprobed.remove(probe)
             x = x - np.copysign(_PROBE, y[probe]) * np.eye(len(x))[probe]
     if best is None:
         return found
+    best[1][-1]["slopes"] = slope
     fixed = {**inputs, **none}
     return _ended(search, best, blocked, lambda gone, near: run({**fixed, **gone}, near))
+
+
+def _ahead(
+    past: list[tuple[np.ndarray, State]],  # travels, in lengths, and states found there
+    gone: np.ndarray,  # travels that are wanted
+) -> tuple[State, np.ndarray]:
+    """What lies next to them on the plane through the last ones: a state and its travels."""
+    last = past[-1][0]
+    rows = np.array([x - last for x, _ in past[:-1]]).reshape(-1, len(gone))
+    size = np.abs(rows).max(0, initial=0.0)
+    size[size == 0] = 1.0
+    shares = np.linalg.lstsq((rows / size).T, (gone - last) / size, rcond=_PLANE)[0]
+    if not (np.abs(shares) <= _AHEAD).all():
+        shares = 0 * shares
+
+    def between(*x: Array) -> Array:
+        return x[-1] + sum(s * (a - x[-1]) for s, a in zip(shares, x[:-1], strict=True))
+
+    return jax.tree.map(between, *(state for _, state in past)), last + shares @ rows
 
 
 def _ended(
