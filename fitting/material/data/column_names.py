@@ -89,6 +89,7 @@ _WORDS = _pairs(
     dragkraft=tensile_force trykkraft=compressive_force tryckkraft=compressive_force
     belastning=load toejning=strain toeyning=strain dragspaenning=tensile_stress
     spaenning=stress spaending=stress spenning=stress maetlaengd=gauge_length
+    nominelle=nominal nominell=nominal nominel=nominal sann=true
     ursprungslaengd=initial_length laengd=length laengde=length lengde=length
     tjocklek=thickness tykkelse=thickness bredd=width bredde=width hoejd=height
     hoejde=height hoeyde=height tryck=pressure tryk=pressure trykk=pressure tid=time
