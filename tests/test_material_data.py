@@ -564,6 +564,9 @@ def test_columns_of_another_mode_are_told(tmp_path: pathlib.Path) -> None:
             ("Contrainte vraie (MPa)", "cauchy"),
         ),
         *(("Déplacement traverse (mm)", "displacement"), ("인장응력 (MPa)", "nominal")),
+        *(("Nominell töjning (%)", "strain"), ("Nominelle Spannung (MPa)", "nominal")),
+        *(("Sann spänning (MPa)", "cauchy"), ("Sann töjning", "log_strain")),
+        *(("Einspannlänge L0 (mm)", "grip_separation"), ("Klemmlänge L0", "grip_separation")),
         *(("Longueur de jauge (mm)", "length"), ("つかみ具間距離 (mm)", "grip_separation")),
     ],
 )

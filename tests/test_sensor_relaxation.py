@@ -64,12 +64,14 @@ def held(
     rest: float = 40.0,
     noise: float = 2.0,
     place: str = "0",
+    warming: float = 0.0,
 ) -> SensorData:
     """A log of a press of 20 N, with noise and whole counts."""
     time = np.arange(0.0, hold + 2 * rest, 0.25)
     load = np.interp(time, rest + np.array([0.0, 0.25, hold, hold + 0.25]), [0, 20, 20, 0])
     random = np.random.default_rng(seed)
     so = creeping(time, load, series)
+    so += warming * (1 + MOVES[:, None]) * -np.expm1(-time / 60)
     so = np.rint(
         so * (1 + 0.02 * random.standard_normal((8, 1)))
         + noise * random.standard_normal(so.shape)
@@ -147,6 +149,17 @@ def test_stated_errors_are_those_of_many_draws(quick: None, tmp_path: Path) -> N
         z.append(errors(_fitted(data, (press._replace(so=so),), start), ONE))
     assert np.sqrt(np.mean(np.square(z), 0)) == pytest.approx(np.ones(2), abs=0.25)
     assert np.all(np.mean(np.abs(z) < 1.96, 0) > 0.88)
+
+
+def test_a_baseline_that_warms_is_no_relaxation(quick: None, tmp_path: Path) -> None:
+    """By 15 counts with 60 s; a steady drift alone leaves the time 6 deviations off."""
+    z = []
+    for seed in range(6):
+        best, _ = fit_relaxation(held(tmp_path / "log.csv", seed=seed, warming=15.0))
+        assert (best.terms, best.presses[0].bend > 1) == (1, True)
+        z.append(errors(best, ONE))
+    assert np.all(np.sqrt(np.mean(np.square(z), 0)) < 1.7)
+    assert fit_relaxation(held(tmp_path / "log.csv"))[0].presses[0].bend == 1
 
 
 def test_what_a_hold_can_t_tell_is_refused_in_words(quick: None, tmp_path: Path) -> None:

@@ -89,6 +89,7 @@ _WORDS = _pairs(
     dragkraft=tensile_force trykkraft=compressive_force tryckkraft=compressive_force
     belastning=load toejning=strain toeyning=strain dragspaenning=tensile_stress
     spaenning=stress spaending=stress spenning=stress maetlaengd=gauge_length
+    nominelle=nominal nominell=nominal nominel=nominal sann=true
     ursprungslaengd=initial_length laengd=length laengde=length lengde=length
     tjocklek=thickness tykkelse=thickness bredd=width bredde=width hoejd=height
     hoejde=height hoeyde=height tryck=pressure tryk=pressure trykk=pressure tid=time
@@ -257,7 +258,8 @@ displacement length (?:crosshead_|cross_head_|loads_0_|axial_|ax_|standard_|tens
     |d(?:elta_)?l|δl
 current_length length (?:axial_|plate_)?gap|current_length
 grip_separation length (?:initial_)?(?:grip|jaw|clamp)(?:_to_(?:grip|jaw|clamp))?
-    _(?:separation|distance|length)(?:_at_(?:the_)?start(?:_position)?)?|clamping_length
+    _(?:separation|distance|length)(?:_at_(?:the_)?start(?:_position)?)?(?:_l?[0o])?
+    |clamping_length(?:_l?[0o])?
 height length (?:apex_|pole_|bulge_|dome_|specimen_|initial_)*height(?:_h[0o]?)?
     |apex_displacement
 length length (?:gauge_|gage_|initial_|original_|specimen_|parallel_)*length(?:_l?[0o])?|l[0o]

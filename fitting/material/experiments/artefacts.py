@@ -213,8 +213,8 @@ def _drift(data: StressTest) -> list[Suspect]:
             continue
         size, unit = force_of(data, change)
         text = (
-            f"back at rest the load cell reads {size:.3g} {unit} more than before: it drifts, "
-            f"or the specimen kept a set"
+            f"back at rest the load cell reads {size:.3g} {unit} more than before: it drifts "
+            f"(the loading keeps its part of that), or the specimen kept a set"
         )
         return [Suspect("drift", data.file, text, "--branch loading", size, unit)]
     return []

@@ -24,6 +24,7 @@ from fitting.material.experiments.prediction import mode_factors
 from fitting.material.fit.fitted_law import FittedLaw
 from fitting.material.fit.stress_process import (
     EXPONENT,
+    RISES,
     SECOND,
     First,
     Part,
@@ -85,8 +86,9 @@ class Belief:
             for first in firsts
             if first.x.size and reaches(first, readings.states.i1)
             for share in _SHARES
+            for rise in RISES
             for noise in (_NOISE_STATED if stated else _NOISE)
-            if (part := conditioned(readings, modulus, first, share, noise)) is not None
+            if (part := conditioned(readings, modulus, first, share, rise, noise)) is not None
         ]
         parts.sort(key=lambda part: -part.evidence)
         kept = [p for p in parts if p.evidence > parts[0].evidence - _FAR or not p.first.title]
@@ -138,7 +140,7 @@ class Belief:
         count = len(self.readings.value)
         for part in parts:
             mean = mean_of(both, self.modulus, part.first)[count:]
-            cross = covariance_of(both, self.modulus, part.first, part.share)
+            cross = covariance_of(both, self.modulus, part.first, part.share, part.rise)
             solved = linalg.solve_triangular(part.root, cross[:count, count:], lower=True)
             mean = mean + solved.T @ part.weights
             variance = np.diagonal(cross)[count:] - np.sum(solved**2, axis=0)

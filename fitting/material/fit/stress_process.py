@@ -22,6 +22,12 @@ _BOTH = 0.06  # δ over the stress, fully where I₁ is 4
 _LENGTH, _GROWTH = 0.8, 0.03  # of α beside a law's: in log(I₁ - 2.7), and by I₁
 _LENGTH_2, _LENGTH_BOTH = 1.0, 0.5
 _OFFSET = 0.3
+RISES = (0.0, 0.15, 0.5)
+"""Share by which fillers stiffen a rubber near rest, as no law of the list does."""
+# It is gone where I₁ - 3 is well beyond the first; it falls over the third in
+# log(I₁ - 3 + second).
+_SOFTENED, _AT_REST, _FALL = 0.03, 0.003, 2.0
+_FILLED = 0.03  # of the rubbers whose readings don't tell
 EXPONENT = -0.5
 
 
@@ -77,6 +83,7 @@ class Part(NamedTuple):
 
     first: First
     share: float
+    rise: float
     noise: float
     evidence: float
     root: np.ndarray
@@ -94,11 +101,11 @@ def reaches(first: First, i1: Rows) -> bool:
 
 
 def conditioned(
-    readings: Readings, modulus: float, first: First, share: float, noise: float
+    readings: Readings, modulus: float, first: First, share: float, rise: float, noise: float
 ) -> Part | None:
     """A law with what is beside it, after the readings; None where numbers fail."""
     states = readings.states
-    covariance = covariance_of(states, modulus, first, share)
+    covariance = covariance_of(states, modulus, first, share, rise)
     covariance = covariance + np.diag((noise * readings.scale) ** 2)
     covariance += readings.shared.T @ readings.shared
     # Nothing is known to better than rounding.
@@ -111,7 +118,8 @@ def conditioned(
     weights = linalg.solve_triangular(root, off, lower=True)
     evidence = -0.5 * float(weights @ weights) - float(np.log(np.diagonal(root)).sum())
     evidence -= 0.5 * first.constants * float(np.log(len(off)))
-    return Part(first, share, noise, evidence, root, weights)
+    evidence += float(np.log(_FILLED if rise else 1.0 - _FILLED))
+    return Part(first, share, rise, noise, evidence, root, weights)
 
 
 def mean_of(states: States, modulus: float, first: First) -> Rows:
@@ -121,7 +129,9 @@ def mean_of(states: States, modulus: float, first: First) -> Rows:
     return states.a * alpha + states.b * second * (states.i2 / 3.0) ** EXPONENT
 
 
-def covariance_of(states: States, modulus: float, first: First, share: float) -> np.ndarray:
+def covariance_of(
+    states: States, modulus: float, first: First, share: float, rise: float
+) -> np.ndarray:
     """Their covariance [Pa²]."""
     x, z = along(states.i1), along(states.i2)
     far_1, far_2 = (np.subtract.outer(y, y) ** 2 for y in (x, z))
@@ -137,6 +147,10 @@ def covariance_of(states: States, modulus: float, first: First, share: float) ->
         + share**2 * np.exp(-0.5 * far_1 / _LENGTH**2)
         + _GROWTH**2 * np.outer(beyond, beyond)
     )
+    risen = rise * first_part / (1.0 + beyond / _SOFTENED)
+    near_rest = np.log(beyond + _AT_REST)
+    far_rest = np.subtract.outer(near_rest, near_rest) ** 2
+    found += np.outer(risen, risen) * np.exp(-0.5 * far_rest / _FALL**2)
     found += SECOND[1] ** 2 * np.outer(exchanged, exchanged)
     along_2 = np.exp(-0.5 * far_2 / _LENGTH_2**2)
     found += _VARIES**2 * np.outer(second_part, second_part) * along_2
