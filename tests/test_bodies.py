@@ -61,13 +61,14 @@ from suas_jax.scene.contact_zone import (
     error_by_squeezing,
     touched_by_bodies,
 )
+from suas_jax.scene.force_search import under_forces
 from suas_jax.scene.indentation import IndentationCurve, Point
 from suas_jax.scene.loads import loads_of
 from suas_jax.scene.parts import scene_parts, skin_parts
 from suas_jax.scene.program import prepared, run_program, structure_of
 from suas_jax.scene.solve import Solution, check_bodies, report_with, solve
 from suas_jax.scene.sweep import SweepError, sweep
-from suas_jax.scene.travel import shares_of_travel, under_forces
+from suas_jax.scene.travel import shares_of_travel
 from suas_jax.skin.body import Grip
 from suas_jax.skin.body_shapes import AbstractShape, Box, Plate, Round, Wedge
 from suas_jax.skin.section import outward
@@ -928,6 +929,33 @@ def test_travels_are_found_from_forces() -> None:
 
 
 START = State(*[np.zeros(1)] * 3)
+
+
+def test_a_step_that_leads_nowhere_is_not_tried_again_at_once() -> None:
+    """By a stand-in of two bodies beside a wall, which is solved from near travels alone."""
+    spec = scene(*(_by_force(angle, 1.0) for angle in (-30, 30)))
+    inputs = {"load.0.force": np.asarray(15.0), "load.1.force": np.asarray(20.0)}
+    known, runs = [np.zeros(2)], []
+
+    def run(inputs: Any, start: Any) -> Any:
+        depth = np.array([1e3 * float(inputs[f"load.{i}.depth"]) for i in (0, 1)])
+        pressed = depth + 0.15 * depth[::-1]
+        force = 2 * pressed**1.7 + 50 * np.maximum(pressed - 1.5, 0) ** 1.5
+        lost = depth.max() > 1 and np.abs(depth - known[0]).max() > 0.3
+        runs.append(lost)
+        if not lost:
+            known[0] = depth
+        rows = zip(force[:, None], depth[:, None] / 1e3, strict=True)
+        loads = [{"force_N": f, "depth_m": d} for f, d in rows]
+        result = np.array([index_of("no_convergence") * lost])
+        return {"loads": loads}, start, start, start, {"result": result}
+
+    report, *_, outcome = under_forces(spec, inputs, START, run)
+    assert outcome["result"][0] == 0
+    found = [load["force_N"][0] for load in report["loads"]]
+    np.testing.assert_allclose(found, [15.0, 20.0], rtol=1e-10)
+    assert sum(runs) < 8  # 16 if each run were followed by as long a step as the first
+    assert len(runs) < 25
 
 
 def _searched(

@@ -33,10 +33,11 @@ from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.assessment import under_bodies
 from suas_jax.scene.build import Inputs, Structure, decay_angle, problem_of
 from suas_jax.scene.contact_zone import touched_by_bodies
+from suas_jax.scene.force_search import under_forces
 from suas_jax.scene.observables import load_observables
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import at_rest, inputs_of, structure_of
-from suas_jax.scene.travel import driven_by_force, travels_of, under_forces
+from suas_jax.scene.travel import driven_by_force, travels_of
 from suas_jax.skin.body_shapes import AbstractShape
 from suas_jax.skin.plain import plain_geometry
 

@@ -22,9 +22,10 @@ from suas_jax.numerics.lanes import number
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.assessment import assess
 from suas_jax.scene.build import Inputs, Structure, plan_for, problem_of
+from suas_jax.scene.force_search import under_forces
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts
-from suas_jax.scene.travel import driven_by_force, under_forces
+from suas_jax.scene.travel import driven_by_force
 from suas_jax.skin.prestress import is_prestressed
 
 
