@@ -44,8 +44,12 @@ _MESH = (160, 2)
 _DIGITS = 1 / 12  # variance of the converter's rounding
 _LANES = 64
 _JACOBIAN = jit(load_jacobian)
-KINDS = {"single": (300, 1), "two": (200, 2), "weak": (100, 2), "turned": (100, 1)}
+KINDS = {
+    **{"single": (300, 1), "two": (200, 2), "weak": (100, 2), "turned": (100, 1)},
+    "turned two": (100, 2),
+}
 """Sets of loads: frames and contacts."""
+_LEAN = {"turned": 1.0, "turned two": 2 / 3}  # of 30 degrees
 
 
 class Truth(NamedTuple):
@@ -76,11 +80,12 @@ def with_tolerances(spec: SkinSpec, *, exact: bool) -> SkinSpec:
 def drawn_loads(kind: str, frames: int, random: np.random.Generator) -> np.ndarray:
     """Loads of a set [frame, contact, 3]; two contacts are 30 (weak: 12) degrees apart."""
     rows: list[np.ndarray] = []
-    low, high, apart = {"two": (10, 20, 30), "weak": (2, 10, 12)}.get(kind, (2, 25, 0))
+    of_two = {"two": (10, 20, 30), "weak": (2, 10, 12), "turned two": (3, 12, 30)}
+    low, high, apart = of_two.get(kind, (2, 25, 0))
     while len(rows) < frames:
         angle = np.sort(random.uniform(-65, 65, KINDS[kind][1]))
         force = random.uniform(low, high, len(angle))
-        turn = random.uniform(-30, 30, len(angle)) * (kind == "turned")
+        turn = random.uniform(-30, 30, len(angle)) * _LEAN.get(kind, 0.0)
         if np.all(np.diff(angle) >= apart):
             rows.append(np.stack([np.deg2rad(angle), force, np.deg2rad(turn)], 1))
     return np.array(rows)
@@ -215,6 +220,10 @@ def accuracy(sets: dict[str, Truth], spec: SkinSpec) -> None:
     for kind in ("single", "two", "weak"):
         found = estimator.estimate(measured(sets[kind].so, 0))
         show(kind, score(estimator, found, sets[kind].loads), sets[kind].loads, found)
+    truth = sets["turned two"]
+    found, inward = estimator.estimate(measured(truth.so, 0)), truth.loads.copy()
+    inward[..., 1] *= np.cos(truth.loads[..., 2])
+    show("two, inclined", score(estimator, found, inward), inward, found)
     truth = sets["single"]
     counts, random = measured(truth.so, 0), np.random.default_rng(1)
     clean = score(estimator, estimator.estimate(counts), truth.loads)
