@@ -43,9 +43,9 @@ class LoadMode:
 
     contacts: int  # their number
     names: tuple[str, ...]  # of what is estimated of a contact
-    # of the fit, all of a name together, by the model's angle [rad], [m], [N]
+    # all of a name together, by the model's angle [rad], [m], [N]
     parameters: Floats
-    covariance: Floats  # of the fit
+    covariance: Floats  # with what the fit left out
     chi2: float  # of the fit
     probability: float  # of this mode
     kind: str  # "best", "mirror" (the best one's place mirrored), "place" or "contacts"
@@ -183,8 +183,13 @@ def _sampled(
 ) -> LoadMode:
     count, per_contact = int(one.contacts[0]), estimator.selection.fitter.per_contact
     width = per_contact * count
-    parameters = one.parameters[0, :width]
-    covariance = covariance_of(one, per_contact)[0, :width, :width]
+    # The chain knows what the fit left out of contacts.
+    whole, beside = estimator.selection.fitter.with_left_out(one, y, still=True)
+    parameters = whole.parameters[0, :width]
+    covariance = covariance_of(one, per_contact)
+    if beside is not None:
+        covariance = covariance + beside
+    covariance = covariance[0, :width, :width]
     names = [f"{FIELDS[name]}.{k}" for name in estimator.names for k in range(count)]
     settings = settings or Settings(steps=_STEPS)
     try:
