@@ -45,11 +45,14 @@ _DIGITS = 1 / 12  # variance of the converter's rounding
 _LANES = 64
 _JACOBIAN = jit(load_jacobian)
 KINDS = {
-    **{"single": (300, 1), "two": (200, 2), "weak": (100, 2), "turned": (100, 1)},
+    "single": (300, 1),
+    "two": (200, 2),
+    "weak": (100, 2),
+    "turned": (100, 1),
     "turned two": (100, 2),
 }
 """Sets of loads: frames and contacts."""
-_LEAN = {"turned": 1.0, "turned two": 2 / 3}  # of 30 degrees
+_LEAN = {"turned": 30.0, "turned two": 20.0}  # largest one from the radial [deg]
 
 
 class Truth(NamedTuple):
@@ -85,7 +88,7 @@ def drawn_loads(kind: str, frames: int, random: np.random.Generator) -> np.ndarr
     while len(rows) < frames:
         angle = np.sort(random.uniform(-65, 65, KINDS[kind][1]))
         force = random.uniform(low, high, len(angle))
-        turn = random.uniform(-30, 30, len(angle)) * _LEAN.get(kind, 0.0)
+        turn = random.uniform(-1, 1, len(angle)) * _LEAN.get(kind, 0.0)
         if np.all(np.diff(angle) >= apart):
             rows.append(np.stack([np.deg2rad(angle), force, np.deg2rad(turn)], 1))
     return np.array(rows)

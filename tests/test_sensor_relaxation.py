@@ -156,10 +156,10 @@ def test_a_baseline_that_warms_is_no_relaxation(quick: None, tmp_path: Path) -> 
     z = []
     for seed in range(6):
         best, _ = fit_relaxation(held(tmp_path / "log.csv", seed=seed, warming=15.0))
-        assert (best.terms, best.presses[0].bend > 1) == (1, True)
+        assert (best.terms, best.presses[0].drift_degree > 1) == (1, True)
         z.append(errors(best, ONE))
     assert np.all(np.sqrt(np.mean(np.square(z), 0)) < 1.7)
-    assert fit_relaxation(held(tmp_path / "log.csv"))[0].presses[0].bend == 1
+    assert fit_relaxation(held(tmp_path / "log.csv"))[0].presses[0].drift_degree == 1
 
 
 def test_what_a_hold_can_t_tell_is_refused_in_words(quick: None, tmp_path: Path) -> None:

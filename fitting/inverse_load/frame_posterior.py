@@ -184,12 +184,9 @@ def _sampled(
     count, per_contact = int(one.contacts[0]), estimator.selection.fitter.per_contact
     width = per_contact * count
     # The chain knows what the fit left out of contacts.
-    whole, beside = estimator.selection.fitter.with_left_out(one, y, still=True)
-    parameters = whole.parameters[0, :width]
-    covariance = covariance_of(one, per_contact)
-    if beside is not None:
-        covariance = covariance + beside
-    covariance = covariance[0, :width, :width]
+    averaged, left_out = estimator.selection.fitter.with_left_out(one, y, still=True)
+    covariance = covariance_of(one, per_contact) + (0.0 if left_out is None else left_out)
+    parameters, covariance = averaged.parameters[0, :width], covariance[0, :width, :width]
     names = [f"{FIELDS[name]}.{k}" for name in estimator.names for k in range(count)]
     settings = settings or Settings(steps=_STEPS)
     try:

@@ -230,6 +230,7 @@ def _attempt(
         slid = _slid(scene, coarser or known)
         plan, meshes, inputs, rest = prepared(scene, name, counts, slid)
         static = structure_of(scene, wall=wall)
+        program = functools.partial(run_program, static, meshes, once=once)
         begun, slopes = coarser or known, None
         if begun is not None and begun.converged:
             inputs = inputs | travels_of(scene, begun.report)
@@ -241,11 +242,10 @@ def _attempt(
         )
         if aside and start is None:
             moved = shifted(scene, inputs)
-            start = run_program(static, meshes, moved, rest, once=once, judged=False)[3]
+            start = program(moved, rest, judged=False)[3]
         refined = coarser is not None and coarser.converged and coarser.wall == wall
         until_wall = scene.wall.contact and not wall
-        run = functools.partial(run_program, static, meshes, once=once, slopes=slopes)
-        run = functools.partial(run, until_wall=until_wall, refined=refined)
+        run = functools.partial(program, until_wall=until_wall, refined=refined, slopes=slopes)
         solved = run(inputs, start or rest)
         failed = number(solved[-1]["result"]) != 0 and scene.solve.oil_pressure is None
         if failed and start is None:

@@ -31,7 +31,7 @@ from suas_jax.scene.travel import (
 _TOLERANCE = 1e-11  # of a force
 _LOOSE = 1e-9  # where rounding leaves no more
 _MOST_RUNS = 60
-_WIDER = 1.25  # steps that are trusted after a run, once one has led too far
+_WIDER = 1.25  # growth of the longest step from run to run, once one has led too far
 _PROBE, _ACROSS = 1e-3, 0.3  # drag to learn from, and longest step of it, in thicknesses
 _LEVEL = 1e-3  # least share of the normal force that a thickness of drag is taken to add
 _SETTLED = 0.1  # largest error of forces along the approach, over those across
@@ -147,7 +147,8 @@ def under_forces(
     until_wall: bool = False,
     # end with a first run that fails: its travels are those of a solution on another mesh
     refined: bool = False,
-    # derivatives that it has told, in its outcome, as every outcome of a search tells them
+    # derivatives of the errors by the numbers of the travels, from another mesh: a search
+    # writes its own into the outcome
     slopes: np.ndarray | None = None,
 ) -> Solved:
     """Solve a scene whose bodies carry given forces, by runs with given travels."""
@@ -159,7 +160,7 @@ def under_forces(
     best: tuple[float, Solved, np.ndarray] | None = None
     before: tuple[np.ndarray, np.ndarray] | None = None
     past: list[tuple[np.ndarray, State]] = []
-    known, idle = slopes is not None, 0  # and right so far; runs without progress
+    known, idle = slopes is not None, 0  # given slopes serve so far; runs without progress
     slope = np.diag(np.where(across, 0.0, POWER)) if slopes is None else slopes
     unprobed = [] if known else [k for k, d in enumerate(loaded) if d.across]
     low, high = np.full(len(x), -np.inf), np.full(len(x), np.inf)
@@ -233,7 +234,7 @@ def under_forces(
 
 
 def _pace(before: float, *, failed: bool) -> float:
-    """Of steps where no force is known: inwards until bodies touch, half back if too far."""
+    """The next step where no force is known: inwards until bodies touch, back if too far."""
     way = -1.0 if failed else 1.0
     return way * (abs(before) or 1.0) * (0.5 if way * before < 0 else 1.0)
 
@@ -247,7 +248,8 @@ def _begun(
 ) -> State:
     """Where a run begins: near what is known, a lone body on its way from there."""
     near, there = _ahead(past, gone) if past else (start, gone)
-    if len(scene.bodies) == 1 and not across[:1].all() and gone[0]:
+    # The depth of one that is pressed by a force stands before its drags.
+    if len(scene.bodies) == 1 and not across.all() and gone[0]:
         near = on_the_way(scene, near, there[0] / gone[0])
     return near
 

@@ -95,7 +95,7 @@ def run_program(
     pressed by a force take the travel at which they carry it, unless the inputs give it;
     `until_wall` says that a state in a wall that is left out will do; `refined`, that start and
     travels are those of a solution on another mesh: where they lead nowhere, nothing else does;
-    `slopes` are those of its outcome, see `under_forces`.
+    `slopes` are those in the outcome of another mesh, see `under_forces`.
 
     Returns what is observed; the equilibrium, the state to report and that of the part solved;
     how it was found.
@@ -123,8 +123,15 @@ def run_program(
         return found
 
     if driven_by_force(static.scene) and not travels_given:
-        find = functools.partial(under_forces, until_wall=until_wall, refined=refined)
-        return find(static.scene, inputs, start, run, slopes=slopes)
+        return under_forces(
+            static.scene,
+            inputs,
+            start,
+            run,
+            until_wall=until_wall,
+            refined=refined,
+            slopes=slopes,
+        )
     return run(inputs, start)
 
 

@@ -26,17 +26,17 @@ from fitting.inverse_load.fit.systematic import AbstractSystematicErrors, no_cov
 from fitting.inverse_load.fit.tabulated_changes import TabulatedChanges
 from fitting.inverse_load.model.evaluation import (
     CONTACTS,
+    FRAMES,
     filled_up,
     in_batches,
     slopes_beside_program,
 )
-from fitting.inverse_load.search.table import LANES, LoadTable
+from fitting.inverse_load.search.table import LoadTable
 from suas_jax.equilibrium.state import State
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.skin import Skin
 
 _LINE = 2  # parameters of a contact: angle and force
-_LANES = LANES // 4  # of a program where many frames are asked for
 # Deviations of the tangential force over the inward one and of the square of the arc [m^2].
 _LITTLE = (0.05, 5e-3**2)
 _USUAL = (PRIOR_OF_TANGENT, 15e-3**2)
@@ -48,7 +48,7 @@ class LeftOutOfContacts(AbstractSystematicErrors):
     """Friction and width of contacts that were fitted as radial lines."""
 
     def __init__(self, skin: Skin, table: LoadTable, *, edge: float, live: bool) -> None:
-        self._skin, self._lanes = skin, 1 if live else _LANES
+        self._skin, self._lanes = skin, 1 if live else FRAMES
         self._changes = TabulatedChanges.of(table, table.slopes[:, :, _LINE:])
         self._edge = edge  # largest angle of a contact [rad]
 

@@ -21,12 +21,13 @@ from fitting.inverse_load.fit.other_stiffness import AbstractSectionErrors
 from fitting.inverse_load.fit.tabulated_changes import TabulatedChanges
 from fitting.inverse_load.model.evaluation import (
     CONTACTS,
+    FRAMES,
     at_rest,
     filled_up,
     in_batches,
     loads_from,
 )
-from fitting.inverse_load.search.table import LANES, LoadTable, table_key
+from fitting.inverse_load.search.table import LoadTable, table_key
 from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
 from suas_jax.config.input_errors import ELECTRICAL, value_of
 from suas_jax.equilibrium.equilibrium import State, differentiable
@@ -38,7 +39,6 @@ from suas_jax.scene.skin import Skin
 
 _RADIAL = 2  # parameters of a contact whose direction is held
 _TOGETHER = 8  # directions of one program, whatever the number of errors
-_LANES = LANES // 4  # of one program where many frames or states are asked for
 
 
 class InputSlopes:
@@ -65,7 +65,7 @@ class InputSlopes:
         return self.by_errors(np.zeros((1, _RADIAL)), at_rest(self.skin, 1), 1)[0]
 
     def by_errors(
-        self, parameters: Floats, state: State, count: int, lanes: int = _LANES
+        self, parameters: Floats, state: State, count: int, lanes: int = FRAMES
     ) -> Floats:
         """Change of readings by each error, from the model [frame, error, taxel]."""
 
@@ -94,7 +94,7 @@ class SectionErrors(AbstractSectionErrors):
         read = [path.startswith(ELECTRICAL) for path in errors.paths]
         self.of_membrane = ~(errors.directions[:, read] != 0).any(1)
         self._model, self._table = InputSlopes(errors, skin), table
-        self._lanes = 1 if live else _LANES
+        self._lanes = 1 if live else FRAMES
         self._errors = errors
         self._changes, at_zero = self._tabulated()
         self._at_zero = at_zero

@@ -22,14 +22,12 @@ from fitting.inverse_load.fit.explanation import (
 from fitting.inverse_load.fit.left_out import LeftOutOfContacts
 from fitting.inverse_load.fit.section_least_squares import FIT_PROGRAMS, SETTLED, Fit, Target
 from fitting.inverse_load.model.contact_parameters import SECTION, SECTION_WITH_DIRECTION
+from fitting.inverse_load.model.evaluation import FRAMES
 from fitting.inverse_load.search.table import LoadTable, edge_margin
 from fitting.steps import Steps
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.skin import Skin
 
-# Lanes of a program. Most fits after the first are of a few frames, and lanes without one cost
-# as much: 10,000 frames take half the processor time that they take with 128 lanes.
-_LANES = 32
 # A few lanes need more steps than most: together they fill fewer batches.
 _FIRST_STEPS, _MORE_STEPS = 2, 30
 _TURNING = 4  # times as many where directions are free: far from the crown their valley bends
@@ -69,8 +67,9 @@ class SectionFitter(AbstractLoadFitter):
         edge = float(self.edge[0])
         bounds = [(-edge, edge), (0.0, cap), (-np.pi / 2, np.pi / 2)]
         self._bounds = np.array(bounds[: self.per_contact])
-        left_out = None if direction else LeftOutOfContacts(skin, table, edge=edge, live=live)
-        self.left_out = left_out
+        self.left_out = (
+            None if direction else LeftOutOfContacts(skin, table, edge=edge, live=live)
+        )
 
     def steps(self, asked: Attempt) -> Steps[Explanations]:
         """See the base class."""
@@ -165,7 +164,7 @@ class SectionFitter(AbstractLoadFitter):
 
     def _batches(self, asked: Attempt, steps: int) -> Fit:
         """Fit frames, a batch of lanes after the other, the last one filled up."""
-        lanes = 1 if self.live else (_LANES if asked.contacts == 1 else _LANES // 4)
+        lanes = 1 if self.live else (FRAMES if asked.contacts == 1 else FRAMES // 4)
         count = len(asked.y)
         asked = asked._replace(state=jax.tree.map(np.asarray, asked.state))
 

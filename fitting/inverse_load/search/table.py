@@ -17,6 +17,7 @@ from fitting.arrays import Floats, Rows
 from fitting.inverse_load.model.evaluation import (
     NoRestError,
     at_rest,
+    in_batches,
     read_program,
     rest_program,
     slopes_program,
@@ -159,13 +160,12 @@ def build_table(skin: Skin) -> LoadTable:
 
 def _slopes(skin: Skin, table: LoadTable) -> Floats:
     """See the table's."""
-    loads = np.stack([np.repeat(table.angles, _FORCES), table.forces.reshape(-1)])
-    parts = []
-    for begin in range(0, loads.shape[1], LANES):
-        index = np.minimum(np.arange(begin, begin + LANES), loads.shape[1] - 1)
-        found = COMPILED.run(slopes_program, skin, *loads[:, index], table.start(index))
-        parts.append(np.moveaxis(np.asarray(found), -1, 0))
-    slopes = np.concatenate(parts)[: loads.shape[1]]
+    loads = np.stack([np.repeat(table.angles, _FORCES), table.forces.reshape(-1)], 1)
+
+    def run(loads: Floats, state: State) -> Floats:
+        return np.asarray(COMPILED.run(slopes_program, skin, *loads, state))
+
+    slopes = in_batches(run, loads, table.start(np.arange(len(loads))), LANES)
     slopes = slopes.reshape(*table.forces.shape, *slopes.shape[1:])
     return np.where(np.isfinite(table.so)[:, :, None], slopes, np.nan)
 

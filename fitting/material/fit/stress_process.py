@@ -5,6 +5,9 @@ Of P = A α(I₁) + B β(I₂) + δ (`fitting.material.fit.band`) α is a law's 
 invariants.
 
 `SECOND` and the other scales were set on Treloar (1944), Kawabata (1981) and Meunier (2008).
+
+Fillers may stiffen α near rest by a share r of `RISES`. That part of α is normal around zero
+with the deviation r α / (1 + x / `_SOFTENED`), x = I₁ - 3, and varies slowly in log(x).
 """
 
 from typing import NamedTuple, Self
@@ -24,10 +27,10 @@ _LENGTH_2, _LENGTH_BOTH = 1.0, 0.5
 _OFFSET = 0.3
 RISES = (0.0, 0.15, 0.5)
 """Share by which fillers stiffen a rubber near rest, as no law of the list does."""
-# It is gone where I₁ - 3 is well beyond the first; it falls over the third in
-# log(I₁ - 3 + second).
+# Of I₁ - 3: where half of a rise is gone, and what is added to it in the logarithm, over whose
+# third a rise is alike.
 _SOFTENED, _AT_REST, _FALL = 0.03, 0.003, 2.0
-_FILLED = 0.03  # of the rubbers whose readings don't tell
+_FILLED = 0.03  # prior probability of each rise over that of none, nearly
 EXPONENT = -0.5
 
 

@@ -1,12 +1,12 @@
 """Relaxation times and shares from the course of a skin's readings under held presses.
 
 The counts of taxel k follow the viscoelastic model m_k(t) of `suas sweep --history` up to what
-has nothing to do with the rubber, an offset, a steady drift and a gain::
+has nothing to do with the rubber, an offset, a drift and a gain::
 
-    y_k(t) = a_k + b_k t + c_k m_k(t; gamma, tau, s)
+    y_k(t) = a_k + sum_p b_kp t^p + c_k m_k(t; gamma, tau, s)
 
-(and further powers of t, up to the sixth, where the readings ask for them: a skin that warms)
-with gamma_i = g_i / (1 - sum g), the relaxation times tau_i and a factor s on the long-term
+The drift is steady, and bends where the readings ask for it, as of a skin that warms. Here
+gamma_i = g_i / (1 - sum g), the relaxation times tau_i and a factor s on the long-term
 constants. a, b and c are taken out by a projection (Golub and Pereyra 1973, variable
 projection), so the covariance of the others counts them as unknown. The model is run anew for
 every trial; its derivatives are differences.
@@ -29,7 +29,7 @@ from suas_jax.constitutive.relaxation import PronySeries
 from suas_jax.runtime.compiled import require_float64
 
 _MOST_TERMS = 2
-_MOST_BEND = 6  # degree in time of a drift
+_MOST_DEGREE = 6  # in time, of a drift
 _FIRST = 0.2  # gamma to start from
 _SMALL, _AWAY = 0.01, 5.0  # a further term to try: gamma, and how far its time is
 _STEP = 5e-3  # of a parameter, for differences
@@ -156,19 +156,19 @@ def fit_relaxation(
     """
     require_float64()
     presses = held_presses(data)
-    best, tried = _termed(data, presses, progress)
+    best, tried = _with_terms(data, presses, progress)
     # What a baseline that warms leaves is no noise: the times would be off by it, unnamed.
-    while presses[0].bend < _MOST_BEND and _bends(best):
+    while presses[0].drift_degree < _MOST_DEGREE and _bends(best):
         presses = _bent(presses)
-        progress(f"a drift of degree {presses[0].bend}")
-        best, tried = _termed(data, presses, progress)
+        progress(f"a drift of degree {presses[0].drift_degree}")
+        best, tried = _with_terms(data, presses, progress)
     return best, tried
 
 
-def _termed(
+def _with_terms(
     data: SensorData, presses: tuple[HeldPress, ...], progress: Callable[[str], None]
 ) -> tuple[RelaxationFit, list[dict[str, Any]]]:
-    """As `fit_relaxation`, with the presses' degree of drift."""
+    """As `fit_relaxation`, with drifts of the degree that the presses state."""
     progress("one Prony term")
     best = _fitted(data, presses, np.log([_FIRST, np.sqrt(np.prod(_window(presses))), 1.0]))
     if another := _another_skin(best):
@@ -247,12 +247,12 @@ def _bends(fit: RelaxationFit) -> bool:
     r, J = _residuals(bent, fit.trial.readings, fit.trial.theta)
     left = float(np.sum((r - J @ np.linalg.lstsq(J, r, rcond=None)[0]) ** 2))
     more = sum(int(np.isfinite(press.so).any(1).sum()) for press in bent)
-    noise = max(1.0, left / max(fit.readings - (bent[0].bend + 2) * more, 1))
+    noise = max(1.0, left / max(fit.readings - (bent[0].drift_degree + 2) * more, 1))
     return fit.chi2 - left > more * float(np.log(fit.readings)) * noise
 
 
 def _bent(presses: tuple[HeldPress, ...]) -> tuple[HeldPress, ...]:
-    return tuple(press._replace(bend=press.bend + 1) for press in presses)
+    return tuple(press._replace(drift_degree=press.drift_degree + 1) for press in presses)
 
 
 def _further(fit: RelaxationFit) -> tuple[float, Floats]:
@@ -301,8 +301,8 @@ def _fitted(data: SensorData, presses: tuple[HeldPress, ...], start: Floats) -> 
     steady = _residuals(presses, end.readings, end.theta, drifts=False)[1]
     chi2, known = float(2 * found.cost), [np.isfinite(press.so) for press in presses]
     readings = int(sum(own.sum() for own in known))
-    free = readings - (2 + presses[0].bend) * int(sum(own.any(1).sum() for own in known))
-    free -= 2 * count
+    each = 2 + presses[0].drift_degree  # offset, drift and gain of a taxel
+    free = readings - each * int(sum(own.any(1).sum() for own in known)) - 2 * count
     inflation = float(np.sqrt(max(1.0, chi2 / max(free, 1))))
     root, alone = (inflation * np.linalg.pinv(J, rcond=1e-9) for J in (found.jac, steady))
     spread = np.linalg.norm(alone, axis=1)
@@ -343,7 +343,8 @@ def unexplained(press: HeldPress, readings: Floats, *, drifts: bool = True) -> F
     used = np.isfinite(press.so) & np.isfinite(readings).all(0)
     weight = np.where(used, 1 / press.deviation, 0.0)
     model = np.nan_to_num(readings - readings[..., :1])
-    powers = (press.time / press.time[-1])[:, None] ** np.arange(1 + press.bend * drifts)
+    degree = press.drift_degree if drifts else 0
+    powers = (press.time / press.time[-1])[:, None] ** np.arange(1 + degree)
     fixed = [np.broadcast_to(own, model.shape) for own in powers.T]
     stack = np.stack([*fixed, model], -1) * weight[..., None]
     basis = np.linalg.qr(stack)[0]

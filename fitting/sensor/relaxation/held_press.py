@@ -33,7 +33,7 @@ class HeldPress(NamedTuple):
     so: Floats
     deviation: Floats  # standard deviation of their noise [taxel, mean]
     began: Floats  # when the load last changed before each mean [mean] [s]
-    bend: int = 1  # degree in time of the taxels' drift
+    drift_degree: int = 1  # in time, of the taxels' drift
 
     def readings(self, series: RelaxationSpec, stiffness: float) -> Floats:
         """Counts as the skin's model has them [taxel, mean].
